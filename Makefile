@@ -1,0 +1,76 @@
+# Every target sets itself up in .venv first; nothing but Python (with venv) and make is needed.
+
+PYTHON ?= python3
+DATA   ?= $(or $(ENDOLAB_DATA),../shared/data)
+
+VENV  := .venv
+BIN   := $(VENV)/bin
+PIP   := $(BIN)/python -m pip --disable-pip-version-check
+READY := $(VENV)/.ready
+
+FRAME  := $(DATA)/c3vd_trans_t1_a/0001_color.png
+NBVAL  := -p tests.notebook_timeouts --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
+LABCONFIG := {"buildCheck": false, "buildAvailable": false}
+OVERRIDES := {"@jupyterlab/apputils-extension:notification": {"fetchNews": "false", "checkForUpdates": false}}
+
+.DEFAULT_GOAL := help
+.PHONY: help lab demo test lint bench lock clean
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-6s %s\n", $$1, $$2 }' Makefile
+
+lab: $(READY) ## open JupyterLab on the notebooks
+	$(BIN)/endolab lab
+
+demo: $(READY) ## simulate a frame of a colon, reconstruct it, and compare it with its truth
+	$(BIN)/endolab simulate colon --out demo
+	$(BIN)/endolab reconstruct demo/frame.png --calibration demo/endoscope.json --out demo/result
+	$(BIN)/endolab evaluate demo/result/depth.npz demo/truth.npz
+	@if [ -f "$(FRAME)" ]; then \
+	  set -x; $(BIN)/endolab reconstruct "$(FRAME)" --calibration c3vd --out demo/real; \
+	fi
+	@echo 'Look at:'
+	@ls demo/frame.png demo/result/overview.png
+	@if [ -f "$(FRAME)" ]; then ls demo/real/overview.png; fi
+
+test: $(READY) ## run the tests, then every notebook
+	@unset MPLBACKEND; status=0; \
+	$(BIN)/python -m pytest || status=1; \
+	$(BIN)/python -m pytest $(NBVAL) notebooks || status=1; \
+	exit $$status
+
+lint: $(READY) ## check style, format and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(READY) ## measure speed
+	$(BIN)/python tests/bench.py
+
+lock: | $(BIN)/python ## renew requirements.lock from pyproject.toml
+	$(PIP) install --quiet uv
+	echo '# Versions known to work together, for Python 3.11 and newer; "make lock" renews them.' > $(VENV)/lock
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --extra dev --no-header --no-annotate \
+	  --no-emit-index-url --no-emit-find-links pyproject.toml >> $(VENV)/lock
+	mv $(VENV)/lock requirements.lock
+
+clean: ## delete what the other targets made, but for .venv
+	rm -rf demo build *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	find endolab tests notebooks \( -name __pycache__ -o -name .ipynb_checkpoints \) -prune -exec rm -rf {} +
+
+# uv is several times faster than pip; where it cannot be had, or cannot reach the packages, pip does it.
+$(READY): requirements.lock pyproject.toml | $(BIN)/python
+	@echo 'Setting up $(VENV): about 2.8 GB, and some minutes the first time.'
+	$(PIP) install --quiet uv && $(BIN)/uv pip install --python $(BIN)/python -r requirements.lock \
+	  || $(PIP) install -r requirements.lock
+	$(PIP) install --quiet --no-deps --no-build-isolation -e .
+	mkdir -p $(VENV)/etc/jupyter/labconfig $(VENV)/share/jupyter/lab/settings
+	echo '$(LABCONFIG)' > $(VENV)/etc/jupyter/labconfig/page_config.json
+	echo '$(OVERRIDES)' > $(VENV)/share/jupyter/lab/settings/overrides.json
+	$(BIN)/python -m ipykernel install --sys-prefix --name endolab --display-name endolab
+	@touch $@
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo 'endolab needs Python 3.11 or newer; name one with "make PYTHON=python3.11".' >&2; exit 1; }
+	@$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 1; }

@@ -1,0 +1,83 @@
+"""endolab: see how one endoscope frame becomes 3D.
+
+    import endolab as el
+    calibration = el.Calibration.load("endoscope.json")
+    frame = el.read_frame("frame.png", calibration)
+    result = el.reconstruct(frame, calibration, observers=[el.record("run.rrd")])
+
+Names are loaded when they are first used, so that importing endolab costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from endolab.brdf import Glossy, Lambertian, TabulatedBRDF
+    from endolab.cameras import KannalaBrandt, Pinhole, Scaramuzza
+    from endolab.endoscope import Calibration
+    from endolab.files import read_frame, save_result
+    from endolab.iterate import Iterate, Result, Status, run
+    from endolab.lights import SpotLight
+    from endolab.photometry import Photometry
+    from endolab.preprocess import Frame
+    from endolab.reconstruct import iterate, reconstruct
+    from endolab.recording import record
+    from endolab.rendering import render
+    from endolab.scenes import SCENES, Bowl, Colon, Plane, Tube
+
+_HOME = {
+    "brdf": ("Glossy", "Lambertian", "TabulatedBRDF"),
+    "cameras": ("KannalaBrandt", "Pinhole", "Scaramuzza"),
+    "endoscope": ("Calibration",),
+    "files": ("read_frame", "save_result"),
+    "iterate": ("Iterate", "Result", "Status", "run"),
+    "lights": ("SpotLight",),
+    "photometry": ("Photometry",),
+    "preprocess": ("Frame",),
+    "reconstruct": ("iterate", "reconstruct"),
+    "recording": ("record",),
+    "rendering": ("render",),
+    "scenes": ("SCENES", "Bowl", "Colon", "Plane", "Tube"),
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+__version__ = "0.1.0"
+__all__ = [
+    "SCENES",
+    "Bowl",
+    "Calibration",
+    "Colon",
+    "Frame",
+    "Glossy",
+    "Iterate",
+    "KannalaBrandt",
+    "Lambertian",
+    "Photometry",
+    "Pinhole",
+    "Plane",
+    "Result",
+    "Scaramuzza",
+    "SpotLight",
+    "Status",
+    "TabulatedBRDF",
+    "Tube",
+    "iterate",
+    "read_frame",
+    "reconstruct",
+    "record",
+    "render",
+    "run",
+    "save_result",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'endolab' has no attribute {name!r}")
+    value = getattr(import_module(f"endolab.{_MODULE_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

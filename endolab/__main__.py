@@ -1,0 +1,5 @@
+"""python -m endolab."""
+
+from endolab.cli import main
+
+raise SystemExit(main())

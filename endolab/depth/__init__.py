@@ -1,0 +1,1 @@
+"""Single-view depth: the energy and the solvers."""

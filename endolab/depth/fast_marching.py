@@ -1,0 +1,328 @@
+"""One pass from the nearest points outwards: the viscosity solution by fast marching.
+
+With y = d² and y₀ = d₀² = 1/I_c the simplified model I_c = cos θ / d² becomes
+
+    ∇yᵀ G⁻¹ ∇y = 4 (y₀² - y²),
+
+an eikonal equation whose discrete form is a quadratic: no logarithm, no iteration. Its
+viscosity solution (Prados and Faugeras, "Shape from shading: a well-posed problem?", CVPR
+2005) grows from the local minima of y₀, where the surface faces the camera. A pixel is
+updated from the triangles that it makes with two accepted neighbours,
+
+    p = ∇y from the differences along both,   -G⁻¹ p inside the triangle (upwind),
+
+or, if none is upwind, along one neighbour. Differences are of second order where the next
+pixel out is accepted and lower, else of first. Other BRDFs change the right-hand side to
+4 y² P(y/y₀), P = tan²θ read off a table, and the quadratic to a bracketed root.
+
+Where the march enters the picture from its border, or from behind an occluding contour, the
+true value is not in the picture: `inflow` gives it where it is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from endolab.depth.energy import Problem
+from endolab.iterate import Iterate, Solver, Status
+from endolab.operators import BoolArray, FloatArray
+
+# Neighbours in turn around a pixel (row, column): consecutive ones make the eight triangles.
+_AROUND = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)])
+_FAR, _ACCEPTED, _OUTSIDE = -1, -2, -3  # else a pixel's entry in `place` is its index in the heap
+
+kernel: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")
+
+
+@kernel
+def _rise(value: FloatArray, heap: Any, place: Any, child: int) -> None:
+    """Move an entry of the heap up to where its parent is not larger."""
+    pixel = heap[child]
+    while child > 0:
+        parent = (child - 1) // 2
+        if value[heap[parent]] <= value[pixel]:
+            break
+        heap[child] = heap[parent]
+        place[heap[child]] = child
+        child = parent
+    heap[child] = pixel
+    place[pixel] = child
+
+
+@kernel
+def _pop(value: FloatArray, heap: Any, place: Any, size: int) -> int:
+    """Take the pixel of least value off a heap of `size` entries, and accept it."""
+    top, pixel = heap[0], heap[size - 1]
+    place[top] = _ACCEPTED
+    parent = 0
+    while 2 * parent + 1 < size - 1:
+        child = 2 * parent + 1
+        if child + 1 < size - 1 and value[heap[child + 1]] < value[heap[child]]:
+            child += 1
+        if value[heap[child]] >= value[pixel]:
+            break
+        heap[parent] = heap[child]
+        place[heap[parent]] = parent
+        parent = child
+    if size > 1:
+        heap[parent] = pixel
+        place[pixel] = parent
+    return top
+
+
+@kernel
+def _excess(y: float, a: float, b: float, c: float, y0: float, log_c: Any, log_p: Any) -> float:
+    """a y² + 2 b y + c - 4 y² P(y/y0), P interpolated in logarithms."""
+    x = np.log(y / y0)
+    i = min(max(np.searchsorted(log_c, x), 1), log_c.size - 1)
+    share = min(max((x - log_c[i - 1]) / (log_c[i] - log_c[i - 1]), 0.0), 1.0)
+    p = np.exp(log_p[i - 1] + share * (log_p[i] - log_p[i - 1])) - 1
+    return a * y * y + 2 * b * y + c - 4 * y * y * p
+
+
+@kernel
+def _root(a: float, b: float, c: float, low: float, y0: float, log_c: Any, log_p: Any) -> float:
+    """Largest y in [low, y0] with a y² + 2 b y + c = 4 y² P(y/y0); nan if there is none."""
+    if log_c.size == 0:  # Lambertian: 4 y² P = 4 (y0² - y²)
+        discriminant = b * b - (a + 4) * (c - 4 * y0 * y0)
+        y = (np.sqrt(discriminant) - b) / (a + 4) if discriminant >= 0 else np.nan
+        return y if low <= y <= y0 else np.nan
+    left, right = low, y0
+    at_left = _excess(left, a, b, c, y0, log_c, log_p)
+    at_right = _excess(right, a, b, c, y0, log_c, log_p)
+    if at_left > 0 or at_right < 0:
+        return np.nan
+    for _ in range(100):  # regula falsi, the stale end's value halved (Illinois)
+        y = (left * at_right - right * at_left) / (at_right - at_left) if at_right > at_left else left
+        excess = _excess(y, a, b, c, y0, log_c, log_p)
+        if abs(excess) <= 1e-14 * y0 * y0 or right - left <= 1e-14 * y0:
+            return y
+        if excess < 0:
+            left, at_left, at_right = y, excess, 0.5 * at_right
+        else:
+            right, at_right, at_left = y, excess, 0.5 * at_left
+    return 0.5 * (left + right)
+
+
+@kernel
+def _difference(
+    value: FloatArray, place: Any, row: int, column: int, d_row: int, d_column: int, shape: Any
+) -> tuple[float, float, float]:
+    """Difference (s y + t) of the unknown y at a pixel to its accepted neighbour, and that one's value.
+
+    First order: neighbour - y. Second order: 2 neighbour - next/2 - 3y/2, if the next pixel out
+    is accepted and lower.
+    """
+    near = (row + d_row) * shape[1] + column + d_column
+    row, column = row + 2 * d_row, column + 2 * d_column
+    if 0 <= row < shape[0] and 0 <= column < shape[1]:
+        far = row * shape[1] + column
+        if place[far] == _ACCEPTED and value[far] <= value[near]:
+            return -1.5, 2 * value[near] - 0.5 * value[far], value[near]
+    return -1.0, value[near], value[near]
+
+
+@kernel
+def _along_edge(s: float, t: float, low: float, length: float, y0: float, log_c: Any, log_p: Any) -> float:
+    """Value at a pixel if ∇y pointed along one neighbour, at squared metric `length`."""
+    return _root(s * s / length, s * t / length, t * t / length, low, y0, log_c, log_p)
+
+
+@kernel
+def _across_triangle(
+    a: Any,
+    b: Any,
+    sa: float,
+    ta: float,
+    sb: float,
+    tb: float,
+    low: float,
+    g: Any,
+    y0: float,
+    log_c: Any,
+    log_p: Any,
+) -> float:
+    """Value at a pixel from two neighbours at offsets a, b (column, row); nan if not upwind."""
+    turn = a[0] * b[1] - a[1] * b[0]
+    # p·a = sa y + ta, p·b = sb y + tb  =>  p = α y + β
+    alpha_u, alpha_v = (b[1] * sa - a[1] * sb) / turn, (a[0] * sb - b[0] * sa) / turn
+    beta_u, beta_v = (b[1] * ta - a[1] * tb) / turn, (a[0] * tb - b[0] * ta) / turn
+    raised_u, raised_v = g[0] * alpha_u + g[1] * alpha_v, g[1] * alpha_u + g[2] * alpha_v
+    y = _root(
+        raised_u * alpha_u + raised_v * alpha_v,
+        raised_u * beta_u + raised_v * beta_v,
+        g[0] * beta_u * beta_u + 2 * g[1] * beta_u * beta_v + g[2] * beta_v * beta_v,
+        low,
+        y0,
+        log_c,
+        log_p,
+    )
+    p_u, p_v = alpha_u * y + beta_u, alpha_v * y + beta_v
+    down_u, down_v = -(g[0] * p_u + g[1] * p_v), -(g[1] * p_u + g[2] * p_v)
+    weight_a = (down_u * b[1] - down_v * b[0]) / turn
+    weight_b = (a[0] * down_v - a[1] * down_u) / turn
+    slack = -1e-9 * (abs(weight_a) + abs(weight_b))
+    return y if weight_a >= slack and weight_b >= slack else np.nan
+
+
+@kernel
+def _advance(
+    count: int,
+    size: int,
+    value: FloatArray,
+    heap: Any,
+    place: Any,
+    fixed: Any,
+    y0: FloatArray,
+    metric: Any,
+    log_c: Any,
+    log_p: Any,
+) -> int:
+    """Accept `count` more pixels; return the number left in the heap."""
+    shape = y0.shape
+    for _ in range(count):
+        if size == 0:
+            break
+        accepted = _pop(value, heap, place, size)
+        size -= 1
+        accepted_row, accepted_column = accepted // shape[1], accepted % shape[1]
+        for k in range(8):
+            row, column = accepted_row - _AROUND[k, 0], accepted_column - _AROUND[k, 1]
+            if not (0 <= row < shape[0] and 0 <= column < shape[1]):
+                continue
+            pixel = row * shape[1] + column
+            limit = y0[row, column]
+            if place[pixel] <= _ACCEPTED or fixed[pixel] or value[accepted] >= limit:
+                continue
+            g = metric[row, column]
+            a = (_AROUND[k, 1], _AROUND[k, 0])
+            sa, ta, ya = _difference(value, place, row, column, _AROUND[k, 0], _AROUND[k, 1], shape)
+            length = (g[2] * a[0] * a[0] - 2 * g[1] * a[0] * a[1] + g[0] * a[1] * a[1]) / (
+                g[0] * g[2] - g[1] * g[1]
+            )
+            best = value[pixel]
+            y = _along_edge(sa, ta, ya, length, limit, log_c, log_p)
+            if np.isnan(y):
+                y = _along_edge(-1.0, ya, ya, length, limit, log_c, log_p)
+            if y < best:
+                best = y
+            for side in (1, 7):
+                j = (k + side) % 8
+                other_row, other_column = row + _AROUND[j, 0], column + _AROUND[j, 1]
+                if not (0 <= other_row < shape[0] and 0 <= other_column < shape[1]):
+                    continue
+                if place[other_row * shape[1] + other_column] != _ACCEPTED:
+                    continue
+                b = (_AROUND[j, 1], _AROUND[j, 0])
+                sb, tb, yb = _difference(value, place, row, column, _AROUND[j, 0], _AROUND[j, 1], shape)
+                low = max(ya, yb)
+                y = _across_triangle(a, b, sa, ta, sb, tb, low, g, limit, log_c, log_p)
+                if np.isnan(y):
+                    y = _across_triangle(a, b, -1.0, ya, -1.0, yb, low, g, limit, log_c, log_p)
+                if y < best:
+                    best = y
+            if best < value[pixel]:
+                value[pixel] = best
+                if place[pixel] == _FAR:
+                    heap[size] = pixel
+                    place[pixel] = size
+                    size += 1
+                _rise(value, heap, place, place[pixel])
+    return size
+
+
+def _is_lowest_around(y0: FloatArray, mask: BoolArray) -> BoolArray:
+    """Where no neighbour in the mask is lower."""
+    bounded = np.pad(np.where(mask, y0, np.inf), 1, constant_values=np.inf)
+    height, width = y0.shape
+    around = [bounded[1 + r : 1 + r + height, 1 + c : 1 + c + width] for r, c in _AROUND]
+    return mask & (y0 <= np.min(around, axis=0))
+
+
+@dataclass
+class _March:
+    """The state of a march: values, the heap of trial pixels and each pixel's place in it."""
+
+    y0: FloatArray
+    value: FloatArray
+    heap: Any
+    place: Any
+    fixed: BoolArray
+    size: int
+
+    @classmethod
+    def seeded(cls, y0: FloatArray, mask: BoolArray, inflow: FloatArray | None) -> _March:
+        """Start from the local minima of y0 and from the pixels whose value is given."""
+        value = np.where(_is_lowest_around(y0, mask), y0, np.inf).ravel()
+        fixed = np.zeros(value.shape, dtype=bool)
+        if inflow is not None:
+            fixed = (mask & np.isfinite(inflow)).ravel()
+            value[fixed] = np.exp(2 * inflow.ravel()[fixed])
+        seeds = np.flatnonzero(np.isfinite(value))
+        seeds = seeds[np.argsort(value[seeds], kind="stable")]  # in order, which makes it a heap
+        heap = np.empty(value.size, dtype=np.int32)
+        heap[: seeds.size] = seeds
+        place = np.where(mask.ravel(), _FAR, _OUTSIDE).astype(np.int32)
+        place[seeds] = np.arange(seeds.size)
+        return cls(y0, value, heap, place, fixed, seeds.size)
+
+    @property
+    def arrived(self) -> BoolArray:
+        """Pixels whose value is final, (H, W)."""
+        return (self.place == _ACCEPTED).reshape(self.y0.shape)
+
+    @property
+    def log_distance(self) -> FloatArray:
+        """v = log d, (H, W): the march where it has arrived, the upper bound d₀ elsewhere."""
+        return 0.5 * np.log(np.where(self.arrived, self.value.reshape(self.y0.shape), self.y0))
+
+
+def fast_marching(problem: Problem, inflow: FloatArray | None = None, snapshots: int = 1) -> Solver:
+    """Viscosity solution of the simplified model in one pass; see the head of this file.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any camera and mask; an island of the mask is solved by itself.
+    inflow : (H, W) float array, optional
+        log d where it is known, nan elsewhere: values at the picture's border, say.
+    snapshots : int
+        How many times to yield as the front advances.
+
+    Yields
+    ------
+    Iterate
+        The start d₀, then `snapshots` times the march where it has arrived (`maps["arrived"]`)
+        and d₀, an upper bound, elsewhere. The last is the solution.
+
+    Raises
+    ------
+    ValueError
+        If the problem's BRDF cannot be inverted, or `inflow` has another shape.
+
+    Notes
+    -----
+    n pixels cost O(n log n). Distances err by the second power of the pixel on smooth surfaces.
+    """
+    if inflow is not None and inflow.shape != problem.mask.shape:
+        raise ValueError(f"inflow has shape {inflow.shape}, the frame {problem.mask.shape}")
+    table = problem.photometry.slant_table()
+    log_c, log_p = (np.empty(0), np.empty(0)) if table is None else table
+    metric = np.ascontiguousarray(problem.field.inverse_metric)
+    y0 = np.where(problem.mask, np.exp(2 * problem.log_facing), 1.0)
+    march = _March.seeded(y0, problem.mask, inflow)
+    iterate = Iterate.of(problem, march.log_distance, maps={"arrived": march.arrived})
+    yield iterate
+    count = -(-int(problem.mask.sum()) // max(snapshots, 1))
+    while march.size:
+        march.size = _advance(
+            count, march.size, march.value, march.heap, march.place, march.fixed, y0, metric, log_c, log_p
+        )
+        iterate = Iterate.of(problem, march.log_distance, iterate, maps={"arrived": march.arrived})
+        yield iterate
+    return Status.CONVERGED

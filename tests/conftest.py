@@ -1,0 +1,46 @@
+"""What every test can ask for: a random generator, the published frames, Open3D."""
+
+import os
+from pathlib import Path
+from types import ModuleType
+from typing import NoReturn
+
+import numpy as np
+import pytest
+
+os.environ["MPLBACKEND"] = "Agg"  # no windows
+os.environ.setdefault("CI", "1")  # the one variable by which a Rerun viewer sends no usage data
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def missing_system(sentence: str) -> NoReturn:
+    """Skip a test whose system library is missing, or fail it where ENDOLAB_REQUIRE_SYSTEM is set."""
+    if os.environ.get("ENDOLAB_REQUIRE_SYSTEM"):
+        pytest.fail(sentence, pytrace=False)
+    pytest.skip(sentence)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Give random numbers that are the same in every run."""
+    return np.random.default_rng(0)
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """Give the folder of published frames."""
+    folder = Path(os.environ.get("ENDOLAB_DATA") or ROOT.parent / "shared" / "data")
+    if not folder.is_dir():
+        pytest.skip(f"the published frames are not in {folder}; ENDOLAB_DATA can name another folder")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def open3d() -> ModuleType:
+    """Give Open3D, which imports only where libusb is installed."""
+    try:
+        import open3d
+    except (ImportError, OSError) as error:
+        missing_system(f"Open3D does not import ({error}); on Debian install libusb-1.0-0")
+    return open3d
