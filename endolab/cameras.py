@@ -173,7 +173,8 @@ class Camera:
     @cached_property
     def field(self) -> RayField:
         """The ray field of every pixel; computed once."""
-        rays, jacobian = self._rays_at(np.moveaxis(np.indices((self.height, self.width))[::-1], 0, -1))
+        rows, columns = np.indices((self.height, self.width), dtype=np.float64)
+        rays, jacobian = self._rays_at(np.stack([columns, rows], axis=-1))
         by_u, by_v = jacobian[..., 0], jacobian[..., 1]
         guu, guv, gvv = (
             np.einsum("hwi,hwi->hw", a, b) for a, b in ((by_u, by_u), (by_u, by_v), (by_v, by_v))

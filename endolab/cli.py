@@ -43,8 +43,8 @@ def _calibration(name: str) -> Any:
 
 def _reconstruct(arguments: argparse.Namespace) -> None:
     from endolab.files import read_frame, save_result, staged_folder
-    from endolab.recording import record
     from endolab.reconstruct import reconstruct
+    from endolab.recording import record
 
     calibration = _calibration(arguments.calibration)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
@@ -142,13 +142,13 @@ def _evaluate(arguments: argparse.Namespace) -> None:
         known = _read_maps(arguments.truth)
         truth, true_normals = known["distance"].astype(np.float64), known.get("normals")
     else:
-        truth = (
-            true_z(arguments.truth) / cos_alpha if true_z(arguments.truth).shape == cos_alpha.shape else None
-        )
-        if truth is None:
+        z = true_z(arguments.truth)
+        if z.shape != cos_alpha.shape:
             raise ValueError(
-                f"{arguments.depth} and {arguments.truth} differ in size; reconstruct without --width to compare"
+                f"{arguments.depth} and {arguments.truth} differ in size; "
+                "reconstruct without --width to compare them"
             )
+        truth = z / cos_alpha
     mask = cos_alpha >= np.cos(np.deg2rad(arguments.max_angle))
     metric = bool(depth.get("metric", True))
     scale = arguments.scale or ("none" if metric else "median")

@@ -212,7 +212,7 @@ class Calibration:
             raise ValueError(
                 f"a calibration file holds Lambertian or tabulated BRDFs, not {type(brdf).__name__}"
             )
-        photometry = {
+        photometry: dict[str, Any] = {
             "k": self.photometry.k,
             "gamma": self.photometry.gamma,
             "gain": self.photometry.gain,

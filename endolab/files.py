@@ -152,10 +152,8 @@ def read_image(path: PathLike) -> FloatArray:
     stored = read_stored(path)
     if stored.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: expected 8 or 16 bits a channel, found {stored.dtype}")
-    if stored.ndim == 3 and stored.shape[2] == 2:
-        stored = stored[..., 0]  # grey with alpha
-    if stored.ndim == 3:
-        stored = stored[..., 2::-1]  # BGR(A) to RGB
+    if stored.ndim == 3:  # grey with alpha, or BGR(A) to RGB
+        stored = stored[..., 0] if len(stored[0, 0]) == 2 else stored[..., 2::-1]
     return stored / float(np.iinfo(stored.dtype).max)
 
 

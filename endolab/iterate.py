@@ -220,7 +220,8 @@ def run(iterates: Solver, observers: Iterable[Observer] = (), max_iterations: in
             best = current if best is None or current.energy < best.energy else best
             summary = {"k": current.k, "energy": current.energy, **current.terms}
             history.append(summary | {"change": current.change, "seconds": seconds, **current.scalars})
-            if any([observer(current) for observer in watching]):
+            wishes = [observer(current) for observer in watching]  # all see it, whatever one says
+            if any(wishes):
                 status = Status.STOPPED
                 break
             if max_iterations is not None and current.k >= max_iterations:

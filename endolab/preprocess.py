@@ -12,6 +12,7 @@ from endolab.photometry import CHANNELS, GREY_WEIGHTS
 
 DARK = 4 / 255  # below this rounding and noise say more than the surface does
 MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
+FRAME = 8 / 255  # the black around an endoscope's picture, codec noise included
 BRIGHT = 254.5 / 255  # from here on it is saturated
 
 
@@ -174,6 +175,34 @@ def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str 
     if np.ptp(image[bright]) == 0:
         raise ValueError(f"{name}: the picture is constant, {image[bright][0] * 255:.4g} of 255 everywhere")
     return bright
+
+
+def field_of_view(image: FloatArray) -> BoolArray:
+    """Find what an endoscope shows: all but the black frame that touches the picture's border.
+
+    Parameters
+    ----------
+    image : (H, W) float array
+        Stored values.
+
+    Returns
+    -------
+    (H, W) bool array
+        All True if there is no such frame. Else two pixels narrower than the bright part, since
+        lenses and codecs blur its edge, and without bright islands (text) in the frame.
+    """
+    rim = np.pad(image < FRAME, 1, constant_values=True)
+    labels = cv2.connectedComponents(rim.astype(np.uint8), connectivity=4)[1]
+    frame = (labels == labels[0, 0])[1:-1, 1:-1]
+    if not frame.any() or frame.all():
+        return np.ones(image.shape, dtype=bool)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    # Beyond the picture's own border nothing is known, so nothing is taken away there.
+    shown = cv2.erode((~frame).astype(np.uint8), disc, borderValue=1)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(shown, connectivity=4)
+    areas = stats[:, cv2.CC_STAT_AREA]
+    large = [label for label in range(1, count) if areas[label] >= 0.02 * areas[1:].max()]
+    return np.isin(labels, large)
 
 
 def noise_level(image: FloatArray, mask: BoolArray) -> float:

@@ -12,7 +12,7 @@ from endolab.depth.energy import Problem
 from endolab.depth.fast_marching import fast_marching
 from endolab.depth.initial import facing
 from endolab.iterate import Observer, Result, Solver, run
-from endolab.preprocess import Frame, noise_level, smooth_light, usable
+from endolab.preprocess import Frame, field_of_view, noise_level, smooth_light, usable
 
 if TYPE_CHECKING:
     from endolab.endoscope import Calibration
@@ -57,6 +57,8 @@ def pose(
     name, image = frame.channel(channel)
     one = photometry.simplified().channel(name)
     seen = frame.mask & camera.field.valid
+    if frame.mask.all():
+        seen &= field_of_view(image)
     if smooth is None:
         # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
         # loses nothing on the simple scenes that noise has not taken already.
@@ -94,7 +96,7 @@ def _rescaled(problem: Problem, log_distance: np.ndarray, median: float) -> Prob
     """Return the problem with the gain that would give this solution the median wanted."""
     factor = median / float(np.exp(np.median(log_distance[problem.mask])))
     gain = problem.photometry.gain
-    assert gain is not None  # noqa: S101  (a problem's gain is always chosen)
+    assert gain is not None  # a problem's gain is always chosen
     return replace(problem, photometry=replace(problem.photometry, gain=gain * factor**2))
 
 
@@ -135,7 +137,8 @@ def reconstruct(
     Parameters
     ----------
     frame : Frame
-        The picture, as `endolab.read_frame` gives it.
+        The picture, as `endolab.read_frame` gives it. If its mask leaves nothing out, the black
+        frame around what the endoscope shows is found and left out.
     calibration : Calibration
         Camera and photometry of the endoscope, for pictures of that size.
     solver : {"fast_marching", "facing"}
@@ -193,6 +196,7 @@ def reconstruct(
         # Distances scale with √gain and nothing else changes: solve once to learn the factor.
         pilot = run(make(problem, **options), max_iterations=max_iterations)
         problem = replace(_rescaled(problem, pilot.iterate.log_distance, median_distance), metric=True)
-    settings = {"solver": solver, "xi": xi, "regulariser": regulariser, "lam": lam, **posing}
-    problem = replace(problem, settings=problem.settings | settings | {"median_distance": median_distance})
+    settings: dict[str, object] = {"solver": solver, "xi": xi, "regulariser": regulariser, "lam": lam}
+    settings |= posing | {"median_distance": median_distance}
+    problem = replace(problem, settings=problem.settings | settings)
     return run(make(problem, **options), observers, max_iterations)

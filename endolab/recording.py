@@ -7,12 +7,14 @@ that name is a whole one; a run that was killed leaves ``<name>.partial.rrd``, w
 
 from __future__ import annotations
 
+import contextlib
 import os
+import select
 import socket
 import subprocess
 import sys
+import threading
 import time
-import warnings
 from pathlib import Path
 
 import cv2
@@ -105,10 +107,10 @@ class Recorder:
         try:
             if self._path.is_dir():
                 raise IsADirectoryError(f"{self._path} is a folder")
-            self._partial.touch()  # gives the system's own reason where Rerun's is vague
-            self.stream.save(self._partial)
+            self._file = _File(self._partial)
+            self.stream.save(self._file.entrance)
+            self._file.start()
         except (OSError, RuntimeError) as error:
-            self._open = False
             raise OSError(f"cannot write the recording {self._path}: {error}") from error
 
     def __call__(self, iterate: Iterate) -> None:
@@ -144,36 +146,35 @@ class Recorder:
         finally:
             self._open = False
             self.stream.disconnect()
+            if self._path is not None:
+                self._file.close()
         if self._path is None:
             return
+        self._check()
         if self._last is None:
             self._partial.unlink(missing_ok=True)  # nothing happened: nothing to keep
             return
         try:
-            # The last write happens in disconnect, which tells nobody of a full disk; a reader
-            # warns or raises if the file has no proper end.
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")
-                rr.chunk.RrdReader(self._partial)
             self._partial.replace(self._path)
-        except (OSError, RuntimeError, Warning) as error:
+        except OSError as error:
             raise self._failure(error) from error
 
-    def _failure(self, error: BaseException) -> OSError:
+    def _failure(self, error: OSError) -> OSError:
+        reason = error.strerror or error
         return OSError(
-            f"cannot write the recording {self._path}: is the disk full? ({error}) "
-            f"What came before is in {self._partial}"
+            f"cannot write the recording {self._path}: {reason}; its beginning is in {self._partial}"
         )
 
+    def _check(self) -> None:
+        if self._file.error is not None:
+            raise self._failure(self._file.error) from self._file.error
+
     def _flush(self) -> None:
-        try:
+        with contextlib.suppress(RuntimeError):  # a viewer that the user has closed
             self.stream.flush(timeout_sec=60)
-        except RuntimeError as error:
-            if self._path is None:
-                return  # the viewer has gone
-            self._open = False
-            self.stream.disconnect()
-            raise self._failure(error) from error
+        if self._path is not None:
+            self._file.drain()
+            self._check()
 
     def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
         self.stream.log(entity, *what, static=static, strict=True)
@@ -288,6 +289,51 @@ class Recorder:
         strips = [line[run] for run in runs if run.stop - run.start > 1]
         shape = rr.LineStrips2D(strips, colors=[colour] * len(strips), radii=THIN)
         self._log(f"section/{name}", shape, static=static)
+
+
+class _File:
+    """A file that Rerun writes through a pipe: its own writer can hang for good on a full disk."""
+
+    def __init__(self, path: Path) -> None:
+        self.error: OSError | None = None
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0), 0o666)
+        self._exit, self._own_entrance = os.pipe()
+        self.entrance = f"/dev/fd/{self._own_entrance}"
+        self._lock = threading.Lock()
+        self._thread = threading.Thread(target=self._copy, daemon=True)
+
+    def start(self) -> None:
+        """Start to copy, once Rerun has opened its entrance."""
+        os.close(self._own_entrance)
+        self._thread.start()
+
+    def _copy(self) -> None:
+        """Copy to the end; after an error drain what comes, so that Rerun never waits."""
+        while True:
+            select.select([self._exit], [], [])
+            with self._lock:
+                block = memoryview(os.read(self._exit, 1 << 20))
+                if not block:
+                    break
+                try:
+                    while block and self.error is None:
+                        block = block[os.write(self._file, block) :]
+                except OSError as error:
+                    self.error = error
+        os.close(self._exit)
+        os.close(self._file)
+
+    def drain(self) -> None:
+        """Wait until all that Rerun has flushed is in the file."""
+        while self._thread.is_alive():
+            with self._lock:
+                if not select.select([self._exit], [], [], 0)[0]:
+                    return
+            time.sleep(1e-4)
+
+    def close(self) -> None:
+        """Wait for the end, once Rerun has closed its entrance."""
+        self._thread.join()
 
 
 def _start_viewer() -> subprocess.Popen[bytes] | None:

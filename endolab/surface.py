@@ -178,7 +178,7 @@ def normals_by_cross_product(points: FloatArray, mask: BoolArray | None = None) 
         Unit normals towards the camera; nan outside the mask and where a pixel has no
         neighbour along a row or column.
     """
-    inside = np.isfinite(points).all(axis=-1) if mask is None else mask
+    inside = np.all(np.isfinite(points), axis=-1) if mask is None else mask
     along = [gradient(points[..., axis], inside) for axis in range(3)]
     normal = np.cross(np.stack([u for u, _ in along], -1), np.stack([v for _, v in along], -1))
     length = np.linalg.norm(normal, axis=-1)
