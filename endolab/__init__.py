@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from endolab.cameras import KannalaBrandt, Pinhole, Scaramuzza
     from endolab.endoscope import Calibration
     from endolab.files import read_frame, save_result
-    from endolab.iterate import Iterate, Result, Status, run
+    from endolab.iteration import Iterate, Result, Status, run
     from endolab.lights import SpotLight
     from endolab.photometry import Photometry
     from endolab.preprocess import Frame
-    from endolab.reconstruct import iterate, reconstruct
+    from endolab.reconstruction import iterate, reconstruct
     from endolab.recording import record
     from endolab.rendering import render
     from endolab.scenes import SCENES, Bowl, Colon, Plane, Tube
@@ -30,11 +30,11 @@ _HOME = {
     "cameras": ("KannalaBrandt", "Pinhole", "Scaramuzza"),
     "endoscope": ("Calibration",),
     "files": ("read_frame", "save_result"),
-    "iterate": ("Iterate", "Result", "Status", "run"),
+    "iteration": ("Iterate", "Result", "Status", "run"),
     "lights": ("SpotLight",),
     "photometry": ("Photometry",),
     "preprocess": ("Frame",),
-    "reconstruct": ("iterate", "reconstruct"),
+    "reconstruction": ("iterate", "reconstruct"),
     "recording": ("record",),
     "rendering": ("render",),
     "scenes": ("SCENES", "Bowl", "Colon", "Plane", "Tube"),

@@ -43,7 +43,7 @@ def _calibration(name: str) -> Any:
 
 def _reconstruct(arguments: argparse.Namespace) -> None:
     from endolab.files import read_frame, save_result, staged_folder
-    from endolab.reconstruct import reconstruct
+    from endolab.reconstruction import reconstruct
     from endolab.recording import record
 
     calibration = _calibration(arguments.calibration)
@@ -206,7 +206,7 @@ def _parser() -> argparse.ArgumentParser:
     add.add_argument("--out", required=True, metavar="DIR", help="folder for the results")
     add.add_argument("--mask", metavar="M.png", help="bright where the frame is to be used")
     add.add_argument("--solver", default="fast_marching", help="facing or fast_marching (default)")
-    add.add_argument("--xi", default="1/d", help="map that the regulariser sees: 1/z, d or 1/d (default)")
+    add.add_argument("--xi", default="1/d", help="what the regulariser sees: 1/z, d or 1/d (default)")
     add.add_argument("--regulariser", default="second", help="first or second (default)")
     add.add_argument(
         "--lam", type=float, default=1.0, metavar="λ", help="its weight; larger is smoother (default 1)"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from endolab.iterate import Result
+from endolab.iteration import Result
 from endolab.operators import BoolArray, FloatArray
 from endolab.preprocess import Frame
 
@@ -178,6 +178,10 @@ def read_stored(path: PathLike) -> np.ndarray:
     return stored
 
 
+def _size(picture: np.ndarray) -> str:
+    return f"{picture.shape[1]}x{picture.shape[0]} px"
+
+
 def read_mask(path: PathLike) -> BoolArray:
     """Read a mask, (H, W): True where the picture is brighter than half."""
     image = read_image(path)
@@ -206,22 +210,17 @@ def read_frame(path: PathLike, calibration: Calibration | None = None, mask: Pat
         In one sentence, if a file cannot be used.
     """
     image = read_image(path)
-    size = f"{image.shape[1]}x{image.shape[0]}"
     if calibration is not None:
         camera = calibration.camera
         if (camera.height, camera.width) != image.shape[:2]:
             raise ValueError(
-                f"{path} is {size} px, but the calibration is for {camera.width}x{camera.height} px"
+                f"{path} is {_size(image)}, but the calibration is for {camera.width}x{camera.height} px"
             )
-    inside = np.ones(image.shape[:2], dtype=bool)
-    if mask is not None:
-        inside = read_mask(mask)
-        if inside.shape != image.shape[:2]:
-            raise ValueError(
-                f"the mask {mask} is {inside.shape[1]}x{inside.shape[0]} px, the frame {size} px"
-            )
-        if not inside.any():
-            raise ValueError(f"the mask {mask} is empty: no pixel in it is brighter than half")
+    inside = np.ones(image.shape[:2], dtype=bool) if mask is None else read_mask(mask)
+    if inside.shape != image.shape[:2]:
+        raise ValueError(f"the mask {mask} is {_size(inside)}, the frame {_size(image)}")
+    if not inside.any():
+        raise ValueError(f"the mask {mask} is empty: no pixel in it is brighter than half")
     return Frame(image, inside, Path(path).name)
 
 

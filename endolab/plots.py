@@ -21,7 +21,7 @@ from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar  # type: ig
 
 from endolab.cameras import RayField
 from endolab.depth.energy import model_image
-from endolab.iterate import Iterate, Result
+from endolab.iteration import Iterate, Result
 from endolab.operators import FloatArray
 
 LEFT_OUT = (0.72, 0.72, 0.72)

@@ -1,42 +1,35 @@
 """Recordings of a run for the Rerun viewer: every iterate on the timeline "iteration".
 
 `record` makes an observer for `run`; what it logs, and under which names, is in `Recorder`.
-A recording grows beside its final name and takes it when the run has ended, so a file of
-that name is a whole one; a run that was killed leaves ``<name>.partial.rrd``, which opens too.
+A file is written when the run has ended, interrupted or not, whole or not at all: Rerun's own
+writer can hang for good on a full disk, so the recording is kept in memory until then.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-import select
-import socket
 import subprocess
-import sys
-import threading
-import time
+import tempfile
 from pathlib import Path
 
 import cv2
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from endolab.cameras import Camera, Pinhole
 from endolab.depth.energy import Problem, model_image
-from endolab.iterate import Iterate
+from endolab.files import write_atomically
+from endolab.iteration import Iterate
 from endolab.operators import BoolArray, FloatArray
+from endolab.viewer import START, THIN, TIMELINE, blueprint, camera_shape, start_viewer, viewer_address
 
-TIMELINE = "iteration"
-PORT = 9876  # the viewer's own default
 ALL_UNTIL, GROWTH = 20, 1.05  # pictures of the first iterates, then each time k has grown by 5 %
 BLUE_WHITE_RED = np.array(
     [[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]], float
 )
 COLOURS = {"energy": (230, 159, 0), "data": (86, 180, 233), "regulariser": (213, 94, 0)}
-NOW, START, TRUTH = (230, 159, 0), (86, 180, 233), (160, 160, 160)
-THIN = rr.Radius.ui_points(1.5)
+NOW, TRUTH = (230, 159, 0), (160, 160, 160)
 
 
 def record(
@@ -89,6 +82,8 @@ class Recorder:
     ) -> None:
         if (path is None) != spawn:
             raise ValueError("give record() either a path or spawn=True")
+        if path is not None and Path(path).suffix != ".rrd":
+            raise ValueError(f"a recording's name ends in .rrd, got {path}")
         if max_width < 1:
             raise ValueError(f"max_width must be at least 1 px, got {max_width}")
         self.truth, self.max_width = truth, max_width
@@ -99,19 +94,17 @@ class Recorder:
         self._open = True
         self._path = None if path is None else Path(path)
         if self._path is None:
-            self._viewer = _start_viewer()
-            self.stream.connect_grpc(f"rerun+http://127.0.0.1:{PORT}/proxy")
+            self._viewer = start_viewer()
+            self.stream.connect_grpc(viewer_address())
             return
-        # The suffix stays last: the viewer goes by it.
-        self._partial = self._path.with_name(f"{self._path.stem}.partial.rrd")
-        try:
+        try:  # now, rather than after an hour's run
             if self._path.is_dir():
-                raise IsADirectoryError(f"{self._path} is a folder")
-            self._file = _File(self._partial)
-            self.stream.save(self._file.entrance)
-            self._file.start()
-        except (OSError, RuntimeError) as error:
-            raise OSError(f"cannot write the recording {self._path}: {error}") from error
+                raise OSError("it is a folder")
+            with tempfile.TemporaryFile(dir=self._path.parent):
+                pass
+        except OSError as error:
+            raise OSError(f"cannot write the recording {self._path}: {error.strerror or error}") from error
+        self._memory = rr.binary_stream(self.stream)
 
     def __call__(self, iterate: Iterate) -> None:
         """Log one iterate."""
@@ -126,55 +119,27 @@ class Recorder:
         self._log_scalars(iterate)
         if iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * self._shown:
             self._log_pictures(iterate)
-        self._flush()
 
     def close(self) -> None:
-        """End the recording and give the file its name; a second call does nothing.
+        """End the recording and write the file; a second call does nothing.
 
         Raises
         ------
         OSError
-            If the recording could not be written to its end.
+            If the file cannot be written; then there is none.
         """
         if not self._open:
             return
-        try:
-            if self._last is not None and self._last.k != self._shown:
-                self.stream.set_time(TIMELINE, sequence=self._last.k)
-                self._log_pictures(self._last)
-            self._flush()
-        finally:
-            self._open = False
-            self.stream.disconnect()
-            if self._path is not None:
-                self._file.close()
+        self._open = False
+        if self._last is not None and self._last.k != self._shown:
+            self.stream.set_time(TIMELINE, sequence=self._last.k)
+            self._log_pictures(self._last)
         if self._path is None:
-            return
-        self._check()
-        if self._last is None:
-            self._partial.unlink(missing_ok=True)  # nothing happened: nothing to keep
-            return
-        try:
-            self._partial.replace(self._path)
-        except OSError as error:
-            raise self._failure(error) from error
-
-    def _failure(self, error: OSError) -> OSError:
-        reason = error.strerror or error
-        return OSError(
-            f"cannot write the recording {self._path}: {reason}; its beginning is in {self._partial}"
-        )
-
-    def _check(self) -> None:
-        if self._file.error is not None:
-            raise self._failure(self._file.error) from self._file.error
-
-    def _flush(self) -> None:
-        with contextlib.suppress(RuntimeError):  # a viewer that the user has closed
-            self.stream.flush(timeout_sec=60)
-        if self._path is not None:
-            self._file.drain()
-            self._check()
+            with contextlib.suppress(RuntimeError):  # a viewer that the user has closed
+                self.stream.flush(timeout_sec=60)
+        elif self._last is not None:
+            write_atomically(self._path, self._memory.read() or b"")
+        self.stream.disconnect()
 
     def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
         self.stream.log(entity, *what, static=static, strict=True)
@@ -195,27 +160,28 @@ class Recorder:
         error = model_image(problem, iterate.log_distance)[problem.mask] - problem.image[problem.mask]
         self._grey_levels = max(5.0, float(np.ceil(255 * np.percentile(np.abs(error), 98))))
         picture = _colour_picture(problem)[thin]
+        if self.truth is not None and self.truth.shape != problem.mask.shape:
+            raise ValueError(f"truth has shape {self.truth.shape}, the frame {problem.mask.shape}")
 
         self._log_colours("input", picture, static=True)
         classes = rr.AnnotationContext([(0, "left out", (0, 0, 0, 255)), (1, "used", (0, 0, 0, 0))])
         self._log("mask", classes, rr.SegmentationImage(inside.astype(np.uint8), opacity=1.0), static=True)
-        self._log(
-            "settings", rr.TextDocument(self._settings(problem), media_type="text/markdown"), static=True
-        )
+        text = rr.TextDocument(self._settings(problem), media_type="text/markdown")
+        self._log("settings", text, static=True)
         for name in ("energy", *iterate.terms):
             style = rr.SeriesLines(colors=COLOURS.get(name), names=name, widths=2)
             self._log(f"plots/{name}", style, static=True)
 
         self._log("world", rr.ViewCoordinates.RDF, static=True)
         size = 0.35 * float(np.median(iterate.distance[problem.mask]))
-        self._log("world/camera", _camera_shape(problem.camera, size), static=True)
+        self._log("world/camera", camera_shape(problem.camera, size), static=True)
         # The colours of the cloud never change: logged once, they halve the recording.
         cloud = rr.Points3D.from_fields(colors=_bytes(picture[inside]), radii=rr.Radius.ui_points(2.0))
         self._log("world/cloud", cloud, static=True)
 
         self._log_section("start", iterate.points, START, static=True)
         shown = iterate.points[thin][inside]
-        if self.truth is not None:
+        if self.truth is not None and np.isfinite(self.truth[problem.mask]).any():
             unit = 1.0 if problem.metric else np.nanmedian((iterate.distance / self.truth)[problem.mask])
             truth = np.where(problem.mask, unit * self.truth, np.nan)[..., None] * problem.field.rays
             self._log_section("truth", truth, TRUTH, static=True)
@@ -224,10 +190,10 @@ class Recorder:
         far = float(np.percentile(shown[:, 2], 99))
         power = 10 ** np.floor(np.log10(far / 3))
         length = max(power * factor for factor in (1, 2, 5) if power * factor <= far / 3)
-        text = f"{length:g} {problem.unit}"
-        bar = rr.LineStrips2D([[[0, 0], [length, 0]]], colors=TRUTH, radii=THIN, labels=text)
+        label = f"{length:g} {problem.unit}"
+        bar = rr.LineStrips2D([[[0, 0], [length, 0]]], colors=TRUTH, radii=THIN, labels=label)
         self._log("section/scale", bar, static=True)
-        self.stream.send_blueprint(_blueprint(iterate, shown, far))
+        self.stream.send_blueprint(blueprint(iterate, shown, far))
 
     def _settings(self, problem: Problem) -> str:
         gain = problem.photometry.gain
@@ -244,7 +210,10 @@ class Recorder:
             "data": f"Huber, threshold {255 * problem.threshold:.3g} grey levels of 255",
             **problem.settings,
         }
-        table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
+        cells = {
+            k: f"{v:.6g}" if isinstance(v, float) else str(v).replace("|", "\\|") for k, v in rows.items()
+        }
+        table = "\n".join(f"| {name} | {value} |" for name, value in cells.items())
         return (
             f"## Settings\n\n| | |\n|---|---|\n{table}\n\n## Colours\n\n"
             f"- **depth**: distance from the camera, dark {low:.3g} to bright {high:.3g} {problem.unit}\n"
@@ -291,77 +260,6 @@ class Recorder:
         self._log(f"section/{name}", shape, static=static)
 
 
-class _File:
-    """A file that Rerun writes through a pipe: its own writer can hang for good on a full disk."""
-
-    def __init__(self, path: Path) -> None:
-        self.error: OSError | None = None
-        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0), 0o666)
-        self._exit, self._own_entrance = os.pipe()
-        self.entrance = f"/dev/fd/{self._own_entrance}"
-        self._lock = threading.Lock()
-        self._thread = threading.Thread(target=self._copy, daemon=True)
-
-    def start(self) -> None:
-        """Start to copy, once Rerun has opened its entrance."""
-        os.close(self._own_entrance)
-        self._thread.start()
-
-    def _copy(self) -> None:
-        """Copy to the end; after an error drain what comes, so that Rerun never waits."""
-        while True:
-            select.select([self._exit], [], [])
-            with self._lock:
-                block = memoryview(os.read(self._exit, 1 << 20))
-                if not block:
-                    break
-                try:
-                    while block and self.error is None:
-                        block = block[os.write(self._file, block) :]
-                except OSError as error:
-                    self.error = error
-        os.close(self._exit)
-        os.close(self._file)
-
-    def drain(self) -> None:
-        """Wait until all that Rerun has flushed is in the file."""
-        while self._thread.is_alive():
-            with self._lock:
-                if not select.select([self._exit], [], [], 0)[0]:
-                    return
-            time.sleep(1e-4)
-
-    def close(self) -> None:
-        """Wait for the end, once Rerun has closed its entrance."""
-        self._thread.join()
-
-
-def _start_viewer() -> subprocess.Popen[bytes] | None:
-    """Start the native viewer, unless one is there; not by ``rr.spawn``, which listens to the network."""
-    if _listening():
-        return None
-    command = [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", "--port", str(PORT)]
-    viewer = subprocess.Popen(
-        [*command, "--expect-data-soon"],
-        env={**os.environ, "CI": "1"},  # the one variable by which the viewer sends no usage data
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,  # an interrupt ends the run and leaves the window
-    )
-    started = time.monotonic()
-    # Without a screen it listens for a moment before it gives up.
-    while time.monotonic() < started + 1.5 or (not _listening() and time.monotonic() < started + 20):
-        if viewer.poll() is not None:
-            raise OSError("the Rerun viewer did not start: it needs a screen; record to a file instead")
-        time.sleep(0.1)
-    return viewer
-
-
-def _listening() -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", PORT)) == 0
-
-
 def _bytes(colours: FloatArray) -> NDArray[np.uint8]:
     return np.round(255 * np.clip(colours, 0, 1)).astype(np.uint8)
 
@@ -383,76 +281,3 @@ def _grey(values: NDArray, inside: BoolArray) -> FloatArray:
     seen = values[np.isfinite(values)]
     low, high = min(seen.min(initial=0.0), 0.0), max(seen.max(initial=1.0), 1.0)
     return (values - low) / (high - low)
-
-
-def _camera_shape(camera: Camera, size: float) -> rr.Pinhole | rr.LineStrips3D:
-    """The camera in space, about `size` long."""
-    if isinstance(camera, Pinhole):
-        matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-        return rr.Pinhole(
-            image_from_camera=matrix, resolution=[camera.width, camera.height], image_plane_distance=size
-        )
-    # Rerun's Pinhole knows no distortion, and near 90° off the axis no pinhole comes close: draw
-    # the rim of what the camera really sees. Outwards from the axis a model ends once and for all.
-    centre = camera.project([0.0, 0.0, 1.0])
-    angle = np.linspace(0, 2 * np.pi, 97)
-    radius = np.linspace(0, np.hypot(camera.width, camera.height), 400)
-    pixels = centre + radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    rays = camera.unproject(pixels)
-    end = np.array([camera.width, camera.height]) - 0.5
-    seen = np.isfinite(rays).all(axis=-1) & ((pixels >= -0.5) & (pixels <= end)).all(axis=-1)
-    last = np.maximum(seen.sum(axis=0) - 1, 0)
-    rim = size * rays[last, np.arange(angle.size)]
-    spokes = [np.array([[0.0, 0.0, 0.0], end]) for end in rim[:-1:12]]
-    return rr.LineStrips3D([rim, *spokes], colors=START, radii=THIN)
-
-
-def _blueprint(iterate: Iterate, points: FloatArray, far: float) -> rrb.Blueprint:
-    """How the viewer opens: pictures above, the surface and the curves below."""
-    low, high = np.percentile(points, [1, 99], axis=0)
-    target = (low + high) / 2
-    # From behind the camera, to its left and above it.
-    eye = target + 0.9 * np.linalg.norm(high - low) * np.array([-0.5, -0.35, -0.8])
-    bounds = rrb.VisualBounds2D(x_range=[-0.1 * far, 1.1 * far], y_range=[1.2 * low[1], 1.2 * high[1]])
-    terms = [f"/plots/{name}" for name in ("energy", *iterate.terms)]
-    residual: list[rrb.View] = [rrb.Spatial2DView(origin="/residual", name="Residual")]
-    residual += [rrb.Spatial2DView(origin=f"/front/{name}", name=name.capitalize()) for name in iterate.maps]
-    return rrb.Blueprint(
-        rrb.Vertical(
-            rrb.Horizontal(
-                rrb.Spatial2DView(origin="/", contents=["/input"], name="Frame"),
-                rrb.Spatial2DView(
-                    origin="/", contents=["/depth", "/mask"], name=f"Distance [{iterate.problem.unit}]"
-                ),
-                rrb.Spatial2DView(origin="/normals", name="Normals"),
-                rrb.Tabs(*residual, active_tab=len(residual) - 1),
-            ),
-            rrb.Horizontal(
-                rrb.Spatial3DView(
-                    origin="/world",
-                    name="Surface",
-                    eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=[0, -1, 0]),
-                    overrides={"/world/truth": rrb.EntityBehavior(visible=False)},
-                    background=(45, 50, 58),
-                    line_grid=False,
-                ),
-                rrb.Vertical(
-                    rrb.TimeSeriesView(origin="/plots", contents=terms, name="Energy"),
-                    rrb.Spatial2DView(origin="/section", name="Middle column", visual_bounds=bounds),
-                ),
-                rrb.Tabs(
-                    rrb.TextDocumentView(origin="/settings", name="Settings"),
-                    rrb.TimeSeriesView(
-                        origin="/plots",
-                        contents=["/plots/**", *(f"- {term}" for term in terms)],
-                        name="Steps",
-                    ),
-                ),
-                column_shares=[2, 1.4, 1],
-            ),
-            row_shares=[1, 1.4],
-        ),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-    )

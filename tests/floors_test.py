@@ -11,9 +11,9 @@ PACKAGE = Path(__file__).resolve().parent.parent / "endolab"
 FLOORS = [
     "operators penalties roots",
     "cameras lights brdf photometry surface scenes rendering",
-    "iterate preprocess depth calibration",
-    "reconstruct evaluation",
-    "endoscope files datasets recording plots widgets cli __init__ __main__",
+    "iteration preprocess depth calibration",
+    "reconstruction evaluation",
+    "endoscope files datasets recording viewer plots widgets cli __init__ __main__",
 ]
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names.split()}
 UPSTAIRS_ONLY = {

@@ -11,7 +11,7 @@ from endolab import plots
 from endolab.brdf import Lambertian
 from endolab.cameras import KannalaBrandt
 from endolab.depth.energy import Problem
-from endolab.iterate import Iterate, Result, Status
+from endolab.iteration import Iterate, Result, Status
 from endolab.photometry import Photometry
 from endolab.rendering import Rendered, render
 from endolab.scenes import SCENES

@@ -2,6 +2,8 @@
 
 import contextlib
 import resource
+import socket
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,10 +12,11 @@ import numpy as np
 import pytest
 import rerun as rr
 
+from endolab import viewer
 from endolab.brdf import Lambertian
 from endolab.cameras import Camera, KannalaBrandt, Pinhole
 from endolab.depth.energy import Problem, model_image
-from endolab.iterate import Iterate, Status, run
+from endolab.iteration import Iterate, Status, run
 from endolab.photometry import Photometry
 from endolab.recording import record
 from endolab.rendering import Rendered, render
@@ -218,6 +221,14 @@ def test_a_pinhole_keeps_its_numbers_and_a_fisheye_its_rim(tmp_path, recorded):
     assert ((to_edge < 0.5) | (angle > PAPER.max_angle - 0.2)).all()
 
 
+def test_a_truth_of_another_size_is_named(tmp_path, small):
+    recorder = record(tmp_path / "run.rrd", truth=np.ones((3, 4)))
+    with pytest.raises(ValueError, match=r"truth has shape \(3, 4\), the frame \(60, 80\)"):
+        recorder(next(towards(*small, 1)))
+    recorder.close()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_large_pictures_are_thinned(tmp_path):
     seen, problem = frame(PAPER.resize(80, 60))
     recorder = record(tmp_path / "run.rrd", max_width=30)
@@ -241,19 +252,6 @@ def test_a_long_run_keeps_all_scalars_and_some_pictures(tmp_path):
     assert list(file.numbers("/world/cloud", "positions")) == shown
 
 
-def test_a_run_that_is_killed_leaves_a_readable_file(tmp_path, small):
-    recorder = record(tmp_path / "run.rrd")
-    for iterate in towards(*small, 3):
-        recorder(iterate)
-    # As a killed process leaves it: nothing is closed.
-    assert [file.name for file in tmp_path.iterdir()] == ["run.partial.rrd"]
-    with pytest.warns(rr.error_utils.RerunWarning, match="no footer"):
-        file = Recorded(tmp_path / "run.partial.rrd")
-    assert list(file.numbers("/depth", "buffer")) == [0, 1, 2]
-    recorder.close()
-    assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
-
-
 def test_an_interrupt_leaves_a_whole_file(tmp_path, small):
     def interrupted() -> Iterator[Iterate]:
         yield from towards(*small, 2)
@@ -275,48 +273,54 @@ def test_without_an_iterate_there_is_no_file(tmp_path):
 
 
 def test_a_file_that_cannot_be_written_is_named(tmp_path):
-    for path in (tmp_path / "missing" / "run.rrd", tmp_path):
+    (tmp_path / "folder.rrd").mkdir()
+    for path in (tmp_path / "missing" / "run.rrd", tmp_path / "folder.rrd"):
         with pytest.raises(OSError, match=r"cannot write the recording .*") as error:
             record(path)
         assert str(path) in str(error.value)
-    assert list(tmp_path.iterdir()) == []
+    assert [file.name for file in tmp_path.iterdir()] == ["folder.rrd"]
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="cannot write the recording"):
         record(tmp_path / "file" / "run.rrd")
 
 
-@pytest.mark.parametrize("room", [150_000, 2_000])  # in the middle of the run, and at its end
-def test_a_full_disk_is_said_and_leaves_no_final_file(tmp_path, small, room):
-    """A limit on the size of files fails writes as a full disk does."""
-    recorder = record(tmp_path / "run.rrd")
-    iterates = towards(*small, 9)
-    recorder(next(iterates))
-    size = (tmp_path / "run.partial.rrd").stat().st_size
+@contextlib.contextmanager
+def file_limit(size: int) -> Iterator[None]:
+    """Let no file grow beyond a size: writes fail as on a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size + room, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
-        with pytest.raises(OSError, match=r"cannot write the recording .*run\.rrd: File too large"):
-            if room > 100_000:
-                for iterate in iterates:
-                    recorder(iterate)
-            else:
-                recorder.close()
-        recorder.close()
+        yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert not (tmp_path / "run.rrd").exists()
+
+
+def test_a_full_disk_leaves_nothing(tmp_path, small):
+    (tmp_path / "run.rrd").write_bytes(b"an old recording")
+    recorder = record(tmp_path / "run.rrd")
+    with file_limit(50_000), pytest.raises(OSError, match=r"cannot write .*run\.rrd: File too large"):
+        run(towards(*small, 3), observers=[recorder])
+    recorder.close()
+    assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
+    assert (tmp_path / "run.rrd").read_bytes() == b"an old recording"
 
 
 def test_a_path_or_a_viewer_and_a_sensible_width(tmp_path):
     for wrong in ({}, {"path": tmp_path / "run.rrd", "spawn": True}):
         with pytest.raises(ValueError, match="either a path or spawn"):
             record(**wrong)
+    with pytest.raises(ValueError, match=r"ends in \.rrd, got .*run\.txt"):
+        record(tmp_path / "run.txt")
     with pytest.raises(ValueError, match="max_width"):
         record(tmp_path / "run.rrd", max_width=0)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a screen")
 def test_a_viewer_without_a_screen_says_so(monkeypatch):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        monkeypatch.setattr(viewer, "PORT", free.getsockname()[1])
     for variable in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(variable, raising=False)
     with pytest.raises(OSError, match="needs a screen"):

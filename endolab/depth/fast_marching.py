@@ -29,7 +29,7 @@ import numpy as np
 from numba import njit
 
 from endolab.depth.energy import Problem
-from endolab.iterate import Iterate, Solver, Status
+from endolab.iteration import Iterate, Solver, Status
 from endolab.operators import BoolArray, FloatArray
 
 # Neighbours in turn around a pixel (row, column): consecutive ones make the eight triangles.

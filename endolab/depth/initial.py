@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from endolab.depth.energy import Problem
-from endolab.iterate import Iterate, Solver, Status
+from endolab.iteration import Iterate, Solver, Status
 
 
 def facing(problem: Problem) -> Solver:

@@ -11,7 +11,7 @@ import numpy as np
 from endolab.depth.energy import Problem
 from endolab.depth.fast_marching import fast_marching
 from endolab.depth.initial import facing
-from endolab.iterate import Observer, Result, Solver, run
+from endolab.iteration import Observer, Result, Solver, run
 from endolab.preprocess import Frame, field_of_view, noise_level, smooth_light, usable
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -232,11 +233,11 @@ def run(iterates: Solver, observers: Iterable[Observer] = (), max_iterations: in
             raise
         status = Status.STOPPED
     finally:
-        iterates.close()
-        for observer in watching:
-            close = getattr(observer, "close", None)
-            if close is not None:
-                close()
+        with ExitStack() as ending:  # closes every observer, even if another fails to
+            ending.callback(iterates.close)
+            for observer in watching:
+                if hasattr(observer, "close"):
+                    ending.callback(observer.close)
     if best is None or last is None:
         raise ValueError("the solver produced no depth map: its first iterate is not finite")
     return Result(last if status is Status.CONVERGED else best, status, history, seconds)
