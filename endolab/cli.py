@@ -167,14 +167,13 @@ def _evaluate(arguments: argparse.Namespace) -> None:
         content = {key: None if np.isnan(value) else value for key, value in asdict(errors).items()}
         print(json.dumps(content, indent=2))
         return
-    print(f"{errors.pixels} pixels, estimate multiplied by {errors.scale:.4g} (scale: {scale})")
-    print(
-        f"distance  mean {errors.mean_mm:.4g} mm, median {errors.median_mm:.4g} mm, RMSE {errors.rmse_mm:.4g} mm"
-    )
-    print(f"          mean {errors.mean_percent:.4g} % (AbsRel), median {errors.median_percent:.4g} %")
-    print(f"z         RMSE {errors.rmse_z_mm:.4g} mm")
-    if not np.isnan(errors.mean_degrees):
-        print(f"normals   mean {errors.mean_degrees:.4g}°, median {errors.median_degrees:.4g}°")
+    e = errors
+    print(f"{e.pixels} pixels, estimate multiplied by {e.scale:.4g} (scale: {scale})")
+    print(f"distance  mean {e.mean_mm:.4g} mm, median {e.median_mm:.4g} mm, RMSE {e.rmse_mm:.4g} mm")
+    print(f"          mean {e.mean_percent:.4g} % (AbsRel), median {e.median_percent:.4g} %")
+    print(f"z         RMSE {e.rmse_z_mm:.4g} mm")
+    if not np.isnan(e.mean_degrees):
+        print(f"normals   mean {e.mean_degrees:.4g}°, median {e.median_degrees:.4g}°")
 
 
 def _lab(arguments: argparse.Namespace) -> None:

@@ -19,10 +19,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar  # type: ignore[import-untyped]
 
-from endolab.cameras import RayField
 from endolab.depth.energy import model_image
 from endolab.iteration import Iterate, Result
 from endolab.operators import FloatArray
+from endolab.rays import RayField
 
 LEFT_OUT = (0.72, 0.72, 0.72)
 BACKDROP = (0.09, 0.10, 0.12)

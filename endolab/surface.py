@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from endolab.cameras import RayField
 from endolab.operators import BoolArray, FloatArray, gradient
+from endolab.rays import RayField
 
 XI = ("1/z", "d", "1/d")
 

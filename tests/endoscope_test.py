@@ -2,9 +2,7 @@
 
 import copy
 import json
-from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import endolab as el
@@ -30,7 +28,7 @@ BRDFS = {
     "three": el.Lambertian((0.75, 0.38, 0.30)),
     "table": el.TabulatedBRDF((0.0, 0.1, 1.5), (0.3, 0.2, 1 / 3)),
 }
-SPOTS = (el.SpotLight((1, 2, 3), (0.1, 0.2, 1.0), 1.7, 0.3), el.SpotLight())
+SPOTS = (el.SpotLight((1, 2, 3), (0.0, 0.6, 0.8), 1.7, 0.3), el.SpotLight())
 
 
 def content(**changes):
@@ -72,7 +70,7 @@ def test_the_example_loads(tmp_path):
     )
     assert calibration.photometry == el.Photometry(2.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
     assert calibration.evidence == {}
-    assert calibration.to_dict() == json.loads(EXAMPLE) | {"camera": calibration.to_dict()["camera"]}
+    assert json.loads(json.dumps(calibration.to_dict())) == json.loads(EXAMPLE)
 
 
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
@@ -83,15 +81,16 @@ def test_what_is_saved_loads_unchanged(tmp_path, camera, brdf):
         saved = el.Calibration(camera, el.Photometry(1.1, 2.3, gain, brdf, lights), evidence)
         saved.save(tmp_path / "c.json")
         loaded = el.Calibration.load(tmp_path / "c.json")
-        assert loaded.camera == saved.camera
+        assert loaded == saved
         assert type(loaded.camera) is type(camera)
-        assert replace(loaded.photometry, lights=()) == replace(saved.photometry, lights=())
-        for one, other in zip(loaded.photometry.lights, saved.photometry.lights, strict=True):
-            assert one.position == other.position
-            assert (one.exponent, one.weight) == (other.exponent, other.weight)
-            np.testing.assert_allclose(one.direction, other.direction, rtol=1e-15)
-        assert loaded.evidence == evidence
     assert [path.name for path in tmp_path.iterdir()] == ["c.json"]
+
+
+def test_the_directions_of_lights_load_unchanged(tmp_path, rng):
+    lights = tuple(el.SpotLight(direction=direction) for direction in rng.normal(size=(50, 3)))
+    saved = el.Calibration(CAMERAS["pinhole"], el.Photometry(lights=lights))
+    saved.save(tmp_path / "c.json")
+    assert el.Calibration.load(tmp_path / "c.json") == saved
 
 
 def test_saving_again_changes_nothing(tmp_path):
@@ -108,7 +107,7 @@ def test_a_calibration_resizes_with_its_picture():
     assert half == el.Calibration(CAMERAS["pinhole"].resize(160, 120), el.Photometry(k=1.0), {"a": 1})
 
 
-def test_optional_keys(tmp_path):
+def test_optional_keys():
     light = {key: LIGHT[key] for key in ("position", "direction", "exponent")}
     changes = {"photometry.lights": [light], "photometry.brdf.albedo": ..., "evidence": {"a": [1]}}
     calibration = el.Calibration.from_dict(content(**changes))
@@ -241,7 +240,7 @@ def test_a_bad_table(tmp_path, table, expected):
         ({"a": [769.0, 1.0, 0, 0, 0]}, "camera: a[1] must be 0"),
         ({"a": [-769.0, 0, 0, 0, 0]}, "camera: a[0] must be positive"),
         ({"a": [769.0, 0, 0, 0]}, "camera.a: expected 5 finite numbers"),
-        ({"c": 0.0}, "camera: cx, cy, c, d, e must be finite and c - d·e positive"),
+        ({"c": -1.0}, "camera: cx, cy, c, d, e must be finite and c - d·e positive"),
         ({"row_scale": -1.0}, "camera.row_scale: expected a positive number"),
         ({"fx": 1.0}, "camera.fx: unknown key"),
     ],
@@ -301,6 +300,6 @@ def test_where_it_cannot_be_written_nothing_is_left(tmp_path, target):
 def test_what_a_file_cannot_hold_leaves_the_old_one(tmp_path, calibration):
     path = tmp_path / "c.json"
     path.write_text("old")
-    with pytest.raises(ValueError, match="Lambertian or tabulated|JSON"):
+    with pytest.raises(ValueError, match=r"Lambertian or tabulated|JSON"):
         calibration.save(path)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("c.json", "old")]

@@ -1,6 +1,7 @@
 """The energy against sums written out by hand, and what must leave it unchanged."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -76,30 +77,30 @@ def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
     start = np.log(problem.image**-2.0 * cosine**1.7 * 0.6 / np.pi * 900.0) / 2
     f = maps[xi](v) / np.median(maps[xi](start)[mask])
 
-    def at(*offsets):
-        """Values at offsets (row, column) from the pixel; None if one is not in the mask."""
-        places = [(row + a, column + b) for a, b in offsets]
+    def at(pixel, *offsets):
+        """Values at offsets (row, column) from a pixel; None if one is not in the mask."""
+        places = [(pixel[0] + a, pixel[1] + b) for a, b in offsets]
         inside = all(0 <= r < 5 and 0 <= c < 7 and mask[r, c] for r, c in places)
         return [f[place] for place in places] if inside else None
 
-    def image_step(a, b):
-        other = (row + a, column + b)
+    def image_step(pixel, a, b):
+        other = (pixel[0] + a, pixel[1] + b)
         inside = other[0] < 5 and other[1] < 7 and mask[other]
-        return problem.image[other] - problem.image[row, column] if inside else 0.0
+        return problem.image[other] - problem.image[pixel] if inside else 0.0
 
     total = 0.0
-    for row, column in np.argwhere(mask):
+    for pixel in map(tuple, np.argwhere(mask)):
         if regulariser == "first":
-            steps = [at((0, 0), (0, 1)), at((0, 0), (1, 0))]
+            steps = [at(pixel, (0, 0), (0, 1)), at(pixel, (0, 0), (1, 0))]
             size = np.sqrt(sum((x[1] - x[0]) ** 2 for x in steps if x)) * 7 / 320
         else:
-            lines = [at((0, -1), (0, 0), (0, 1)), at((-1, 0), (0, 0), (1, 0))]
-            square = at((0, 0), (0, 1), (1, 0), (1, 1))
+            lines = [at(pixel, (0, -1), (0, 0), (0, 1)), at(pixel, (-1, 0), (0, 0), (1, 0))]
+            square = at(pixel, (0, 0), (0, 1), (1, 0), (1, 1))
             second = [(x[0] - 2 * x[1] + x[2]) ** 2 for x in lines if x]
             if square:
                 second.append(2 * (square[0] - square[1] - square[2] + square[3]) ** 2)
             size = np.sqrt(sum(second)) * (7 / 320) ** 2
-        g = np.exp(-np.hypot(image_step(0, 1), image_step(1, 0)) * 7 / 320 / 0.05)
+        g = np.exp(-np.hypot(image_step(pixel, 0, 1), image_step(pixel, 1, 0)) * 7 / 320 / 0.05)
         total += 0.3 * g * huber(size, 2e-5) / 2e-5
     assert energy_terms(problem, v)["regulariser"] == pytest.approx(total / mask.sum(), rel=1e-9)
 
@@ -112,7 +113,7 @@ def test_the_truth_explains_the_frame_to_the_fourth_power_of_the_pixel(scene):
     """Normals err by h² and the data term is quadratic: twice the width, a sixteenth."""
     data = [energy_terms(*posed(scene, width))["data"] for width in (80, 160, 320)]
     assert data[0] < 1e-10
-    for coarse, fine in zip(data, data[1:], strict=False):
+    for coarse, fine in pairwise(data):
         assert 14 < coarse / fine < 18
 
 

@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parent.parent / "endolab"
 FLOORS = [
     "operators penalties roots",
-    "cameras lights brdf photometry surface scenes rendering",
+    "rays cameras lights brdf photometry surface scenes rendering",
     "iteration preprocess depth calibration",
     "reconstruction evaluation",
     "endoscope files datasets recording viewer plots widgets cli __init__ __main__",

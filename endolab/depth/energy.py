@@ -15,10 +15,11 @@ from functools import cached_property
 
 import numpy as np
 
-from endolab.cameras import Camera, RayField
+from endolab.cameras import Camera
 from endolab.operators import BoolArray, FloatArray, forward_gradient, gradient, hessian
 from endolab.penalties import huber
 from endolab.photometry import Photometry
+from endolab.rays import RayField
 from endolab.surface import check_xi, slant, to_xi
 
 REGULARISERS = ("first", "second")

@@ -128,9 +128,9 @@ def _difference(
 
 
 @kernel
-def _along_edge(s: float, t: float, low: float, length: float, y0: float, log_c: Any, log_p: Any) -> float:
-    """Value at a pixel if ∇y pointed along one neighbour, at squared metric `length`."""
-    return _root(s * s / length, s * t / length, t * t / length, low, y0, log_c, log_p)
+def _along_edge(s: float, t: float, low: float, nearness: float, y0: float, log_c: Any, log_p: Any) -> float:
+    """Value at a pixel if ∇y pointed along one neighbour, 1/`nearness` being its squared length."""
+    return _root(s * s * nearness, s * t * nearness, t * t * nearness, low, y0, log_c, log_p)
 
 
 @kernel
@@ -148,10 +148,10 @@ def _across_triangle(
     log_p: Any,
 ) -> float:
     """Value at a pixel from two neighbours at offsets a, b (column, row); nan if not upwind."""
-    turn = a[0] * b[1] - a[1] * b[0]
+    turn = a[0] * b[1] - a[1] * b[0]  # ±1 for neighbouring neighbours, so its own inverse
     # p·a = sa y + ta, p·b = sb y + tb  =>  p = α y + β
-    alpha_u, alpha_v = (b[1] * sa - a[1] * sb) / turn, (a[0] * sb - b[0] * sa) / turn
-    beta_u, beta_v = (b[1] * ta - a[1] * tb) / turn, (a[0] * tb - b[0] * ta) / turn
+    alpha_u, alpha_v = (b[1] * sa - a[1] * sb) * turn, (a[0] * sb - b[0] * sa) * turn
+    beta_u, beta_v = (b[1] * ta - a[1] * tb) * turn, (a[0] * tb - b[0] * ta) * turn
     raised_u, raised_v = g[0] * alpha_u + g[1] * alpha_v, g[1] * alpha_u + g[2] * alpha_v
     y = _root(
         raised_u * alpha_u + raised_v * alpha_v,
@@ -164,8 +164,8 @@ def _across_triangle(
     )
     p_u, p_v = alpha_u * y + beta_u, alpha_v * y + beta_v
     down_u, down_v = -(g[0] * p_u + g[1] * p_v), -(g[1] * p_u + g[2] * p_v)
-    weight_a = (down_u * b[1] - down_v * b[0]) / turn
-    weight_b = (a[0] * down_v - a[1] * down_u) / turn
+    weight_a = (down_u * b[1] - down_v * b[0]) * turn
+    weight_b = (a[0] * down_v - a[1] * down_u) * turn
     slack = -1e-9 * (abs(weight_a) + abs(weight_b))
     return y if weight_a >= slack and weight_b >= slack else np.nan
 
@@ -199,16 +199,17 @@ def _advance(
             limit = y0[row, column]
             if place[pixel] <= _ACCEPTED or fixed[pixel] or value[accepted] >= limit:
                 continue
-            g = metric[row, column]
+            guu, guv, gvv = metric[row, column, 0], metric[row, column, 1], metric[row, column, 2]
+            g = (guu, guv, gvv)
             a = (_AROUND[k, 1], _AROUND[k, 0])
             sa, ta, ya = _difference(value, place, row, column, _AROUND[k, 0], _AROUND[k, 1], shape)
-            length = (g[2] * a[0] * a[0] - 2 * g[1] * a[0] * a[1] + g[0] * a[1] * a[1]) / (
-                g[0] * g[2] - g[1] * g[1]
+            nearness = (guu * gvv - guv * guv) / (
+                gvv * a[0] * a[0] - 2 * guv * a[0] * a[1] + guu * a[1] * a[1]
             )
             best = value[pixel]
-            y = _along_edge(sa, ta, ya, length, limit, log_c, log_p)
+            y = _along_edge(sa, ta, ya, nearness, limit, log_c, log_p)
             if np.isnan(y):
-                y = _along_edge(-1.0, ya, ya, length, limit, log_c, log_p)
+                y = _along_edge(-1.0, ya, ya, nearness, limit, log_c, log_p)
             if y < best:
                 best = y
             for side in (1, 7):
