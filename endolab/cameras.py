@@ -66,7 +66,7 @@ class Camera:
     def __post_init__(self) -> None:
         for name in ("width", "height"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and int(value) == value and value >= 1):
+            if not (1 <= value <= 100_000 and int(value) == value):
                 raise ValueError(f"{name} must be a positive whole number of pixels, got {value}")
 
     def project(self, points: ArrayLike) -> FloatArray:

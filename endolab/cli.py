@@ -7,6 +7,8 @@ import json
 import os
 import subprocess
 import sys
+import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -120,13 +122,16 @@ def _read_maps(path: str) -> dict[str, np.ndarray]:
     if not Path(path).is_file():
         raise FileNotFoundError(f"{path}: there is no such file")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
             maps = {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, KeyError) as error:
+    except (ValueError, OSError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
         raise ValueError(f"{path}: not a depth.npz that endolab wrote") from error
-    missing = {"distance", "z"} - set(maps)
-    if missing:
-        raise ValueError(f"{path}: {', '.join(sorted(missing))} is missing")
+    for name, tail in (("distance", ()), ("z", ()), ("normals", (3,))):
+        if name not in maps and name != "normals":
+            raise ValueError(f"{path}: {name} is missing")
+        found = maps.get(name, np.empty((*maps["distance"].shape, *tail)))
+        if found.dtype.kind != "f" or found.shape != (*maps["distance"].shape[:2], *tail) or found.ndim < 2:
+            raise ValueError(f"{path}: {name} is not a map of the size of distance")
     return maps
 
 

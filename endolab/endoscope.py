@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,16 @@ _CAMERAS: dict[str, dict[str, int]] = {  # numbers that each model needs; lists 
     "pinhole": {"fx": 0, "fy": 0, "cx": 0, "cy": 0},
     "scaramuzza": {"cx": 0, "cy": 0, "a": 5, "c": 0, "d": 0, "e": 0},
 }
+
+
+def _is_finite(value: Any) -> bool:
+    """Whether a JSON value is a number that a float can hold."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 class _Section:
@@ -45,7 +56,7 @@ class _Section:
 
     def number(self, key: str, default: Any = ..., low: float = -np.inf) -> float:
         value = self.take(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        if not _is_finite(value):
             raise self.error(key, f"expected a finite number, found {json.dumps(value)}")
         if value < low:
             raise self.error(key, f"expected at least {low:g}, found {value:g}")
@@ -60,9 +71,7 @@ class _Section:
     def numbers(self, key: str, count: int | None = None, default: Any = ...) -> tuple[float, ...]:
         value = self.take(key, default)
         good = isinstance(value, list | tuple) and (count is None or len(value) == count)
-        if not good or not all(
-            isinstance(x, int | float) and not isinstance(x, bool) and np.isfinite(x) for x in value
-        ):
+        if not good or not all(_is_finite(x) for x in value):
             wanted = f"{count} finite numbers" if count else "a list of finite numbers"
             raise self.error(key, f"expected {wanted}, found {json.dumps(value)}")
         return tuple(float(x) for x in value)
@@ -115,7 +124,9 @@ def _brdf(section: _Section) -> BRDF:
         table: BRDF = section.build(TabulatedBRDF, theta=theta, values=values)
         return table
     albedo = section.content.get("albedo")
-    value = section.numbers("albedo", 3) if isinstance(albedo, list) else section.positive("albedo", 1.0)
+    value = (
+        section.numbers("albedo", 3) if isinstance(albedo, list | tuple) else section.positive("albedo", 1.0)
+    )
     matt: BRDF = section.build(Lambertian, albedo=value)
     return matt
 
@@ -180,10 +191,12 @@ class Calibration:
             content = json.loads(source.read_text(encoding="utf-8"))
         except OSError as error:
             raise OSError(f"{source}: cannot be read: {error.strerror or error}") from error
-        except json.JSONDecodeError as error:
-            raise ValueError(f"{source}: not valid JSON: {error}") from error
         except UnicodeDecodeError as error:
             raise ValueError(f"{source}: not UTF-8 text") from error
+        except RecursionError as error:
+            raise ValueError(f"{source}: not valid JSON: it is nested too deeply") from error
+        except ValueError as error:
+            raise ValueError(f"{source}: not valid JSON: {error}") from error
         return cls.from_dict(content, str(source))
 
     @classmethod
@@ -191,10 +204,12 @@ class Calibration:
         """Make a calibration from the content of an `endoscope.json`; see `load`."""
         top = _Section(content, "", name)
         version = top.take("endolab")
-        if version != 1:
+        if version != 1 or isinstance(version, bool):
             raise top.error("endolab", f"expected version 1, found {json.dumps(version)}")
         camera, photometry = _camera(top.section("camera")), _photometry(top.section("photometry"))
         evidence = top.take("evidence", {})
+        if not isinstance(evidence, dict):
+            raise top.error("evidence", f"expected an object {{…}}, found {json.dumps(evidence)[:40]}")
         top.end()
         return cls(camera, photometry, evidence)
 

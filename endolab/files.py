@@ -47,26 +47,30 @@ def staged_folder(folder: PathLike) -> Iterator[Path]:
         In one sentence, if the folder cannot be written.
     """
     target = Path(folder)
-    new = [path for path in (target, *target.parents) if not path.exists()]
+    made: list[Path] = []
+    staging = None
     try:
-        target.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=".endolab-", dir=target))
-    except OSError as error:
-        raise OSError(f"cannot write to the folder {target}: {error.strerror or error}") from error
-    done = False
-    try:
+        try:
+            for path in reversed([target, *target.parents]):
+                if not path.exists():
+                    path.mkdir()
+                    made.append(path)
+            staging = Path(tempfile.mkdtemp(prefix=".endolab-", dir=target))
+        except OSError as error:
+            raise OSError(f"cannot write to the folder {target}: {error.strerror or error}") from error
         yield staging
-        for path in sorted(staging.iterdir()):
+        written = sorted(staging.iterdir())
+        for path in written:
+            if (target / path.name).is_dir():
+                raise OSError(f"cannot write {target / path.name}: it is a folder")
+        for path in written:
             os.replace(path, target / path.name)
-        done = True
+        made.clear()
     finally:
-        shutil.rmtree(staging, ignore_errors=True)
-        if not done:
-            for path in new:
-                try:
-                    path.rmdir()
-                except OSError:
-                    break
+        if staging is not None:
+            shutil.rmtree(staging, ignore_errors=True)
+        for path in reversed(made):
+            path.rmdir()
 
 
 def write_atomically(path: PathLike, content: bytes) -> None:

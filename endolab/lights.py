@@ -45,7 +45,8 @@ class SpotLight:
         if not (np.isfinite(self.weight) and self.weight > 0):
             raise ValueError(f"weight must be positive and finite, got {self.weight}")
         object.__setattr__(self, "position", tuple(float(value) for value in position))
-        object.__setattr__(self, "direction", tuple(float(value) for value in direction / length))
+        unit = direction if abs(length - 1) < 1e-12 else direction / length  # unit ones stay as they are
+        object.__setattr__(self, "direction", tuple(float(value) for value in unit))
 
     def illuminate(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Light that arrives at points.

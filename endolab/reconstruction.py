@@ -65,6 +65,8 @@ def pose(
         smooth = 2 * float(np.sqrt(255 * noise_level(image, seen)))
     elif not (np.isfinite(smooth) and smooth >= 0):
         raise ValueError(f"smooth must be finite and at least 0 (px), got {smooth}")
+    elif smooth > frame.width:
+        raise ValueError(f"smooth must not exceed the frame's width of {frame.width} px, got {smooth}")
     image = smooth_light(image, seen, photometry.gamma, smooth)
     mask = usable(image, seen, camera.field.cos_alpha, frame.name)
     problem = Problem(
@@ -94,7 +96,7 @@ def pose(
 
 def _rescaled(problem: Problem, log_distance: np.ndarray, median: float) -> Problem:
     """Return the problem with the gain that would give this solution the median wanted."""
-    factor = median / float(np.exp(np.median(log_distance[problem.mask])))
+    factor = median / float(np.median(np.exp(log_distance[problem.mask])))
     gain = problem.photometry.gain
     assert gain is not None  # a problem's gain is always chosen
     return replace(problem, photometry=replace(problem.photometry, gain=gain * factor**2))

@@ -1,5 +1,7 @@
 """`run` and a solver that does what it is told."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -117,6 +119,18 @@ def test_what_cannot_be_answered_is_raised_and_everyone_is_closed(problem, steps
     assert (first.closed, second.closed, script.closed) == (1, 1, True)
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_an_observer_that_fails_to_close_keeps_no_other_open(problem, order):
+    class Stuck(Watcher):
+        def close(self):
+            raise RuntimeError("stuck")
+
+    script, watcher = Script(problem, 0.5, 0.1), Watcher()
+    with pytest.raises(RuntimeError, match="stuck"):
+        el.run(script(), [watcher, Stuck()][::order])
+    assert (watcher.closed, script.closed) == (1, True)
+
+
 def test_an_interrupt_in_the_observer_keeps_the_first_iterate(problem):
     script = Script(problem, 0.5, 0.1)
     result = el.run(script(), [Watcher(0, KeyboardInterrupt)])
@@ -138,8 +152,6 @@ def test_history_tells_each_step(problem):
 
 
 def test_time_spent_by_observers_does_not_count(problem):
-    import time
-
     result = el.run(Script(problem, 0.5, 0.1)(), [lambda iterate: time.sleep(0.2)])
     assert result.seconds < 0.2
 
