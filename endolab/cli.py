@@ -114,7 +114,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
         replace(calibration, photometry=rendered.photometry).save(folder / "endoscope.json")
         save_depth(folder / "truth.npz", rendered.distance, rendered.z, rendered.normals, rendered.mask, True)
     known = rendered.distance[rendered.mask]
-    print(f"{arguments.scene}: {known.min():.1f} to {known.max():.1f} mm, mean {known.mean():.1f} mm")
+    print(f"{arguments.scene}: {known.min():.1f} to {known.max():.1f} mm, median {np.median(known):.1f} mm")
     print(f"written to {arguments.out}: endoscope.json, frame.png, truth.npz")
 
 
@@ -141,6 +141,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
 
     depth = _read_maps(arguments.depth)
     distance = depth["distance"].astype(np.float64)
+    distance[~(distance > 0)] = np.nan
     cos_alpha = depth["z"] / distance
     true_normals = None
     if arguments.truth.endswith(".npz"):

@@ -124,7 +124,8 @@ def _true_distance(z: FloatArray, known: BoolArray, calibration: Calibration, pa
         raise ValueError(
             f"{path}: expected {camera.width}x{camera.height} px, found {z.shape[1]}x{z.shape[0]} px"
         )
-    return np.where(known, z, np.nan) / camera.field.cos_alpha
+    forward = np.where(camera.field.cos_alpha > 0, camera.field.cos_alpha, np.nan)
+    return np.where(known, z, np.nan) / forward
 
 
 def c3vd_depth(path: PathLike) -> tuple[FloatArray, BoolArray, BoolArray]:

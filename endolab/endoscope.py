@@ -100,7 +100,7 @@ def _camera(section: _Section) -> Camera:
     size = {}
     for key in ("width", "height"):
         value = section.positive(key)
-        if value != int(value):
+        if value > 100_000 or value != int(value):
             raise section.error(key, f"expected a whole number of pixels, found {value:g}")
         size[key] = int(value)
     values: dict[str, Any] = {}

@@ -66,6 +66,10 @@ def staged_folder(folder: PathLike) -> Iterator[Path]:
         for path in written:
             os.replace(path, target / path.name)
         made.clear()
+    except OSError as error:  # the reader knows nothing of the temporary folder
+        if staging is None or str(staging) not in str(error):
+            raise
+        raise OSError(str(error).replace(str(staging), str(target))) from error
     finally:
         if staging is not None:
             shutil.rmtree(staging, ignore_errors=True)

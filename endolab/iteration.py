@@ -21,6 +21,12 @@ from endolab.operators import BoolArray, FloatArray
 from endolab.surface import normals, points
 
 
+def _frozen(array: np.ndarray) -> np.ndarray:
+    """Make an array read-only: an observer that writes into it would change the result."""
+    array.flags.writeable = False
+    return array
+
+
 class Status(Enum):
     """Why a run ended."""
 
@@ -68,8 +74,9 @@ class Iterate:
         cls, problem: Problem, log_distance: FloatArray, previous: Iterate | None = None, **shown: Mapping
     ) -> Iterate:
         """Make the iterate that follows `previous`: evaluate the energy, freeze the arrays."""
-        v = np.where(problem.mask, log_distance, np.nan)
-        v.flags.writeable = False
+        v = _frozen(np.where(problem.mask, log_distance, np.nan))
+        for array in shown.get("maps", {}).values():
+            _frozen(array)
         change = float("nan")
         if previous is not None:
             change = float(np.sqrt(np.mean((v - previous.log_distance)[problem.mask] ** 2)))
@@ -89,22 +96,22 @@ class Iterate:
     @cached_property
     def distance(self) -> FloatArray:
         """Euclidean distance from the optical centre, (H, W), mm or relative; nan outside the mask."""
-        return np.exp(self.log_distance)
+        return _frozen(np.exp(self.log_distance))
 
     @cached_property
     def z(self) -> FloatArray:
         """z of the surface, (H, W), mm or relative; nan outside the mask."""
-        return self.distance * self.problem.field.cos_alpha
+        return _frozen(self.distance * self.problem.field.cos_alpha)
 
     @cached_property
     def normals(self) -> FloatArray:
         """Unit normals in the camera frame, towards the camera, (H, W, 3); nan outside the mask."""
-        return normals(self.log_distance, self.problem.field, self.mask)
+        return _frozen(normals(self.log_distance, self.problem.field, self.mask))
 
     @cached_property
     def points(self) -> FloatArray:
         """Surface points in the camera frame, (H, W, 3), mm or relative; nan outside the mask."""
-        return points(self.log_distance, self.problem.field)
+        return _frozen(points(self.log_distance, self.problem.field))
 
 
 Observer = Callable[[Iterate], bool | None]
@@ -239,5 +246,5 @@ def run(iterates: Solver, observers: Iterable[Observer] = (), max_iterations: in
                 if hasattr(observer, "close"):
                     ending.callback(observer.close)
     if best is None or last is None:
-        raise ValueError("the solver produced no depth map: its first iterate is not finite")
+        raise ValueError("the solver produced no depth map that is finite")
     return Result(last if status is Status.CONVERGED else best, status, history, seconds)

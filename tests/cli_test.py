@@ -228,7 +228,7 @@ def test_evaluate_reads_a_data_sets_depth_map(work, sim, tmp_path, capsys):
         (["--width", "0"], "cannot shrink 160x120 px to 0x1 px"),
         (["--width", "161"], "cannot shrink 160x120 px to 161x121 px"),
         (["--smooth", "-1"], "smooth must be finite and at least 0"),
-        (["--smooth", "1e9"], "smooth"),
+        (["--smooth", "1e9"], "smooth must not exceed the frame's width of 160 px"),
         (["--bogus"], "unrecognized arguments: --bogus"),
     ],
 )

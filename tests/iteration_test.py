@@ -87,7 +87,8 @@ def test_any_other_end_gives_the_iterate_of_least_energy(problem, status, option
     script = Script(problem, *steps, *more, end=options.get("end", el.Status.CONVERGED))
     first, second = Watcher(options.get("at"), options.get("answer")), Watcher()
     with np.errstate(over="ignore", invalid="ignore"):
-        result = el.run(script(), [first, second], options.get("max_iterations"))
+        solver = script()  # kept, so that it is not closed for want of a name
+        result = el.run(solver, [first, second], options.get("max_iterations"))
     assert result.status is status
     assert result.iterate is script.iterates[1]
     assert result.iterations == 2
@@ -114,8 +115,9 @@ def test_no_steps_are_allowed(problem):
 )
 def test_what_cannot_be_answered_is_raised_and_everyone_is_closed(problem, steps, at, answer, error):
     script, first, second = Script(problem, *steps), Watcher(at, answer), Watcher()
+    solver = script()
     with pytest.raises(error):
-        el.run(script(), [first, second])
+        el.run(solver, [first, second])
     assert (first.closed, second.closed, script.closed) == (1, 1, True)
 
 
@@ -126,8 +128,9 @@ def test_an_observer_that_fails_to_close_keeps_no_other_open(problem, order):
             raise RuntimeError("stuck")
 
     script, watcher = Script(problem, 0.5, 0.1), Watcher()
+    solver = script()
     with pytest.raises(RuntimeError, match="stuck"):
-        el.run(script(), [watcher, Stuck()][::order])
+        el.run(solver, [watcher, Stuck()][::order])
     assert (watcher.closed, script.closed) == (1, True)
 
 
