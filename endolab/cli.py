@@ -183,12 +183,13 @@ def _evaluate(arguments: argparse.Namespace) -> None:
 
 
 def _lab(arguments: argparse.Namespace) -> None:
-    notebooks = Path(__file__).resolve().parents[1] / "notebooks"
-    if not notebooks.is_dir():
-        raise FileNotFoundError(f"{notebooks}: there are no notebooks; run this from a checkout of endolab")
+    checkout = Path(__file__).resolve().parents[1]  # the root, since notebooks link to the code
+    if not (checkout / "notebooks").is_dir():
+        raise FileNotFoundError(f"{checkout}: there are no notebooks; run this from a checkout of endolab")
     # The viewer's assets then come from this machine; it must be set before rerun is imported.
     environment = os.environ | {"RERUN_NOTEBOOK_ASSET": os.environ.get("RERUN_NOTEBOOK_ASSET", "serve-local")}
-    command = [sys.executable, "-m", "jupyterlab", "--notebook-dir", str(notebooks), *arguments.jupyter]
+    command = [sys.executable, "-m", "jupyterlab", f"--notebook-dir={checkout}"]
+    command += ["--LabApp.default_url=/lab/tree/notebooks", *arguments.jupyter]
     raise SystemExit(subprocess.call(command, env=environment))
 
 

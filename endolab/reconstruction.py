@@ -166,7 +166,8 @@ def reconstruct(
     max_iterations : int, optional
         The most steps to take.
     **options
-        Passed to the solver.
+        `epsilon` and `threshold` of the energy, see `Problem`; others are the solver's own, such as
+        `snapshots` and `inflow` of `fast_marching`.
 
     Returns
     -------

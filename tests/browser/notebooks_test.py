@@ -104,6 +104,9 @@ def test_a_notebook_runs_in_the_browser(lab, browser, notebook, tmp_path):
         page.wait_for_timeout(500)
     page.screenshot(path=Path(os.environ.get("ENDOLAB_SCREENSHOTS", tmp_path)) / f"{notebook.stem}.png")
     assert state["complaints"] == []
+    # What goes wrong behind a slider is shown in the slider's own output, not in the cell's.
+    complaints = page.locator('[data-mime-type$=".stderr"], [data-mime-type$=".error"]')
+    assert complaints.all_inner_texts() == []
     assert state["waiting"] == 0, f"{state['waiting']} of {state['cells']} cells did not end"
     assert state["pictures"] > 0
     page.close()
