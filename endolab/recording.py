@@ -104,7 +104,6 @@ class Recorder:
                 pass
         except OSError as error:
             raise OSError(f"cannot write the recording {self._path}: {error.strerror or error}") from error
-        self._memory = rr.binary_stream(self.stream)
 
     def __call__(self, iterate: Iterate) -> None:
         """Log one iterate."""
@@ -112,6 +111,9 @@ class Recorder:
             raise ValueError("the recording is closed")
         if self._viewer is not None and self._viewer.poll() is not None:
             return  # the user has closed the window; the run goes on
+        if self._last is None and self._path is not None:
+            # Not before there is something to keep: Rerun complains of a memory that nobody reads.
+            self._memory = rr.binary_stream(self.stream)
         self.stream.set_time(TIMELINE, sequence=iterate.k)
         if self._last is None:
             self._begin(iterate)

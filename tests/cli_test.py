@@ -453,3 +453,13 @@ def test_it_runs_as_a_module(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     for word in ("reconstruct", "simulate", "evaluate"):
         assert word in done.stdout
+
+
+def test_a_refusal_is_one_line_also_from_what_is_not_python(sim, tmp_path):
+    """Libraries that write to stderr by themselves are seen only from outside the process."""
+    command = [sys.executable, "-m", "endolab", "reconstruct", str(sim / "frame.png"), "--solver", "none"]
+    command += ["--calibration", str(sim / "endoscope.json"), "--out", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "endolab: unknown solver 'none'; choose facing, fast_marching\n"
+    assert not (tmp_path / "out").exists()
