@@ -6,6 +6,9 @@
 derivatives are per 1/320 of the picture's width, so that one λ serves all ξ, units and sizes
 (paper, Section V; conventions in README.md). What solvers minimise, recordings show and tests
 check is this function.
+
+Normals in the model are from central differences of v, and from two pixels where a neighbour
+is missing: then the normal equations couple no pixels further apart than the Hessian's do.
 """
 
 from __future__ import annotations
@@ -16,7 +19,16 @@ from functools import cached_property
 import numpy as np
 
 from endolab.cameras import Camera
-from endolab.operators import BoolArray, FloatArray, forward_gradient, gradient, hessian
+from endolab.operators import (
+    BoolArray,
+    FloatArray,
+    forward_gradient,
+    forward_gradient_adjoint,
+    gradient,
+    gradient_adjoint,
+    hessian,
+    hessian_adjoint,
+)
 from endolab.penalties import huber
 from endolab.photometry import Photometry
 from endolab.rays import RayField
@@ -53,6 +65,9 @@ class Problem:
         Where the data's Huber penalty becomes a line; stored value, positive.
     metric : bool
         Whether distances are in mm; else in relative units.
+    cuts : (2, H, W) bool array, optional
+        Steps from a pixel to its right and its lower neighbour over which the surface is torn, as
+        at an occluding contour: no derivative and no march takes them.
     picture : (H, W) or (H, W, 3) float array, optional
         The frame as it looked, for people.
     settings : dict
@@ -69,6 +84,7 @@ class Problem:
     epsilon: float = 1e-4
     threshold: float = 0.05
     metric: bool = True
+    cuts: BoolArray | None = None
     picture: FloatArray | None = None
     settings: dict[str, object] = field(default_factory=dict)
 
@@ -86,6 +102,8 @@ class Problem:
         for name in ("image", "mask"):
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, the camera {shape}")
+        if self.cuts is not None and self.cuts.shape != (2, *shape):
+            raise ValueError(f"cuts have shape {self.cuts.shape}, expected {(2, *shape)}")
 
     @property
     def field(self) -> RayField:
@@ -110,8 +128,14 @@ class Problem:
         size = np.linalg.norm(forward_gradient(self.image, self.mask), axis=0) * scale
         return np.exp(-size / EDGE_SCALE)
 
+    @property
+    def derivative_scale(self) -> float:
+        """What a derivative of ξ per pixel is multiplied by: (W/320)^order."""
+        return (self.camera.width / REFERENCE_WIDTH) ** (1 if self.regulariser == "first" else 2)
+
     @cached_property
-    def _xi_median(self) -> float:
+    def xi_median(self) -> float:
+        """ξ̃, the median of ξ at the start d₀."""
         start = to_xi(self.log_facing, self.xi, self.field.cos_alpha)
         return float(np.median(start[self.mask]))
 
@@ -130,9 +154,22 @@ def model_image(problem: Problem, log_distance: FloatArray) -> FloatArray:
     (H, W) float array
         Stored values; nan outside the mask.
     """
-    tan2 = slant(*gradient(log_distance, problem.mask), problem.field)
+    tan2 = slant(*gradient(log_distance, problem.mask, problem.cuts, edge_order=1), problem.field)
     predicted = problem.photometry.shade(log_distance, tan2, problem.field.cos_alpha)[0]
     return np.where(problem.mask, predicted, np.nan)
+
+
+def _scaled_xi(problem: Problem, log_distance: FloatArray) -> FloatArray:
+    """Return ξ/ξ̃, 0 outside the mask."""
+    xi = to_xi(np.where(problem.mask, log_distance, 0.0), problem.xi, problem.field.cos_alpha)
+    return np.where(problem.mask, xi, 0.0) / problem.xi_median
+
+
+def _roughness(problem: Problem, xi: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """D ξ/ξ̃ in the energy's unit, (2 or 3, H, W), and its norm, (H, W)."""
+    operator = forward_gradient if problem.regulariser == "first" else hessian
+    derivative = operator(xi, problem.mask, problem.cuts) * problem.derivative_scale
+    return derivative, np.linalg.norm(derivative, axis=0)
 
 
 def energy_terms(problem: Problem, log_distance: FloatArray) -> dict[str, float]:
@@ -151,12 +188,100 @@ def energy_terms(problem: Problem, log_distance: FloatArray) -> dict[str, float]
     """
     mask, count = problem.mask, int(problem.mask.sum())
     residual = model_image(problem, log_distance)[mask] - problem.image[mask]
-    xi = to_xi(np.where(mask, log_distance, 0.0), problem.xi, problem.field.cos_alpha) / problem._xi_median
-    order, operator = (1, forward_gradient) if problem.regulariser == "first" else (2, hessian)
-    scale = (problem.camera.width / REFERENCE_WIDTH) ** order
-    size = np.linalg.norm(operator(xi, mask), axis=0) * scale
+    size = _roughness(problem, _scaled_xi(problem, log_distance))[1]
     roughness = problem.edge_weight * huber(size, problem.epsilon) / problem.epsilon
     return {
         "data": float(huber(residual, problem.threshold).sum() / count),
         "regulariser": float(problem.lam * roughness[mask].sum() / count),
     }
+
+
+@dataclass(frozen=True)
+class GaussNewtonModel:
+    """The energy around a depth map, as a quadratic: what one Gauss-Newton step minimises.
+
+    Both Huber penalties are replaced by the parabolas that touch them (iteratively reweighted
+    least squares), the model image by its linearisation
+
+        I_model(v + δ) ≈ I_model(v) + a δ + b·∇δ,    a = ∂I/∂v = -2 I/γ,   b = 2 ∂I/∂P G⁻¹ ∇v.
+
+    All arrays are (H, W) and 0 outside the mask.
+
+    Attributes
+    ----------
+    residual : array
+        I_model - I.
+    by_v, by_v_u, by_v_v : arrays
+        a and the two components of b.
+    data_weight : array
+        IRLS weight of the residual.
+    xi, xi_slope : arrays
+        ξ/ξ̃ and its derivative by v.
+    smoothness : array
+        Weight of |D ξ|² per pixel: λ g s² / max(‖D ξ‖, ε), s the energy's derivative scale.
+    """
+
+    problem: Problem
+    residual: FloatArray
+    by_v: FloatArray
+    by_v_u: FloatArray
+    by_v_v: FloatArray
+    data_weight: FloatArray
+    xi: FloatArray
+    xi_slope: FloatArray
+    smoothness: FloatArray
+
+    @classmethod
+    def at(cls, problem: Problem, log_distance: FloatArray) -> GaussNewtonModel:
+        """Linearise around v = log d, (H, W)."""
+        mask, field = problem.mask, problem.field
+        guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
+        f_u, f_v = gradient(log_distance, mask, problem.cuts, edge_order=1)
+        shade = problem.photometry.shade(log_distance, slant(f_u, f_v, field), field.cos_alpha)
+        intensity, by_v, by_slant = shade
+        residual = intensity - problem.image
+        xi = _scaled_xi(problem, log_distance)
+        size = _roughness(problem, xi)[1]
+        smoothness = problem.lam * problem.edge_weight * problem.derivative_scale**2
+        pieces = (
+            residual,
+            by_v,
+            2 * by_slant * (guu * f_u + guv * f_v),
+            2 * by_slant * (guv * f_u + gvv * f_v),
+            1 / np.maximum(np.abs(residual) / problem.threshold, 1.0),
+            xi,
+            xi if problem.xi == "d" else -xi,
+            smoothness / np.maximum(size, problem.epsilon),
+        )
+        return cls(problem, *(np.where(mask, piece, 0.0) for piece in pieces))
+
+    @property
+    def gradient(self) -> FloatArray:
+        """Derivative of the energy by v, (H, W)."""
+        smooth = self.xi_slope * self._smooth(self.xi)
+        return (self._data_adjoint(self.data_weight * self.residual) + smooth) / self._count
+
+    def multiply(self, delta: FloatArray) -> FloatArray:
+        """Matrix of the quadratic times a change of v, (H, W) to (H, W)."""
+        problem = self.problem
+        delta_u, delta_v = gradient(delta, problem.mask, problem.cuts, edge_order=1)
+        change = self.by_v * delta + self.by_v_u * delta_u + self.by_v_v * delta_v
+        data = self._data_adjoint(self.data_weight * np.where(problem.mask, change, 0.0))
+        return (data + self.xi_slope * self._smooth(self.xi_slope * delta)) / self._count
+
+    @property
+    def _count(self) -> int:
+        return int(self.problem.mask.sum())
+
+    def _data_adjoint(self, residual: FloatArray) -> FloatArray:
+        around = (self.by_v_u * residual, self.by_v_v * residual)
+        return self.by_v * residual + gradient_adjoint(*around, self.problem.mask, self.problem.cuts)
+
+    def _smooth(self, xi: FloatArray) -> FloatArray:
+        """Dᵀ (smoothness · D ξ)."""
+        first = self.problem.regulariser == "first"
+        operator, adjoint = (
+            (forward_gradient, forward_gradient_adjoint) if first else (hessian, hessian_adjoint)
+        )
+        where = (self.problem.mask, self.problem.cuts)
+        return adjoint(self.smoothness * operator(xi, *where), *where)
