@@ -71,9 +71,14 @@ class Iterate:
 
     @classmethod
     def of(
-        cls, problem: Problem, log_distance: FloatArray, previous: Iterate | None = None, **shown: Mapping
+        cls,
+        problem: Problem,
+        log_distance: FloatArray,
+        previous: Iterate | None = None,
+        terms: Mapping[str, float] | None = None,
+        **shown: Mapping,
     ) -> Iterate:
-        """Make the iterate that follows `previous`: evaluate the energy, freeze the arrays."""
+        """Make the iterate that follows `previous`: evaluate the energy if not known, freeze the arrays."""
         v = _frozen(np.where(problem.mask, log_distance, np.nan))
         for array in shown.get("maps", {}).values():
             _frozen(array)
@@ -81,7 +86,7 @@ class Iterate:
         if previous is not None:
             change = float(np.sqrt(np.mean((v - previous.log_distance)[problem.mask] ** 2)))
         k = 0 if previous is None else previous.k + 1
-        return cls(problem, k, v, energy_terms(problem, v), change, **shown)
+        return cls(problem, k, v, energy_terms(problem, v) if terms is None else terms, change, **shown)
 
     @property
     def energy(self) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 from endolab.depth.energy import Problem
 from endolab.depth.fast_marching import fast_marching
+from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.initial import facing
 from endolab.iteration import Observer, Result, Solver, run
 from endolab.preprocess import Frame, field_of_view, noise_level, smooth_light, usable
@@ -17,8 +18,12 @@ from endolab.preprocess import Frame, field_of_view, noise_level, smooth_light, 
 if TYPE_CHECKING:
     from endolab.endoscope import Calibration
 
-SOLVERS: dict[str, Callable[..., Solver]] = {"facing": facing, "fast_marching": fast_marching}
-DEFAULT_SOLVER = "fast_marching"
+SOLVERS: dict[str, Callable[..., Solver]] = {
+    "facing": facing,
+    "fast_marching": fast_marching,
+    "gauss_newton": gauss_newton,
+}
+DEFAULT_SOLVER = "gauss_newton"
 
 
 def _checked_solver(name: str) -> Callable[..., Solver]:
@@ -37,7 +42,7 @@ def pose(
     xi: str = "1/d",
     regulariser: str = "second",
     lam: float = 1.0,
-    epsilon: float = 1e-4,
+    epsilon: float = 1e-3,
     threshold: float = 0.05,
 ) -> Problem:
     """Turn a frame and a calibration into the problem that solvers take.

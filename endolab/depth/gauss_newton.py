@@ -1,0 +1,188 @@
+"""Gauss-Newton on the energy: the default solver.
+
+Each step replaces both Huber penalties by the parabolas that touch them and the model by its
+linearisation, normals included, and solves the quadratic that results (`energy.GaussNewtonModel`)
+by conjugate gradients with a multigrid preconditioner. A step is halved until the energy falls,
+so the energies of the iterates fall, always.
+
+A fast march explains the frame, but takes the surface to face the camera where it enters the
+picture, at the border and behind contours. The true values there are whatever makes the surface
+smoothest, and what is smooth is seen on a coarse grid as well as on a fine one. So the frame is
+solved on ever finer grids: on the coarsest λ falls to its value from ten times that; every finer
+one marches from the values that the coarser one found where the march enters, and takes a few
+steps. What is left for the frame's own pixels is to be done in two or three.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from endolab.depth.energy import Problem
+from endolab.depth.grid import Grid
+from endolab.depth.multigrid import Multigrid, inner, padded
+from endolab.iteration import Iterate, Solver, Status
+from endolab.operators import FloatArray
+
+LONGEST = 0.5  # of a step, in log d: a factor of 1.65 in distance
+SHORTEST = 2.0**-6  # share of a step below which the search along it gives up
+DAMPING = 1e-3  # added to the diagonal, as a share of what the data put there without slant
+PRECISION, MOST = 0.1, 20  # of the inner solver: residual left, steps
+COARSEST = 24  # rows and columns of the coarsest grid, at least
+CONTINUATION = (10.0, 3.0, 1.0)  # multiples of λ on the coarsest grid
+STEPS = 4  # on each of the coarser grids
+
+
+@dataclass(frozen=True)
+class _State:
+    """A map on a grid, its energy, and how the last step came there."""
+
+    grid: Grid
+    v: FloatArray
+    lam: float
+    terms: dict[str, float]
+    share: float = 1.0  # of the last step that was taken; 0 if no share lowered the energy
+    promise: float = np.inf  # how much the last quadratic promised that the energy would fall
+    steps: int = 0  # of the inner solver
+
+    @classmethod
+    def at(cls, grid: Grid, v: FloatArray, lam: float) -> _State:
+        return cls(grid, v, lam, grid.terms(v, lam))
+
+    @property
+    def energy(self) -> float:
+        return sum(self.terms.values())
+
+    @property
+    def scalars(self) -> dict[str, float]:
+        return {"step": self.share, "damping": DAMPING, "inner": float(self.steps)}
+
+    def has_converged(self, tolerance: float) -> bool:
+        return self.promise <= tolerance * self.energy
+
+    def stepped(self) -> _State:
+        """Take one Gauss-Newton step, halved until the energy falls."""
+        coefficients, descent = self.grid.linearised(self.v, self.lam)
+        delta, steps, _ = Multigrid(coefficients, DAMPING).solve(descent, PRECISION, MOST)
+        promise = 0.5 * float(np.vdot(descent, delta)) / int(self.grid.active.sum())
+        delta = np.clip(delta, -LONGEST, LONGEST)
+        share = 1.0
+        while share >= SHORTEST:
+            there = self.v + share * delta
+            terms = self.grid.terms(there, self.lam)
+            if sum(terms.values()) < self.energy:
+                return _State(self.grid, there, self.lam, terms, share, promise, steps)
+            share /= 2
+        return _State(self.grid, self.v, self.lam, self.terms, 0.0, promise, steps)
+
+    def descended(self, tolerance: float) -> _State:
+        """Take up to `STEPS` steps."""
+        state = self
+        for _ in range(STEPS):
+            state = state.stepped()
+            if state.share == 0 or state.has_converged(tolerance):
+                break
+        return state
+
+
+def _guesses(grids: list[Grid], tolerance: float) -> Generator[FloatArray, None, None]:
+    """Maps for the finest grid, as found on ever finer grids but the finest."""
+    lam, guess = grids[0].problem.lam, None
+    for level in range(len(grids) - 1, 0, -1):
+        v = grids[level].march(guess)
+        for factor in CONTINUATION if guess is None else (1.0,):
+            v = _State.at(grids[level], v, factor * lam).descended(tolerance).v
+        guess = v
+        for coarse in range(level, 0, -1):
+            v = grids[coarse].finer(v, grids[coarse - 1])
+            guess = v if coarse == level else guess
+        yield v
+
+
+def gauss_newton(
+    problem: Problem,
+    start: FloatArray | None = None,
+    inflow: FloatArray | None = None,
+    tolerance: float = 3e-3,
+    max_iterations: int = 30,
+) -> Solver:
+    """Minimise the energy by Gauss-Newton steps; see the head of this file.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any camera, mask and cuts.
+    start : (H, W) float array, optional
+        log d to start from, of an earlier result say; then there is no march and no coarse grid.
+    inflow : (H, W) float array, optional
+        log d where it is known, nan elsewhere; it is kept.
+    tolerance : float
+        The run has converged when a step promises to lower the energy by no more than this share.
+    max_iterations : int
+        The most iterates after the start.
+
+    Yields
+    ------
+    Iterate
+        The start, or d₀; what each coarse grid makes of the frame, as long as its energy is lower;
+        the march at full size; then one for each step, with the scalars "step" (share of the
+        Gauss-Newton step that was taken), "damping" and "inner" (conjugate gradient steps).
+        The energy falls from each to the next.
+
+    Raises
+    ------
+    ValueError
+        If `start` or `inflow` has another shape than the frame or is not finite, or if the
+        problem's BRDF cannot be inverted.
+
+    Notes
+    -----
+    A step costs O(pixels). It ends as STALLED when no share of a step lowers the energy although
+    the quadratic promises more than `tolerance`.
+    """
+    mask = problem.mask
+    for name, given in (("start", start), ("inflow", inflow)):
+        if given is not None and given.shape != mask.shape:
+            raise ValueError(f"{name} has shape {given.shape}, the frame {mask.shape}")
+    if start is not None and not np.isfinite(start[mask]).all():
+        raise ValueError("start must be finite wherever the mask is")
+    if inflow is not None and np.isinf(inflow[mask]).any():
+        raise ValueError("inflow must be finite, or nan where the distance is not known")
+
+    finest = Grid.of(problem, inflow)
+    if start is not None:
+        v = padded(
+            np.where(mask, start if inflow is None else np.where(np.isnan(inflow), start, inflow), 0.0)
+        )
+        state = _State.at(finest, v, problem.lam)
+        iterate = Iterate.of(problem, inner(v), terms=state.terms)
+        yield iterate
+    else:
+        grids = [finest]
+        while min(grids[-1].mask.shape) >= 2 * COARSEST:
+            grids.append(grids[-1].coarser())
+        v = padded(np.where(mask, problem.log_facing, 0.0))
+        iterate = Iterate.of(problem, inner(v), terms=finest.terms(v, problem.lam))
+        yield iterate
+        guess = None
+        for guess in _guesses(grids, tolerance):
+            terms = finest.terms(guess, problem.lam)
+            if sum(terms.values()) < iterate.energy:
+                iterate = Iterate.of(problem, inner(guess), iterate, terms=terms)
+                yield iterate
+        state = _State.at(finest, finest.march(guess), problem.lam)
+        if state.energy < iterate.energy:
+            iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms)
+            yield iterate
+    while iterate.k < max_iterations:
+        state = state.stepped()
+        if state.share == 0:
+            return Status.CONVERGED if state.has_converged(tolerance) else Status.STALLED
+        if state.energy < iterate.energy:
+            iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms, scalars=state.scalars)
+            yield iterate
+        if state.has_converged(tolerance):
+            return Status.CONVERGED
+    return Status.MAX_ITERATIONS

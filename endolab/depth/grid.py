@@ -1,0 +1,201 @@
+"""A problem on a grid of its own or fewer pixels, and the way from one grid to the next.
+
+A `Grid` keeps what the compiled energy needs of a `Problem` in padded arrays (see
+`multigrid.py`), such that a grid of half the rows and columns has the same form: block means,
+and a metric in its own pixels. Maps of log-distance go down as means too; up by their own
+gradient, which is right to the second order to the very rim and never reaches over a cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from endolab.depth.compiled import differences, fill_xi, linearise, shading_table, sums
+from endolab.depth.energy import Problem
+from endolab.depth.fast_marching import _advance, _March, kernel
+from endolab.depth.multigrid import PAD, Coefficients, blocks, halved_links, inner, padded, padded_all
+from endolab.operators import BoolArray, FloatArray, links
+
+
+@kernel
+def _finer(v: FloatArray, link: Any, out: FloatArray) -> None:
+    """Values of the pixels of every 2×2 block, from the block's value and gradient; out is not padded."""
+    for row in range(out.shape[0]):
+        for column in range(out.shape[1]):
+            i, j = PAD + row // 2, PAD + column // 2
+            along_u, along_v = differences(v, link, i, j)
+            out[row, column] = v[i, j] + (column % 2 - 0.5) / 2 * along_u + (row % 2 - 0.5) / 2 * along_v
+
+
+@kernel
+def _enters(v: FloatArray, metric: Any, active: Any, link: Any, out: Any) -> None:
+    """Mark the pixels where a march downstream of v comes over a missing step; out is not padded."""
+    for row in range(out.shape[0]):
+        for column in range(out.shape[1]):
+            i, j = PAD + row, PAD + column
+            u, w = differences(v, link, i, j)
+            up = metric[0, i, j] * u + metric[1, i, j] * w
+            wp = metric[1, i, j] * u + metric[2, i, j] * w
+            from_sides = (up < 0 and not link[0, i, j]) or (up > 0 and not link[0, i, j - 1])
+            from_ends = (wp < 0 and not link[1, i, j]) or (wp > 0 and not link[1, i - 1, j])
+            out[row, column] = active[i, j] and (from_sides or from_ends)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A problem on a grid; arrays are padded unless said otherwise.
+
+    Attributes
+    ----------
+    image : array
+        Stored values.
+    log_scale : array
+        Logarithm of the image of a facing surface at one unit of distance.
+    metric : (3, ...) array
+        uu, uv, vv of G⁻¹, in this grid's pixels squared.
+    factor : array
+        ξ/ξ̃ is this times e^±v.
+    edge : array
+        Edge weight g.
+    active : int8 array
+        The mask.
+    link : (2, ...) int8 array
+        Steps that derivatives take, see `endolab.operators.links`.
+    inflow : (H, W) array, not padded
+        log d where it is given and no unknown, else nan.
+    scale : float
+        What a derivative of ξ per pixel of this grid is multiplied by.
+    table, step
+        See `endolab.depth.compiled.shading_table`.
+    """
+
+    problem: Problem
+    image: FloatArray
+    log_scale: FloatArray
+    metric: FloatArray
+    factor: FloatArray
+    edge: FloatArray
+    active: Any
+    link: Any
+    inflow: FloatArray
+    scale: float
+    table: FloatArray
+    step: float
+
+    @classmethod
+    def of(cls, problem: Problem, inflow: FloatArray | None = None) -> Grid:
+        """Grid of a problem's own pixels."""
+        mask, field = problem.mask, problem.field
+        cos_alpha = np.where(mask, field.cos_alpha, 1.0)
+        return cls(
+            problem,
+            padded(np.where(mask, problem.image, 0.0)),
+            padded(np.log(problem.photometry.shade(0.0, 0.0, cos_alpha)[0])),
+            padded_all(np.where(mask, np.moveaxis(field.inverse_metric, -1, 0), 0.0)),
+            padded((1 / cos_alpha if problem.xi == "1/z" else np.ones(mask.shape)) / problem.xi_median),
+            padded(problem.edge_weight),
+            padded(mask.astype(np.int8)),
+            padded_all(links(mask, problem.cuts).astype(np.int8)),
+            np.full(mask.shape, np.nan) if inflow is None else np.where(mask, inflow, np.nan),
+            problem.derivative_scale,
+            *shading_table(problem.photometry),
+        )
+
+    def coarser(self) -> Grid:
+        """Grid of half the rows and columns."""
+        given = padded(np.isfinite(self.inflow).astype(np.int8))
+        inflow = _block_means(padded(np.nan_to_num(self.inflow)), given)
+        return replace(
+            self,
+            image=self.restrict(self.image),
+            log_scale=self.restrict(self.log_scale),
+            metric=np.stack([self.restrict(one) for one in self.metric]) / 4,
+            factor=self.restrict(self.factor),
+            edge=self.restrict(self.edge),
+            active=padded(blocks(self.active).any(axis=0).astype(np.int8)),
+            link=halved_links(self.link),
+            inflow=np.where(blocks(given).any(axis=0), inflow, np.nan),
+            scale=self.scale / (4 if self._second else 2),
+        )
+
+    def restrict(self, a: FloatArray) -> FloatArray:
+        """Mean of a map over the active pixels of each 2×2 block."""
+        return padded(_block_means(a, self.active))
+
+    def finer(self, v: FloatArray, fine: Grid) -> FloatArray:
+        """A map of this grid on the finer one that it came from."""
+        out = np.empty(fine.mask.shape)
+        _finer(v, self.link, out)
+        return padded(np.where(fine.mask, out, 0.0))
+
+    @property
+    def mask(self) -> BoolArray:
+        """Pixels that take part, (H, W)."""
+        return inner(self.active) > 0
+
+    @property
+    def _second(self) -> bool:
+        return self.problem.regulariser == "second"
+
+    def march(self, guess: FloatArray | None = None) -> FloatArray:
+        """Fast march on this grid.
+
+        Values are taken from the guess where the march enters over a missing step, such as the
+        picture's border, and from `inflow` where that is given.
+        """
+        mask, gamma = self.mask, self.problem.photometry.gamma
+        dark = np.log(np.where(mask, inner(self.image), 1.0))
+        log_facing = np.where(mask, 0.5 * gamma * (inner(self.log_scale) - dark), 0.0)
+        inflow = self.inflow
+        if guess is not None:
+            enters = np.empty(mask.shape, dtype=np.bool_)
+            _enters(guess, self.metric, self.active, self.link, enters)
+            # The facing distance is an upper bound; a guess beyond it would explain nothing.
+            bounded = np.minimum(inner(guess), log_facing)
+            inflow = np.where(np.isnan(inflow) & enters, bounded, inflow)
+        whole = links(mask)
+        cuts = whole & (inner(self.link) == 0) if self.problem.cuts is not None else None
+        y0 = np.exp(2 * log_facing)
+        march = _March.seeded(y0, mask, inflow, cuts)
+        table = self.problem.photometry.slant_table()
+        log_c, log_p = (np.empty(0), np.empty(0)) if table is None else table
+        metric = np.ascontiguousarray(np.moveaxis(inner(self.metric), 0, -1))
+        state = (march.value, march.heap, march.place, march.fixed, march.ways)
+        _advance(mask.size, march.size, *state, y0, metric, log_c, log_p)
+        return padded(np.where(mask, march.log_distance, 0.0))
+
+    def _xi(self, v: FloatArray) -> FloatArray:
+        xi = np.empty_like(v)
+        fill_xi(v, self.factor, self.active, 1.0 if self.problem.xi == "d" else -1.0, xi)
+        return xi
+
+    def _arguments(self) -> tuple[Any, ...]:
+        p = self.problem
+        arrays = (self.image, self.log_scale, self.metric, self.edge, self.active, self.link)
+        model = (p.photometry.gamma, self.table, self.step)
+        return (*arrays, *model, p.threshold, p.epsilon, self.scale, self._second)
+
+    def terms(self, v: FloatArray, lam: float) -> dict[str, float]:
+        """The energy's terms, as `energy_terms` gives them, of the map v."""
+        data, rough = sums(v, self._xi(v), *self._arguments())
+        count = int(self.active.sum())
+        return {"data": data / count, "regulariser": lam * rough / count}
+
+    def linearised(self, v: FloatArray, lam: float) -> tuple[Coefficients, FloatArray]:
+        """Normal equations of a Gauss-Newton step, as of the sum over pixels: matrix, right-hand side."""
+        xi = self._xi(v)
+        by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth = np.zeros((7, *v.shape))
+        out = (by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth)
+        linearise(v, xi, *self._arguments(), lam, *out)
+        slope = xi if self.problem.xi == "d" else -xi
+        free = self.active * padded(np.isnan(self.inflow).astype(np.int8))
+        fields = (by_v, by_v_u, by_v_v, weight, slope, smoothness, self.link, free)
+        return Coefficients(*fields, self._second), (descent - slope * smooth) * free
+
+
+def _block_means(a: FloatArray, inside: Any) -> FloatArray:
+    inside = blocks(inside)
+    return (blocks(a) * inside).sum(axis=0) / np.maximum(inside.sum(axis=0), 1)

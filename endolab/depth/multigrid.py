@@ -1,0 +1,374 @@
+"""Solving the normal equations of a Gauss-Newton step in a time proportional to the pixels.
+
+The matrix couples a pixel to the twelve that the squared central differences and the squared
+Hessian reach: two steps along rows and columns, one along diagonals. It is symmetric, so seven
+numbers a pixel hold it. Conjugate gradients solve it, preconditioned by one V-cycle: a
+Gauss-Seidel sweep forwards, a coarse correction, a sweep backwards. Coarse levels are the same
+equations written down on a grid of half the pixels, from averaged coefficients
+(Briggs, Henson, McCormick, "A multigrid tutorial", 2000, chapters 3 and 10).
+
+Vectors and matrices here are padded by two pixels on every side, so that no loop asks where the
+picture ends. Matrices outside the mask are zero, and so are the vectors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from endolab.depth.fast_marching import kernel
+from endolab.operators import FloatArray
+
+PAD = 2
+CENTRE, E, EE, S, SS, SE, SW = range(7)  # a pixel's own entry and those towards later pixels
+COARSEST = 64  # pixels; there the equations are swept until they are solved
+SWEEPS = 20
+
+
+def padded(a: FloatArray) -> FloatArray:
+    """Return a map with `PAD` zeros around it."""
+    return np.pad(a, PAD)
+
+
+def inner(a: FloatArray) -> FloatArray:
+    """Return a padded map without its padding, as a view."""
+    return a[..., PAD:-PAD, PAD:-PAD]
+
+
+def padded_all(a: Any) -> Any:
+    """Return maps (..., H, W) with `PAD` zeros around each."""
+    return np.pad(a, ((0, 0), (PAD, PAD), (PAD, PAD)))
+
+
+def blocks(a: Any) -> Any:
+    """Return the four pixels (upper left, upper right, lower left, lower right) of every 2×2 block."""
+    a = inner(a)
+    a = np.pad(a, ((0, a.shape[0] % 2), (0, a.shape[1] % 2)))
+    return np.stack([a[i::2, j::2] for i in (0, 1) for j in (0, 1)])
+
+
+def halved_links(link: Any) -> Any:
+    """Links between 2×2 blocks: where at least one pair of their pixels is linked."""
+    right, below = blocks(link[0]), blocks(link[1])
+    return padded_all(np.stack([right[1] | right[3], below[2] | below[3]]))
+
+
+@kernel
+def _others(m: Any, x: FloatArray, i: int, j: int) -> float:
+    """Row of the matrix times x, but for the diagonal and the two pixels to the left."""
+    return (
+        m[E, i, j] * x[i, j + 1]
+        + m[EE, i, j] * x[i, j + 2]
+        + m[S, i, j] * x[i + 1, j]
+        + m[SS, i, j] * x[i + 2, j]
+        + m[SE, i, j] * x[i + 1, j + 1]
+        + m[SW, i, j] * x[i + 1, j - 1]
+        + m[S, i - 1, j] * x[i - 1, j]
+        + m[SS, i - 2, j] * x[i - 2, j]
+        + m[SE, i - 1, j - 1] * x[i - 1, j - 1]
+        + m[SW, i - 1, j + 1] * x[i - 1, j + 1]
+    )
+
+
+@kernel
+def multiply(m: Any, x: FloatArray, out: FloatArray) -> None:
+    """out = M x."""
+    for i in range(PAD, x.shape[0] - PAD):
+        for j in range(PAD, x.shape[1] - PAD):
+            left = m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
+            out[i, j] = m[CENTRE, i, j] * x[i, j] + left + _others(m, x, i, j)
+
+
+@kernel
+def residual(m: Any, x: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    """out = b - M x."""
+    for i in range(PAD, x.shape[0] - PAD):
+        for j in range(PAD, x.shape[1] - PAD):
+            left = m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
+            out[i, j] = b[i, j] - (m[CENTRE, i, j] * x[i, j] + left + _others(m, x, i, j))
+
+
+@kernel
+def sweep_forwards(m: Any, inverse: FloatArray, x: FloatArray, b: FloatArray) -> None:
+    """One Gauss-Seidel sweep in reading order."""
+    row = np.empty(x.shape[1])
+    for i in range(PAD, x.shape[0] - PAD):
+        for j in range(PAD, x.shape[1] - PAD):
+            row[j] = b[i, j] - _others(m, x, i, j)
+        for j in range(PAD, x.shape[1] - PAD):
+            left = m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
+            x[i, j] = (row[j] - left) * inverse[i, j]
+
+
+@kernel
+def sweep_backwards(m: Any, inverse: FloatArray, x: FloatArray, b: FloatArray) -> None:
+    """One Gauss-Seidel sweep against reading order: the adjoint of the other."""
+    row = np.empty(x.shape[1])
+    for i in range(x.shape[0] - PAD - 1, PAD - 1, -1):
+        for j in range(PAD, x.shape[1] - PAD):
+            left = m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
+            right = m[E, i, j] * x[i, j + 1] + m[EE, i, j] * x[i, j + 2]
+            row[j] = b[i, j] - left - (_others(m, x, i, j) - right)
+        for j in range(x.shape[1] - PAD - 1, PAD - 1, -1):
+            right = m[E, i, j] * x[i, j + 1] + m[EE, i, j] * x[i, j + 2]
+            x[i, j] = (row[j] - right) * inverse[i, j]
+
+
+@kernel
+def restrict(active: Any, r: FloatArray, coarse: Any, out: FloatArray) -> None:
+    """Adjoint of `prolong_add`."""
+    out[:] = 0.0
+    for i in range(PAD, r.shape[0] - PAD):
+        ci, ni = PAD + (i - PAD) // 2, 1 if (i - PAD) % 2 else -1
+        for j in range(PAD, r.shape[1] - PAD):
+            if active[i, j]:
+                cj, nj = PAD + (j - PAD) // 2, 1 if (j - PAD) % 2 else -1
+                a, b = 9.0 * coarse[ci, cj], 3.0 * coarse[ci + ni, cj]
+                c, d = 3.0 * coarse[ci, cj + nj], 1.0 * coarse[ci + ni, cj + nj]
+                share = r[i, j] / (a + b + c + d)
+                out[ci, cj] += a * share
+                out[ci + ni, cj] += b * share
+                out[ci, cj + nj] += c * share
+                out[ci + ni, cj + nj] += d * share
+
+
+@kernel
+def prolong_add(active: Any, x: FloatArray, coarse: Any, step: FloatArray) -> None:
+    """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
+    for i in range(PAD, x.shape[0] - PAD):
+        ci, ni = PAD + (i - PAD) // 2, 1 if (i - PAD) % 2 else -1
+        for j in range(PAD, x.shape[1] - PAD):
+            if active[i, j]:
+                cj, nj = PAD + (j - PAD) // 2, 1 if (j - PAD) % 2 else -1
+                a, b = 9.0 * coarse[ci, cj], 3.0 * coarse[ci + ni, cj]
+                c, d = 3.0 * coarse[ci, cj + nj], 1.0 * coarse[ci + ni, cj + nj]
+                value = a * step[ci, cj] + b * step[ci + ni, cj]
+                value += c * step[ci, cj + nj] + d * step[ci + ni, cj + nj]
+                x[i, j] += value / (a + b + c + d)
+
+
+@kernel
+def _add_pair(m: Any, i: int, j: int, direction: int, value: float) -> None:
+    m[direction, i, j] += value
+
+
+@kernel
+def assemble(
+    by_v: FloatArray,
+    by_v_u: FloatArray,
+    by_v_v: FloatArray,
+    weight: FloatArray,
+    slope: FloatArray,
+    smoothness: FloatArray,
+    link: Any,
+    second: bool,
+    m: Any,
+) -> None:
+    """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; all arrays padded.
+
+    A pixel's row of J is a + b·∇ with the mean of the differences that `link` allows, D is the
+    forward gradient or the Hessian, X the slope of ξ.
+    """
+    m[:] = 0.0
+    root2 = np.sqrt(2.0)
+    for i in range(PAD, by_v.shape[0] - PAD):
+        for j in range(PAD, by_v.shape[1] - PAD):
+            right, left = link[0, i, j], link[0, i, j - 1]
+            below, above = link[1, i, j], link[1, i - 1, j]
+            w = weight[i, j]
+            if w > 0:
+                u = by_v_u[i, j] / max(right + left, 1)
+                v = by_v_v[i, j] / max(below + above, 1)
+                c = by_v[i, j] + u * (left - right) + v * (above - below)
+                e, we, s, n = u * right, -u * left, v * below, -v * above
+                m[CENTRE, i, j] += w * c * c
+                m[CENTRE, i, j + 1] += w * e * e
+                m[CENTRE, i, j - 1] += w * we * we
+                m[CENTRE, i + 1, j] += w * s * s
+                m[CENTRE, i - 1, j] += w * n * n
+                m[E, i, j] += w * c * e
+                m[E, i, j - 1] += w * c * we
+                m[EE, i, j - 1] += w * e * we
+                m[S, i, j] += w * c * s
+                m[S, i - 1, j] += w * c * n
+                m[SS, i - 1, j] += w * s * n
+                m[SE, i - 1, j] += w * n * e
+                m[SW, i - 1, j] += w * n * we
+                m[SE, i, j - 1] += w * we * s
+                m[SW, i, j + 1] += w * e * s
+            q = smoothness[i, j]
+            if q > 0:
+                x = slope[i, j]
+                if second:
+                    if right and left:
+                        e, we, c = slope[i, j + 1], slope[i, j - 1], -2 * x
+                        m[CENTRE, i, j] += q * c * c
+                        m[CENTRE, i, j + 1] += q * e * e
+                        m[CENTRE, i, j - 1] += q * we * we
+                        m[E, i, j] += q * c * e
+                        m[E, i, j - 1] += q * c * we
+                        m[EE, i, j - 1] += q * e * we
+                    if below and above:
+                        s, n, c = slope[i + 1, j], slope[i - 1, j], -2 * x
+                        m[CENTRE, i, j] += q * c * c
+                        m[CENTRE, i + 1, j] += q * s * s
+                        m[CENTRE, i - 1, j] += q * n * n
+                        m[S, i, j] += q * c * s
+                        m[S, i - 1, j] += q * c * n
+                        m[SS, i - 1, j] += q * s * n
+                    if right and below and link[0, i + 1, j] and link[1, i, j + 1]:
+                        c, e = root2 * x, -root2 * slope[i, j + 1]
+                        s, d = -root2 * slope[i + 1, j], root2 * slope[i + 1, j + 1]
+                        m[CENTRE, i, j] += q * c * c
+                        m[CENTRE, i, j + 1] += q * e * e
+                        m[CENTRE, i + 1, j] += q * s * s
+                        m[CENTRE, i + 1, j + 1] += q * d * d
+                        m[E, i, j] += q * c * e
+                        m[S, i, j] += q * c * s
+                        m[SE, i, j] += q * c * d
+                        m[SW, i, j + 1] += q * e * s
+                        m[S, i, j + 1] += q * e * d
+                        m[E, i + 1, j] += q * s * d
+                else:
+                    if right:
+                        e = slope[i, j + 1]
+                        m[CENTRE, i, j] += q * x * x
+                        m[CENTRE, i, j + 1] += q * e * e
+                        m[E, i, j] -= q * x * e
+                    if below:
+                        s = slope[i + 1, j]
+                        m[CENTRE, i, j] += q * x * x
+                        m[CENTRE, i + 1, j] += q * s * s
+                        m[S, i, j] -= q * x * s
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """What the normal equations are made of; padded arrays, see `assemble`."""
+
+    by_v: FloatArray
+    by_v_u: FloatArray
+    by_v_v: FloatArray
+    weight: FloatArray
+    slope: FloatArray
+    smoothness: FloatArray
+    link: Any
+    active: Any
+    second: bool
+
+    @property
+    def pixels(self) -> int:
+        """Rows times columns, without the padding."""
+        return inner(self.by_v).size
+
+    def matrix(self, damping: float) -> FloatArray:
+        """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
+        m = np.empty((7, *self.by_v.shape))
+        first = (self.by_v, self.by_v_u, self.by_v_v, self.weight)
+        assemble(*first, self.slope, self.smoothness, self.link, self.second, m)
+        m[CENTRE] += damping * self.weight * self.by_v**2
+        return m
+
+    def coarser(self) -> Coefficients:
+        """The same on half the pixels: a derivative per coarse pixel is twice one per fine pixel."""
+        count = np.maximum((blocks(self.weight) > 0).sum(axis=0), 1)
+        share = 1 / (16 if self.second else 4)
+        return Coefficients(
+            by_v=padded(blocks(self.by_v).sum(axis=0) / count),
+            by_v_u=padded(blocks(self.by_v_u).sum(axis=0) / (2 * count)),
+            by_v_v=padded(blocks(self.by_v_v).sum(axis=0) / (2 * count)),
+            weight=padded(blocks(self.weight).sum(axis=0)),
+            slope=padded(blocks(self.slope).sum(axis=0) / count),
+            smoothness=padded(blocks(self.smoothness).sum(axis=0) * share),
+            link=halved_links(self.link),
+            active=padded(blocks(self.active).any(axis=0).astype(np.int8)),
+            second=self.second,
+        )
+
+
+@dataclass(frozen=True)
+class _Level:
+    """One grid: its matrix, and room for a right-hand side, a solution and a residual."""
+
+    matrix: FloatArray
+    inverse: FloatArray  # of the diagonal; 0 where a pixel is held at 0
+    active: Any
+    x: FloatArray
+    b: FloatArray
+    r: FloatArray
+
+    @classmethod
+    def of(cls, coefficients: Coefficients, damping: float) -> _Level:
+        m = coefficients.matrix(damping)
+        held = (coefficients.active == 0) | (m[CENTRE] <= 0)
+        inverse = 1 / np.where(held, np.inf, m[CENTRE])
+        return cls(m, inverse, coefficients.active, *np.zeros((3, *inverse.shape)))
+
+
+class Multigrid:
+    """V-cycles for one set of normal equations.
+
+    Parameters
+    ----------
+    coefficients : Coefficients
+        Of the finest level.
+    damping : float
+        See `Coefficients.matrix`.
+    """
+
+    def __init__(self, coefficients: Coefficients, damping: float = 1e-3) -> None:
+        self.levels = [_Level.of(coefficients, damping)]
+        while coefficients.pixels > COARSEST:
+            coefficients = coefficients.coarser()
+            self.levels.append(_Level.of(coefficients, damping))
+
+    def _cycle(self, depth: int = 0) -> None:
+        """One V-cycle: x of a level from its right-hand side b, starting at nothing."""
+        at = self.levels[depth]
+        at.x[:] = 0.0
+        sweep_forwards(at.matrix, at.inverse, at.x, at.b)
+        if depth + 1 == len(self.levels):
+            for _ in range(SWEEPS):
+                sweep_backwards(at.matrix, at.inverse, at.x, at.b)
+                sweep_forwards(at.matrix, at.inverse, at.x, at.b)
+        else:
+            below = self.levels[depth + 1]
+            residual(at.matrix, at.x, at.b, at.r)
+            restrict(at.active, at.r, below.active, below.b)
+            self._cycle(depth + 1)
+            prolong_add(at.active, at.x, below.active, below.x)
+        sweep_backwards(at.matrix, at.inverse, at.x, at.b)
+
+    def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:
+        """Conjugate gradients on M x = b, in at most `most` steps.
+
+        They end when the preconditioned residual has fallen to `tolerance` of what it was.
+
+        Returns
+        -------
+        x : padded array
+            0 where a pixel is not active, whatever b is there.
+        steps : int
+        remaining : float
+            The share of the residual that is left.
+        """
+        top = self.levels[0]
+        x, r, product, direction = np.zeros_like(b), b.copy(), np.zeros_like(b), np.zeros_like(b)
+        start = last = 1.0
+        for step in range(most + 1):
+            top.b[:] = r
+            self._cycle()
+            now = float(np.vdot(r, top.x))
+            start = now if step == 0 else start
+            remaining = np.sqrt(max(now, 0.0) / start) if start > 0 else 0.0
+            if remaining <= tolerance or step == most:
+                break
+            direction = top.x + (now / last if step else 0.0) * direction
+            last = now
+            multiply(top.matrix, direction, product)
+            length = now / float(np.vdot(direction, product))
+            x += length * direction
+            r -= length * product
+        return x, step, remaining
