@@ -16,7 +16,7 @@ import numpy as np
 from endolab.depth.compiled import differences, fill_xi, linearise, shading_table, sums
 from endolab.depth.energy import Problem
 from endolab.depth.fast_marching import _advance, _March, kernel
-from endolab.depth.multigrid import PAD, Coefficients, blocks, halved_links, inner, padded, padded_all
+from endolab.depth.multigrid import PAD, Coefficients, block_sums, halved, halved_links, inner, padded
 from endolab.operators import BoolArray, FloatArray, links
 
 
@@ -94,11 +94,11 @@ class Grid:
             problem,
             padded(np.where(mask, problem.image, 0.0)),
             padded(np.log(problem.photometry.shade(0.0, 0.0, cos_alpha)[0])),
-            padded_all(np.where(mask, np.moveaxis(field.inverse_metric, -1, 0), 0.0)),
+            padded(np.where(mask, np.moveaxis(field.inverse_metric, -1, 0), 0.0)),
             padded((1 / cos_alpha if problem.xi == "1/z" else np.ones(mask.shape)) / problem.xi_median),
             padded(problem.edge_weight),
             padded(mask.astype(np.int8)),
-            padded_all(links(mask, problem.cuts).astype(np.int8)),
+            padded(links(mask, problem.cuts).astype(np.int8)),
             np.full(mask.shape, np.nan) if inflow is None else np.where(mask, inflow, np.nan),
             problem.derivative_scale,
             *shading_table(problem.photometry),
@@ -107,7 +107,7 @@ class Grid:
     def coarser(self) -> Grid:
         """Grid of half the rows and columns."""
         given = padded(np.isfinite(self.inflow).astype(np.int8))
-        inflow = _block_means(padded(np.nan_to_num(self.inflow)), given)
+        inflow = inner(_block_means(padded(np.nan_to_num(self.inflow)), given))
         return replace(
             self,
             image=self.restrict(self.image),
@@ -115,15 +115,15 @@ class Grid:
             metric=np.stack([self.restrict(one) for one in self.metric]) / 4,
             factor=self.restrict(self.factor),
             edge=self.restrict(self.edge),
-            active=padded(blocks(self.active).any(axis=0).astype(np.int8)),
+            active=halved(self.active),
             link=halved_links(self.link),
-            inflow=np.where(blocks(given).any(axis=0), inflow, np.nan),
+            inflow=np.where(inner(halved(given)) > 0, inflow, np.nan),
             scale=self.scale / (4 if self._second else 2),
         )
 
     def restrict(self, a: FloatArray) -> FloatArray:
         """Mean of a map over the active pixels of each 2×2 block."""
-        return padded(_block_means(a, self.active))
+        return _block_means(a, self.active)
 
     def finer(self, v: FloatArray, fine: Grid) -> FloatArray:
         """A map of this grid on the finer one that it came from."""
@@ -197,5 +197,4 @@ class Grid:
 
 
 def _block_means(a: FloatArray, inside: Any) -> FloatArray:
-    inside = blocks(inside)
-    return (blocks(a) * inside).sum(axis=0) / np.maximum(inside.sum(axis=0), 1)
+    return block_sums(a * inside) / np.maximum(block_sums(inside), 1)

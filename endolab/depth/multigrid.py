@@ -27,32 +27,46 @@ COARSEST = 64  # pixels; there the equations are swept until they are solved
 SWEEPS = 20
 
 
-def padded(a: FloatArray) -> FloatArray:
-    """Return a map with `PAD` zeros around it."""
-    return np.pad(a, PAD)
+def padded(a: Any) -> Any:
+    """Return maps (..., H, W) with `PAD` zeros around each."""
+    out = np.zeros((*a.shape[:-2], a.shape[-2] + 2 * PAD, a.shape[-1] + 2 * PAD), dtype=a.dtype)
+    inner(out)[...] = a
+    return out
 
 
-def inner(a: FloatArray) -> FloatArray:
-    """Return a padded map without its padding, as a view."""
+def inner(a: Any) -> Any:
+    """Return padded maps without their padding, as a view."""
     return a[..., PAD:-PAD, PAD:-PAD]
 
 
-def padded_all(a: Any) -> Any:
-    """Return maps (..., H, W) with `PAD` zeros around each."""
-    return np.pad(a, ((0, 0), (PAD, PAD), (PAD, PAD)))
+@kernel
+def _block_sums(a: Any, out: FloatArray) -> None:
+    for i in range(PAD, out.shape[0] - PAD):
+        for j in range(PAD, out.shape[1] - PAD):
+            row, column = 2 * i - PAD, 2 * j - PAD
+            above = a[row, column] + a[row, column + 1]
+            out[i, j] = above + a[row + 1, column] + a[row + 1, column + 1]
 
 
-def blocks(a: Any) -> Any:
-    """Return the four pixels (upper left, upper right, lower left, lower right) of every 2×2 block."""
-    a = inner(a)
-    a = np.pad(a, ((0, a.shape[0] % 2), (0, a.shape[1] % 2)))
-    return np.stack([a[i::2, j::2] for i in (0, 1) for j in (0, 1)])
+def block_sums(a: Any) -> FloatArray:
+    """Sum of a padded map over every 2×2 block, padded."""
+    height, width = (-(-(size - 2 * PAD) // 2) + 2 * PAD for size in a.shape)
+    out = np.zeros((height, width))
+    _block_sums(a, out)
+    return out
+
+
+def halved(active: Any) -> Any:
+    """Blocks of which at least one pixel is active."""
+    return (block_sums(active) > 0).astype(np.int8)
 
 
 def halved_links(link: Any) -> Any:
     """Links between 2×2 blocks: where at least one pair of their pixels is linked."""
-    right, below = blocks(link[0]), blocks(link[1])
-    return padded_all(np.stack([right[1] | right[3], below[2] | below[3]]))
+    outer = link.copy()  # of the steps from pixel to pixel, those that lead out of a block
+    inner(outer)[0, :, ::2] = 0
+    inner(outer)[1, ::2] = 0
+    return np.stack([halved(outer[0]), halved(outer[1])])
 
 
 @kernel
@@ -79,6 +93,34 @@ def multiply(m: Any, x: FloatArray, out: FloatArray) -> None:
         for j in range(PAD, x.shape[1] - PAD):
             left = m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
             out[i, j] = m[CENTRE, i, j] * x[i, j] + left + _others(m, x, i, j)
+
+
+@kernel
+def _dot(a: FloatArray, b: FloatArray) -> float:
+    total = 0.0
+    for i in range(PAD, a.shape[0] - PAD):
+        row = 0.0
+        for j in range(PAD, a.shape[1] - PAD):
+            row += a[i, j] * b[i, j]
+        total += row
+    return total
+
+
+@kernel
+def _conjugate(z: FloatArray, share: float, direction: FloatArray) -> None:
+    """direction = z + share · direction."""
+    for i in range(z.shape[0]):
+        for j in range(z.shape[1]):
+            direction[i, j] = z[i, j] + share * direction[i, j]
+
+
+@kernel
+def _proceed(length: float, direction: FloatArray, product: FloatArray, x: FloatArray, r: FloatArray) -> None:
+    """x += length · direction, r -= length · product."""
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            x[i, j] += length * direction[i, j]
+            r[i, j] -= length * product[i, j]
 
 
 @kernel
@@ -273,17 +315,17 @@ class Coefficients:
 
     def coarser(self) -> Coefficients:
         """The same on half the pixels: a derivative per coarse pixel is twice one per fine pixel."""
-        count = np.maximum((blocks(self.weight) > 0).sum(axis=0), 1)
+        count = np.maximum(block_sums(self.weight > 0), 1)
         share = 1 / (16 if self.second else 4)
         return Coefficients(
-            by_v=padded(blocks(self.by_v).sum(axis=0) / count),
-            by_v_u=padded(blocks(self.by_v_u).sum(axis=0) / (2 * count)),
-            by_v_v=padded(blocks(self.by_v_v).sum(axis=0) / (2 * count)),
-            weight=padded(blocks(self.weight).sum(axis=0)),
-            slope=padded(blocks(self.slope).sum(axis=0) / count),
-            smoothness=padded(blocks(self.smoothness).sum(axis=0) * share),
+            by_v=block_sums(self.by_v) / count,
+            by_v_u=block_sums(self.by_v_u) / (2 * count),
+            by_v_v=block_sums(self.by_v_v) / (2 * count),
+            weight=block_sums(self.weight),
+            slope=block_sums(self.slope) / count,
+            smoothness=block_sums(self.smoothness) * share,
             link=halved_links(self.link),
-            active=padded(blocks(self.active).any(axis=0).astype(np.int8)),
+            active=halved(self.active),
             second=self.second,
         )
 
@@ -355,20 +397,19 @@ class Multigrid:
             The share of the residual that is left.
         """
         top = self.levels[0]
-        x, r, product, direction = np.zeros_like(b), b.copy(), np.zeros_like(b), np.zeros_like(b)
+        x, direction, product = np.zeros((3, *b.shape))
+        r = top.b  # a cycle leaves its right-hand side alone
+        r[:] = b
         start = last = 1.0
         for step in range(most + 1):
-            top.b[:] = r
             self._cycle()
-            now = float(np.vdot(r, top.x))
+            now = _dot(r, top.x)
             start = now if step == 0 else start
-            remaining = np.sqrt(max(now, 0.0) / start) if start > 0 else 0.0
+            remaining = float(np.sqrt(max(now, 0.0) / start)) if start > 0 else 0.0
             if remaining <= tolerance or step == most:
                 break
-            direction = top.x + (now / last if step else 0.0) * direction
+            _conjugate(top.x, now / last if step else 0.0, direction)
             last = now
             multiply(top.matrix, direction, product)
-            length = now / float(np.vdot(direction, product))
-            x += length * direction
-            r -= length * product
+            _proceed(now / _dot(direction, product), direction, product, x, r)
         return x, step, remaining
