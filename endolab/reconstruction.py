@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import inspect
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import psutil
 
 from endolab.depth.energy import Problem
 from endolab.depth.fast_marching import fast_marching
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.initial import facing
 from endolab.iteration import Observer, Result, Solver, run
+from endolab.operators import BoolArray, FloatArray
 from endolab.preprocess import Frame, field_of_view, noise_level, smooth_light, usable
 
 if TYPE_CHECKING:
@@ -24,12 +27,28 @@ SOLVERS: dict[str, Callable[..., Solver]] = {
     "gauss_newton": gauss_newton,
 }
 DEFAULT_SOLVER = "gauss_newton"
+BYTES_PER_PIXEL = 900  # at the peak of the solver that needs most, the frame's own arrays included
 
 
-def _checked_solver(name: str) -> Callable[..., Solver]:
+def _checked_solver(name: str, options: Mapping[str, Any]) -> Callable[..., Solver]:
+    """Return the solver of that name, if there is one and it has these options."""
     if name not in SOLVERS:
         raise ValueError(f"unknown solver {name!r}; choose {', '.join(SOLVERS)}")
+    known = list(inspect.signature(SOLVERS[name]).parameters)[1:]
+    for option in options:
+        if option not in known:
+            choice = f"it takes {', '.join(known)}" if known else "it takes none"
+            raise ValueError(f"solver {name!r} has no option {option!r}; {choice}")
     return SOLVERS[name]
+
+
+def _check_memory(width: int, height: int) -> None:
+    needed, free = width * height * BYTES_PER_PIXEL, psutil.virtual_memory().available
+    if needed > free:
+        raise MemoryError(
+            f"a frame of {width}x{height} px needs about {needed / 1e9:.1f} GB of memory, "
+            f"{free / 1e9:.1f} GB are free; make it smaller with width="
+        )
 
 
 def pose(
@@ -44,6 +63,7 @@ def pose(
     lam: float = 1.0,
     epsilon: float = 1e-3,
     threshold: float = 0.05,
+    cuts: BoolArray | None = None,
 ) -> Problem:
     """Turn a frame and a calibration into the problem that solvers take.
 
@@ -59,6 +79,7 @@ def pose(
     if width is not None and width != frame.width:
         height = max(1, round(frame.height * width / frame.width))
         frame, camera = frame.resize(width, height, photometry.gamma), camera.resize(width, height)
+    _check_memory(frame.width, frame.height)
     name, image = frame.channel(channel)
     one = photometry.simplified().channel(name)
     seen = frame.mask & camera.field.valid
@@ -85,6 +106,7 @@ def pose(
         epsilon=epsilon,
         threshold=threshold,
         metric=one.gain is not None,
+        cuts=cuts,
         picture=frame.image,
         settings={
             "frame": frame.name,
@@ -109,7 +131,7 @@ def _rescaled(problem: Problem, log_distance: np.ndarray, median: float) -> Prob
 
 def solve(problem: Problem, solver: str = DEFAULT_SOLVER, **options: Any) -> Solver:
     """Iterates of one solver on a problem; the options are the solver's own."""
-    return _checked_solver(solver)(problem, **options)
+    return _checked_solver(solver, options)(problem, **options)
 
 
 def iterate(
@@ -135,6 +157,7 @@ def reconstruct(
     width: int | None = None,
     smooth: float | None = None,
     median_distance: float | None = None,
+    start: Result | None = None,
     observers: Iterable[Observer] = (),
     max_iterations: int | None = None,
     **options: Any,
@@ -148,9 +171,10 @@ def reconstruct(
         frame around what the endoscope shows is found and left out.
     calibration : Calibration
         Camera and photometry of the endoscope, for pictures of that size.
-    solver : {"fast_marching", "facing"}
-        `fast_marching` is one pass to the viscosity solution, `facing` the paper's start d₀.
-        Neither uses the regulariser; it counts in the energy that is reported.
+    solver : {"gauss_newton", "primal_dual", "fast_marching", "facing"}
+        `gauss_newton` minimises the energy, `primal_dual` does so along the paper's path.
+        `fast_marching` is one pass to the viscosity solution, `facing` the paper's start d₀: they
+        do not use the regulariser; it counts in the energy that is reported.
     xi : {"1/z", "d", "1/d"}
         The map that the regulariser sees.
     regulariser : {"first", "second"}
@@ -166,13 +190,16 @@ def reconstruct(
         n being the noise that the picture shows, in grey levels.
     median_distance : float, optional
         Fix the scale so that the median distance is this, mm.
+    start : Result, optional
+        An earlier result of the same frame, to start from: after a small change of λ, say, the
+        next result is a step or two away.
     observers : iterable of callables
         Each is shown every iterate; one that returns True stops the run.
     max_iterations : int, optional
         The most steps to take.
     **options
-        `epsilon` and `threshold` of the energy, see `Problem`; others are the solver's own, such as
-        `snapshots` and `inflow` of `fast_marching`.
+        `epsilon` and `threshold` of the energy and `cuts`, see `Problem`; others are the solver's
+        own, such as `inflow` of `fast_marching` and `gauss_newton`.
 
     Returns
     -------
@@ -184,11 +211,13 @@ def reconstruct(
     ------
     ValueError
         In one sentence, if frame, calibration or an option cannot be used.
+    MemoryError
+        If the problem is too large for this machine, before anything is computed.
     """
-    make = _checked_solver(solver)
+    posing = {key: options.pop(key) for key in ("epsilon", "threshold", "cuts") if key in options}
+    make = _checked_solver(solver, options if start is None else options | {"start": start})
     if median_distance is not None and not (np.isfinite(median_distance) and median_distance > 0):
         raise ValueError(f"median_distance must be positive and finite (mm), got {median_distance}")
-    posing = {key: options.pop(key) for key in ("epsilon", "threshold") if key in options}
     problem = pose(
         frame,
         calibration,
@@ -200,11 +229,25 @@ def reconstruct(
         lam=lam,
         **posing,
     )
+    if start is not None:
+        options["start"] = _started(problem, start)
     if median_distance is not None:
         # Distances scale with √gain and nothing else changes: solve once to learn the factor.
         pilot = run(make(problem, **options), max_iterations=max_iterations)
         problem = replace(_rescaled(problem, pilot.iterate.log_distance, median_distance), metric=True)
+        if start is not None:
+            options["start"] = _started(problem, start)
     settings: dict[str, object] = {"solver": solver, "xi": xi, "regulariser": regulariser, "lam": lam}
-    settings |= posing | {"median_distance": median_distance}
+    settings |= {key: value for key, value in posing.items() if key != "cuts"}
+    settings["median_distance"] = median_distance
     problem = replace(problem, settings=problem.settings | settings)
     return run(make(problem, **options), observers, max_iterations)
+
+
+def _started(problem: Problem, start: Result) -> FloatArray:
+    """Log-distance of an earlier result, at the scale that this problem's gain gives it."""
+    gains = [one.photometry.gain or 1.0 for one in (problem, start.problem)]
+    if start.mask.shape != problem.mask.shape:
+        raise ValueError(f"start has shape {start.mask.shape}, the frame {problem.mask.shape}")
+    v = np.where(start.mask, start.iterate.log_distance, np.nan) + 0.5 * np.log(gains[0] / gains[1])
+    return np.where(np.isnan(v), problem.log_facing, v)  # where only the new mask reaches
