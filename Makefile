@@ -46,6 +46,7 @@ lint: $(READY) ## check style, format and types
 
 bench: $(READY) ## measure speed
 	$(BIN)/python tests/bench.py
+	$(BIN)/python tests/bench_solvers.py
 
 lock: | $(BIN)/python ## renew requirements.lock from pyproject.toml
 	$(PIP) install --quiet uv

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from endolab.operators import BoolArray, FloatArray
+from endolab.operators import BoolArray, FloatArray, forward_gradient, links
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,29 @@ class Errors:
 def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
     """Angle between unit vectors (..., 3), degrees; exact for small angles too."""
     return np.rad2deg(2 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1)))
+
+
+def occlusion_cuts(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
+    """Steps between neighbouring pixels over which a true depth map jumps: occluding contours.
+
+    Parameters
+    ----------
+    distance : (H, W) float array
+        True distances, any unit; nan (or 0, or anything else that has no logarithm) where unknown.
+    threshold : float
+        The least jump of log distance that counts, positive.
+
+    Returns
+    -------
+    (2, H, W) bool array
+        Whether the step from a pixel to its right (first) and lower (second) neighbour is such a
+        jump, as `Problem.cuts` takes it; False where either distance is unknown.
+    """
+    if not threshold > 0:
+        raise ValueError(f"threshold must be positive, got {threshold}")
+    known = np.isfinite(distance) & (distance > 0)
+    log_distance = np.log(np.where(known, distance, 1.0))
+    return links(known) & (np.abs(forward_gradient(log_distance)) > threshold)
 
 
 def compare(

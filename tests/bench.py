@@ -16,7 +16,7 @@ import numpy as np
 import endolab as el
 from endolab import datasets
 from endolab.depth.energy import Problem
-from endolab.depth.fast_marching import _advance, _March
+from endolab.depth.fast_marching import March
 from endolab.evaluation import Errors, compare
 
 SOLVERS = ("facing", "fast_marching")
@@ -93,13 +93,12 @@ def published() -> None:
 
 
 def _marching_seconds(problem: Problem, repeats: int = 5) -> float:
-    y0 = np.where(problem.mask, np.exp(2 * problem.log_facing), 1.0)
-    metric, empty = np.ascontiguousarray(problem.field.inverse_metric), np.empty(0)
+    log_facing, metric = problem.log_facing, problem.field.inverse_metric
     seconds = []
     for _ in range(repeats):
         started = time.perf_counter()
-        m = _March.seeded(y0, problem.mask, None)
-        _advance(y0.size, m.size, m.value, m.heap, m.place, m.fixed, y0, metric, empty, empty)
+        march = March.seeded(log_facing, problem.mask, metric, None)
+        march.advance(problem.mask.size)
         seconds.append(time.perf_counter() - started)
     return median(seconds)
 

@@ -5,7 +5,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from endolab.evaluation import angle_between, compare
+from endolab.evaluation import angle_between, compare, occlusion_cuts
 
 TRUTH = np.array([[10.0, 20.0, 40.0], [50.0, np.nan, 80.0]])
 ESTIMATE = np.array([[11.0, 18.0, 40.0], [54.0, 7.0, np.nan]])
@@ -74,3 +74,47 @@ def test_angles_are_exact_however_small(degrees):
 def test_what_cannot_be_compared(estimate, options, message):
     with pytest.raises(ValueError, match=message):
         compare(estimate, TRUTH, COSINE, **options)
+
+
+# Contours ------------------------------------------------------------------------------
+
+
+def test_jumps_of_the_distance_are_cuts_to_the_right_and_downwards():
+    """Steps of 0.05, 0.1 and 1 in the logarithm, to the right, back to the left, and downwards."""
+    log_distance = np.array([[0.0, 0.05, 0.15, 0.05], [0.0, 0.05, 1.15, 0.05]])
+    right = np.array([[False, True, True, False], [False, True, True, False]])
+    lower = np.array([[False, False, True, False], [False, False, False, False]])
+    for scale in (1e-3, 1.0, 40.0):
+        cuts = occlusion_cuts(scale * np.exp(log_distance))
+        assert cuts.dtype == bool
+        np.testing.assert_array_equal(cuts, [right, lower])
+    np.testing.assert_array_equal(occlusion_cuts(np.exp(log_distance), 0.5)[0], right & [[False], [True]])
+
+
+def test_the_threshold_counts_in_logarithms():
+    for step, is_cut in ((0.0799, False), (0.0801, True)):
+        for sign in (1, -1):
+            cuts = occlusion_cuts(np.exp(sign * step * np.array([[0.0, 1.0], [0.0, 1.0]])))
+            np.testing.assert_array_equal(cuts, [[[is_cut, False]] * 2, [[False, False]] * 2])
+
+
+@pytest.mark.parametrize("unknown", [np.nan, 0.0, -1.0, np.inf])
+def test_what_is_unknown_is_no_contour(unknown):
+    cuts = occlusion_cuts(np.array([[1.0, unknown, 2.0], [1.0, 4.0, 2.0]]))
+    np.testing.assert_array_equal(cuts[0], [[False, False, False], [True, True, False]])
+    assert not cuts[1].any()
+    assert occlusion_cuts(np.full((1, 1), unknown)).shape == (2, 1, 1)
+
+
+def test_turning_the_map_turns_its_contours(rng):
+    distance = np.exp(rng.normal(scale=0.1, size=(6, 9)))
+    distance[rng.random(distance.shape) < 0.1] = np.nan
+    np.testing.assert_array_equal(
+        occlusion_cuts(distance.T), occlusion_cuts(distance)[::-1].transpose(0, 2, 1)
+    )
+
+
+@pytest.mark.parametrize("threshold", [0.0, -0.1, np.nan])
+def test_a_threshold_that_cuts_everything_is_refused(threshold):
+    with pytest.raises(ValueError, match="threshold must be positive, got"):
+        occlusion_cuts(TRUTH, threshold)

@@ -3,9 +3,44 @@
 import numpy as np
 import pytest
 
-from endolab.operators import forward_gradient, gradient, hessian, shifted
+from endolab.operators import (
+    forward_gradient,
+    forward_gradient_adjoint,
+    gradient,
+    gradient_adjoint,
+    hessian,
+    hessian_adjoint,
+    links,
+    shifted,
+)
 
 SHAPES = [(1, 1), (1, 7), (7, 1), (2, 2), (2, 5), (3, 3), (9, 12)]
+ODD_SHAPES = [(1, 1), (1, 6), (6, 1), (2, 2), (1, 2), (3, 1), (5, 7), (13, 9)]
+
+
+def two_pixel_gradient(f, mask=None, cuts=None):
+    return np.stack(gradient(f, mask, cuts, edge_order=1))
+
+
+def two_pixel_gradient_adjoint(p, mask=None, cuts=None):
+    return gradient_adjoint(*p, mask, cuts)
+
+
+OPERATORS = [gradient, two_pixel_gradient, forward_gradient, hessian]
+PAIRS = [
+    (two_pixel_gradient, two_pixel_gradient_adjoint),
+    (forward_gradient, forward_gradient_adjoint),
+    (hessian, hessian_adjoint),
+]
+every_pair = pytest.mark.parametrize(("operator", "adjoint"), PAIRS, ids=["gradient", "forward", "hessian"])
+
+
+def between(labels):
+    """Cuts wherever the labels of neighbours differ."""
+    cuts = np.zeros((2, *labels.shape), dtype=bool)
+    cuts[0, :, :-1] = labels[:, 1:] != labels[:, :-1]
+    cuts[1, :-1] = labels[1:] != labels[:-1]
+    return cuts
 
 
 def polynomial(shape, c):
@@ -77,7 +112,7 @@ def test_gradient_is_nan_exactly_outside_the_mask(rng, mask):
         np.testing.assert_array_equal(np.isnan(derivative), ~mask)
 
 
-@pytest.mark.parametrize("operator", [gradient, forward_gradient, hessian])
+@pytest.mark.parametrize("operator", OPERATORS)
 @pytest.mark.parametrize("rubbish", [np.nan, np.inf, -np.inf, 1e300])
 def test_values_outside_the_mask_never_matter(rng, mask, operator, rubbish):
     f = rng.normal(size=mask.shape)
@@ -87,7 +122,7 @@ def test_values_outside_the_mask_never_matter(rng, mask, operator, rubbish):
     assert np.isfinite(np.asarray(actual)[:, mask]).all()
 
 
-@pytest.mark.parametrize("operator", [gradient, forward_gradient, hessian])
+@pytest.mark.parametrize("operator", OPERATORS)
 def test_an_isolated_pixel_has_no_slope_and_no_bend(operator):
     f, mask = np.full((5, 5), np.nan), np.zeros((5, 5), dtype=bool)
     f[2, 2], mask[2, 2] = 3.0, True
@@ -97,7 +132,7 @@ def test_an_isolated_pixel_has_no_slope_and_no_bend(operator):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_every_shape_keeps_its_shape_and_a_constant_has_no_derivative(shape):
     f = np.full(shape, 4.0)
-    for operator, count in ((gradient, 2), (forward_gradient, 2), (hessian, 3)):
+    for operator, count in zip(OPERATORS, (2, 2, 2, 3), strict=True):
         result = np.asarray(operator(f))
         assert result.shape == (count, *shape)
         assert np.all(result == 0)
@@ -153,7 +188,7 @@ def test_the_norm_of_the_hessian_is_the_frobenius_norm_and_does_not_know_rows_fr
     assert np.linalg.norm(hessian(polynomial((5, 5), c)[0])[:, 2, 2]) == pytest.approx(full)
 
 
-@pytest.mark.parametrize("operator", [gradient, forward_gradient, hessian])
+@pytest.mark.parametrize("operator", OPERATORS)
 def test_operators_are_linear_and_leave_their_input_alone(rng, mask, operator):
     f, g = rng.normal(size=(2, *mask.shape))
     before = f.copy()
@@ -162,3 +197,135 @@ def test_operators_are_linear_and_leave_their_input_alone(rng, mask, operator):
         combined, 2 * np.asarray(operator(f, mask)) - 3 * np.asarray(operator(g, mask)), rtol=0, atol=1e-13
     )
     np.testing.assert_array_equal(f, before)
+
+
+# Two pixels at the rim -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (2, 7), (5, 2), (9, 12)])
+@pytest.mark.parametrize("edge_order", [1, 2])
+def test_gradient_without_a_mask_is_numpys(rng, shape, edge_order):
+    f = rng.normal(size=shape)
+    if min(shape) > edge_order:
+        f_v, f_u = np.gradient(f, edge_order=edge_order)
+        np.testing.assert_allclose(gradient(f, edge_order=edge_order), (f_u, f_v), rtol=0, atol=1e-14)
+
+
+def test_two_pixels_give_the_slope_wherever_there_is_a_neighbour(rng, mask):
+    """The mean of the differences to the neighbours that there are."""
+    f = rng.normal(size=mask.shape)
+    padded, value = np.pad(mask, 1), np.pad(f, 1)
+    for derivative, (r, c) in zip(two_pixel_gradient(f, mask), ((0, 1), (1, 0)), strict=True):
+        for row, column in np.argwhere(mask) + 1:
+            here, ahead, behind = (row, column), (row + r, column + c), (row - r, column - c)
+            steps = (here, ahead), (behind, here)
+            differences = [value[b] - value[a] for a, b in steps if padded[a] and padded[b]]
+            expected = np.mean(differences) if differences else 0.0
+            assert derivative[row - 1, column - 1] == pytest.approx(expected, abs=1e-14)
+
+
+# Cuts ----------------------------------------------------------------------------------
+
+
+def test_links_join_neighbours_of_the_mask_that_are_not_cut_apart():
+    mask = np.array([[True, True, False], [True, True, True]])
+    np.testing.assert_array_equal(
+        links(mask),
+        [[[True, False, False], [True, True, False]], [[True, True, False], [False, False, False]]],
+    )
+    cuts = np.zeros((2, 2, 3), dtype=bool)
+    cuts[0, 1, 0] = cuts[1, 0, 1] = cuts[0, 0, 2] = cuts[1, 1, 1] = True  # the last two lead nowhere
+    np.testing.assert_array_equal(
+        links(mask, cuts),
+        [[[True, False, False], [False, True, False]], [[True, False, False], [False, False, False]]],
+    )
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_cuts_tear_a_map_into_maps_of_their_own(rng, mask, operator):
+    """Cut along a patchwork's seams, each patch has the derivatives that it has as a mask of its own."""
+    f, labels = rng.normal(size=mask.shape), rng.integers(0, 3, mask.shape)
+    labels[4:11, 5:12] = 0
+    torn = np.asarray(operator(f, mask, between(labels)))
+    assert np.any(torn[:, mask] != np.asarray(operator(f, mask))[:, mask])
+    for label in range(3):
+        patch = mask & (labels == label)
+        np.testing.assert_array_equal(torn[:, patch], np.asarray(operator(f, patch))[:, patch])
+
+
+@every_pair
+def test_adjoints_of_a_torn_map_are_those_of_its_patches(rng, mask, operator, adjoint):
+    labels = rng.integers(0, 2, mask.shape)
+    p = rng.normal(size=np.shape(operator(np.zeros(mask.shape))))
+    patches = [adjoint(p, mask & (labels == label)) for label in (0, 1)]
+    np.testing.assert_allclose(adjoint(p, mask, between(labels)), sum(patches), rtol=0, atol=1e-13)
+
+
+def test_one_cut_silences_the_stencils_that_take_its_step(rng):
+    f, cuts = rng.normal(size=(7, 8)), np.zeros((2, 7, 8), dtype=bool)
+    cuts[0, 3, 4] = True  # between columns 4 and 5
+    changed = forward_gradient(f, cuts=cuts) != forward_gradient(f)
+    np.testing.assert_array_equal(np.argwhere(changed), [[0, 3, 4]])
+    changed = two_pixel_gradient(f, cuts=cuts) != two_pixel_gradient(f)
+    np.testing.assert_array_equal(np.argwhere(changed), [[0, 3, 4], [0, 3, 5]])
+    changed = hessian(f, cuts=cuts) != hessian(f)
+    np.testing.assert_array_equal(np.argwhere(changed), [[0, 3, 4], [0, 3, 5], [1, 2, 4], [1, 3, 4]])
+    assert np.all(hessian(f, cuts=cuts)[changed] == 0)
+    turned = hessian(f.T, cuts=cuts[::-1].transpose(0, 2, 1))[::-1].transpose(0, 2, 1)
+    np.testing.assert_allclose(turned, hessian(f, cuts=cuts), rtol=0, atol=1e-14)
+    assert two_pixel_gradient(f, cuts=cuts)[0, 3, 4] == f[3, 4] - f[3, 3]
+    assert two_pixel_gradient(f, cuts=cuts)[0, 3, 5] == f[3, 6] - f[3, 5]
+    assert gradient(f, cuts=cuts)[0][3, 4] == pytest.approx(1.5 * f[3, 4] - 2 * f[3, 3] + 0.5 * f[3, 2])
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_a_step_over_a_cut_costs_nothing(rng, operator):
+    """A map that is constant on either side has no derivative."""
+    labels = rng.integers(0, 2, (9, 11))
+    assert np.all(np.asarray(operator(7.0 * labels, cuts=between(labels))) == 0)
+
+
+# Adjoints ------------------------------------------------------------------------------
+
+
+@every_pair
+@pytest.mark.parametrize("shape", ODD_SHAPES)
+@pytest.mark.parametrize("rubbish", [0.0, np.nan, np.inf])
+def test_adjoints_are_adjoint(rng, operator, adjoint, shape, rubbish):
+    """⟨A f, p⟩ = ⟨f, Aᵀ p⟩ with masks and cuts; what lies outside the mask is not read."""
+    for share in (0.0, 0.2, 0.5):
+        mask, cuts = rng.random(shape) >= share, rng.random((2, *shape)) < share
+        f = rng.normal(size=shape)
+        p = rng.normal(size=np.shape(operator(f)))
+        spoilt = adjoint(np.where(mask, p, rubbish), mask, cuts)
+        np.testing.assert_array_equal(spoilt, adjoint(p, mask, cuts))
+        assert spoilt.shape == shape
+        assert np.all(spoilt[~mask] == 0)
+        forward = operator(np.where(mask, f, rubbish), mask, cuts)
+        np.testing.assert_array_equal(forward, operator(f, mask, cuts))
+        assert np.sum((forward * p)[:, mask]) == pytest.approx(np.sum(f * spoilt), rel=1e-12, abs=1e-12)
+
+
+@every_pair
+def test_adjoints_without_mask_and_cuts_take_everything(rng, operator, adjoint):
+    p = rng.normal(size=np.shape(operator(np.zeros((5, 7)))))
+    whole = adjoint(p, np.ones((5, 7), dtype=bool), np.zeros((2, 5, 7), dtype=bool))
+    np.testing.assert_array_equal(adjoint(p), whole)
+
+
+@every_pair
+def test_adjoints_leave_a_constant_out(rng, mask, operator, adjoint):
+    """A constant has no derivative, so what an adjoint returns adds up to nothing, patch by patch."""
+    p = rng.normal(size=np.shape(operator(np.zeros(mask.shape))))
+    labels = rng.integers(0, 2, mask.shape)
+    out = adjoint(p, mask, between(labels))
+    for label in (0, 1):
+        assert abs(out[labels == label].sum()) < 1e-12
+
+
+@every_pair
+def test_adjoints_leave_their_input_alone(rng, mask, operator, adjoint):
+    p = rng.normal(size=np.shape(operator(np.zeros(mask.shape))))
+    before = p.copy()
+    adjoint(p, mask)
+    np.testing.assert_array_equal(p, before)

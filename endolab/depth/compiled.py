@@ -1,7 +1,7 @@
 """The energy and its Gauss-Newton model, compiled.
 
 What is computed here is written readably in `energy.py`; the tests hold the two together. Arrays
-are padded, see `multigrid.py`; what is meant by each is in `grid.Grid`.
+are padded, see `padding.py`; what is meant by each is in `grid.Grid`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from endolab.depth.fast_marching import kernel
-from endolab.depth.multigrid import PAD
+from endolab.depth.padding import PAD
 from endolab.operators import FloatArray
 from endolab.photometry import Photometry
 

@@ -105,8 +105,9 @@ class Problem:
         for name in ("image", "mask"):
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, the camera {shape}")
-        if self.cuts is not None and self.cuts.shape != (2, *shape):
-            raise ValueError(f"cuts have shape {self.cuts.shape}, expected {(2, *shape)}")
+        if self.cuts is not None and (self.cuts.shape != (2, *shape) or self.cuts.dtype != bool):
+            found = f"{self.cuts.dtype} of shape {self.cuts.shape}"
+            raise ValueError(f"cuts must be a bool array of shape {(2, *shape)}, found {found}")
 
     @property
     def field(self) -> RayField:
@@ -141,6 +142,14 @@ class Problem:
         """ξ̃, the median of ξ at the start d₀."""
         start = to_xi(self.log_facing, self.xi, self.field.cos_alpha)
         return float(np.median(start[self.mask]))
+
+
+def check_start(start: FloatArray | None, mask: BoolArray) -> None:
+    """Raise a ValueError if a map cannot be what a solver starts from."""
+    if start is not None and start.shape != mask.shape:
+        raise ValueError(f"start has shape {start.shape}, the frame {mask.shape}")
+    if start is not None and not np.isfinite(start[mask]).all():
+        raise ValueError("start must be finite wherever the mask is")
 
 
 def model_image(problem: Problem, log_distance: FloatArray) -> FloatArray:

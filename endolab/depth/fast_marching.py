@@ -16,7 +16,9 @@ pixel out is accepted and lower, else of first. Other BRDFs change the right-han
 4 y² P(y/y₀), P = tan²θ read off a table, and the quadratic to a bracketed root.
 
 Where the march enters the picture from its border, or from behind an occluding contour, the
-true value is not in the picture: `inflow` gives it where it is known.
+true value is not in the picture: `inflow` gives it where it is known. Over a contour the surface
+is torn, so that a march across it is wrong on the far side: a problem's `cuts` forbid it, and the
+far side starts from its own local minima of y₀.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from numba import njit
 
 from endolab.depth.energy import Problem
 from endolab.iteration import Iterate, Solver, Status
-from endolab.operators import BoolArray, FloatArray
+from endolab.operators import BoolArray, FloatArray, links, shifted
 
 # Neighbours in turn around a pixel (row, column): consecutive ones make the eight triangles.
 _AROUND = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)])
@@ -111,17 +113,15 @@ def _root(a: float, b: float, c: float, low: float, y0: float, log_c: Any, log_p
 
 @kernel
 def _difference(
-    value: FloatArray, place: Any, row: int, column: int, d_row: int, d_column: int, shape: Any
+    value: FloatArray, place: Any, ways: Any, near: int, k: int, width: int
 ) -> tuple[float, float, float]:
-    """Difference (s y + t) of the unknown y at a pixel to its accepted neighbour, and that one's value.
+    """Difference (s y + t) of the unknown y at a pixel to its accepted k-th neighbour, and that one's value.
 
     First order: neighbour - y. Second order: 2 neighbour - next/2 - 3y/2, if the next pixel out
-    is accepted and lower.
+    can be stepped to, is accepted and lower.
     """
-    near = (row + d_row) * shape[1] + column + d_column
-    row, column = row + 2 * d_row, column + 2 * d_column
-    if 0 <= row < shape[0] and 0 <= column < shape[1]:
-        far = row * shape[1] + column
+    if ways[near] >> k & 1:
+        far = near + _AROUND[k, 0] * width + _AROUND[k, 1]
         if place[far] == _ACCEPTED and value[far] <= value[near]:
             return -1.5, 2 * value[near] - 0.5 * value[far], value[near]
     return -1.0, value[near], value[near]
@@ -178,31 +178,34 @@ def _advance(
     heap: Any,
     place: Any,
     fixed: Any,
+    ways: Any,
     y0: FloatArray,
     metric: Any,
     log_c: Any,
     log_p: Any,
 ) -> int:
     """Accept `count` more pixels; return the number left in the heap."""
-    shape = y0.shape
+    width = y0.shape[1]
+    upper, inverse_metric = y0.ravel(), metric.reshape(-1, 3)
     for _ in range(count):
         if size == 0:
             break
         accepted = _pop(value, heap, place, size)
         size -= 1
-        accepted_row, accepted_column = accepted // shape[1], accepted % shape[1]
+        seen = ways[accepted]
         for k in range(8):
-            row, column = accepted_row - _AROUND[k, 0], accepted_column - _AROUND[k, 1]
-            if not (0 <= row < shape[0] and 0 <= column < shape[1]):
+            if not seen >> (k + 4 & 7) & 1:
                 continue
-            pixel = row * shape[1] + column
-            limit = y0[row, column]
+            pixel = np.int64(accepted) - _AROUND[k, 0] * width - _AROUND[k, 1]
+            if pixel < 0:  # never; but numba, told so, compiles indices without their wrap from the end
+                continue
+            limit = upper[pixel]
             if place[pixel] <= _ACCEPTED or fixed[pixel] or value[accepted] >= limit:
                 continue
-            guu, guv, gvv = metric[row, column, 0], metric[row, column, 1], metric[row, column, 2]
+            guu, guv, gvv = inverse_metric[pixel, 0], inverse_metric[pixel, 1], inverse_metric[pixel, 2]
             g = (guu, guv, gvv)
             a = (_AROUND[k, 1], _AROUND[k, 0])
-            sa, ta, ya = _difference(value, place, row, column, _AROUND[k, 0], _AROUND[k, 1], shape)
+            sa, ta, ya = _difference(value, place, ways, accepted, k, width)
             nearness = (guu * gvv - guv * guv) / (
                 gvv * a[0] * a[0] - 2 * guv * a[0] * a[1] + guu * a[1] * a[1]
             )
@@ -213,14 +216,15 @@ def _advance(
             if y < best:
                 best = y
             for side in (1, 7):
-                j = (k + side) % 8
-                other_row, other_column = row + _AROUND[j, 0], column + _AROUND[j, 1]
-                if not (0 <= other_row < shape[0] and 0 <= other_column < shape[1]):
+                # All three sides of the triangle: y is interpolated along the third too.
+                j, third = k + side & 7, k + side * (2 + (k & 1)) & 7
+                if not ways[pixel] >> j & seen >> third & 1:
                     continue
-                if place[other_row * shape[1] + other_column] != _ACCEPTED:
+                other = pixel + _AROUND[j, 0] * width + _AROUND[j, 1]
+                if place[other] != _ACCEPTED:
                     continue
                 b = (_AROUND[j, 1], _AROUND[j, 0])
-                sb, tb, yb = _difference(value, place, row, column, _AROUND[j, 0], _AROUND[j, 1], shape)
+                sb, tb, yb = _difference(value, place, ways, other, j, width)
                 low = max(ya, yb)
                 y = _across_triangle(a, b, sa, ta, sb, tb, low, g, limit, log_c, log_p)
                 if np.isnan(y):
@@ -237,16 +241,62 @@ def _advance(
     return size
 
 
-def _is_lowest_around(y0: FloatArray, mask: BoolArray) -> BoolArray:
-    """Where no neighbour in the mask is lower."""
-    bounded = np.pad(np.where(mask, y0, np.inf), 1, constant_values=np.inf)
+def _ways(mask: BoolArray, cuts: BoolArray | None) -> Any:
+    """Bit k of a pixel, (H, W) uint8: whether it and its k-th neighbour (`_AROUND`) may see each other.
+
+    A diagonal step cuts the corner of two steps: where there are cuts, one of the two ways around
+    must be there. A contour of cuts that passes the point where four pixels meet sets them apart,
+    and a diagonal from one part to another meets it on both ways around: no contour leaks, straight
+    or staircase. Diagonals within a part, and around the end of a contour, stay open. Holes of the
+    mask alone set nothing apart: behind a highlight the surface goes on.
+    """
+    right, lower = links(mask, cuts)
+    left, upper = shifted(right, -1, 1, False), shifted(lower, -1, 0, False)
+    beside = (shifted(mask, 1, 1, False), shifted(mask, -1, 1, False))
+    to_right, to_left = (mask & shifted(side, 1, 0, False) for side in beside)
+    if cuts is not None:
+        torn = cuts[0] | shifted(cuts[0], 1, 0, False) | cuts[1] | shifted(cuts[1], 1, 1, False)
+        around = right & shifted(lower, 1, 1, False) | lower & shifted(right, 1, 0, False)
+        to_right &= around | ~torn
+        around = left & shifted(lower, -1, 1, False) | lower & shifted(left, 1, 0, False)
+        to_left &= around | ~shifted(torn, -1, 1, False)
+    from_right, from_left = shifted(to_right, -1, 0, False), shifted(to_left, -1, 0, False)
+    turns = (
+        right,
+        to_right,
+        lower,
+        to_left,
+        left,
+        shifted(from_right, -1, 1, False),
+        upper,
+        shifted(from_left, 1, 1, False),
+    )
+    ways = np.zeros(mask.shape, dtype=np.uint8)
+    for k, turn in enumerate(turns):
+        ways |= turn.view(np.uint8) << k
+    return ways
+
+
+def _is_lowest_around(y0: FloatArray, mask: BoolArray, ways: Any) -> BoolArray:
+    """Where no neighbour that may be seen is lower."""
+    padded = np.pad(y0, 1)
     height, width = y0.shape
-    around = [bounded[1 + r : 1 + r + height, 1 + c : 1 + c + width] for r, c in _AROUND]
-    return mask & (y0 <= np.min(around, axis=0))
+    lowest = mask.copy()
+    for k, (r, c) in enumerate(_AROUND):
+        lowest &= (y0 <= padded[1 + r : 1 + r + height, 1 + c : 1 + c + width]) | (ways >> k & 1 == 0)
+    return lowest
+
+
+def check_inflow(inflow: FloatArray | None, mask: BoolArray) -> None:
+    """Raise a ValueError if log-distances said to be known cannot be used."""
+    if inflow is not None and inflow.shape != mask.shape:
+        raise ValueError(f"inflow has shape {inflow.shape}, the frame {mask.shape}")
+    if inflow is not None and np.isinf(inflow[mask]).any():
+        raise ValueError("inflow must be finite, or nan where the distance is not known")
 
 
 @dataclass
-class _March:
+class March:
     """The state of a march: values, the heap of trial pixels and each pixel's place in it."""
 
     y0: FloatArray
@@ -254,15 +304,30 @@ class _March:
     heap: Any
     place: Any
     fixed: BoolArray
+    ways: Any
+    physics: tuple[FloatArray, FloatArray, FloatArray]  # metric, log c, log(1 + P)
     size: int
 
     @classmethod
-    def seeded(cls, y0: FloatArray, mask: BoolArray, inflow: FloatArray | None) -> _March:
-        """Start from the local minima of y0 and from the pixels whose value is given."""
-        value = np.where(_is_lowest_around(y0, mask), y0, np.inf).ravel()
+    def seeded(
+        cls,
+        log_facing: FloatArray,
+        mask: BoolArray,
+        metric: FloatArray,
+        table: tuple[FloatArray, FloatArray] | None,
+        inflow: FloatArray | None = None,
+        cuts: BoolArray | None = None,
+    ) -> March:
+        """Start from the local minima of d₀ and from the pixels whose value is given.
+
+        `metric` is that of `RayField.inverse_metric`, `table` that of `Photometry.slant_table`.
+        """
+        y0 = np.where(mask, np.exp(2 * log_facing), 1.0)
+        ways = _ways(mask, cuts)
+        value = np.where(_is_lowest_around(y0, mask, ways), y0, np.inf).ravel()
         fixed = np.zeros(value.shape, dtype=bool)
         if inflow is not None:
-            fixed = (mask & np.isfinite(inflow)).ravel()
+            fixed = (mask & ~np.isnan(inflow)).ravel()
             value[fixed] = np.exp(2 * inflow.ravel()[fixed])
         seeds = np.flatnonzero(np.isfinite(value))
         seeds = seeds[np.argsort(value[seeds], kind="stable")]  # in order, which makes it a heap
@@ -270,7 +335,13 @@ class _March:
         heap[: seeds.size] = seeds
         place = np.where(mask.ravel(), _FAR, _OUTSIDE).astype(np.int32)
         place[seeds] = np.arange(seeds.size)
-        return cls(y0, value, heap, place, fixed, seeds.size)
+        physics = (np.ascontiguousarray(metric), *((np.empty(0), np.empty(0)) if table is None else table))
+        return cls(y0, value, heap, place, fixed, ways.ravel(), physics, seeds.size)
+
+    def advance(self, count: int) -> None:
+        """Let the front accept `count` more pixels, or as many as there are."""
+        state = (self.value, self.heap, self.place, self.fixed, self.ways)
+        self.size = _advance(count, self.size, *state, self.y0, *self.physics)
 
     @property
     def arrived(self) -> BoolArray:
@@ -289,7 +360,7 @@ def fast_marching(problem: Problem, inflow: FloatArray | None = None, snapshots:
     Parameters
     ----------
     problem : Problem
-        Any camera and mask; an island of the mask is solved by itself.
+        Any camera, mask and cuts; an island of the mask is solved by itself.
     inflow : (H, W) float array, optional
         log d where it is known, nan elsewhere: values at the picture's border, say.
     snapshots : int
@@ -304,26 +375,21 @@ def fast_marching(problem: Problem, inflow: FloatArray | None = None, snapshots:
     Raises
     ------
     ValueError
-        If the problem's BRDF cannot be inverted, or `inflow` has another shape.
+        If the problem's BRDF cannot be inverted, or `inflow` has another shape or is infinite.
 
     Notes
     -----
     n pixels cost O(n log n). Distances err by the second power of the pixel on smooth surfaces.
     """
-    if inflow is not None and inflow.shape != problem.mask.shape:
-        raise ValueError(f"inflow has shape {inflow.shape}, the frame {problem.mask.shape}")
+    check_inflow(inflow, problem.mask)
+    mask, metric = problem.mask, problem.field.inverse_metric
     table = problem.photometry.slant_table()
-    log_c, log_p = (np.empty(0), np.empty(0)) if table is None else table
-    metric = np.ascontiguousarray(problem.field.inverse_metric)
-    y0 = np.where(problem.mask, np.exp(2 * problem.log_facing), 1.0)
-    march = _March.seeded(y0, problem.mask, inflow)
+    march = March.seeded(problem.log_facing, mask, metric, table, inflow, problem.cuts)
     iterate = Iterate.of(problem, march.log_distance, maps={"arrived": march.arrived})
     yield iterate
-    count = -(-int(problem.mask.sum()) // max(snapshots, 1))
+    count = -(-int(mask.sum()) // max(snapshots, 1))
     while march.size:
-        march.size = _advance(
-            count, march.size, march.value, march.heap, march.place, march.fixed, y0, metric, log_c, log_p
-        )
+        march.advance(count)
         iterate = Iterate.of(problem, march.log_distance, iterate, maps={"arrived": march.arrived})
         yield iterate
     return Status.CONVERGED

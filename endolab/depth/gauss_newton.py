@@ -20,9 +20,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from endolab.depth.energy import Problem
+from endolab.depth.energy import Problem, check_start
+from endolab.depth.fast_marching import check_inflow
 from endolab.depth.grid import Grid
-from endolab.depth.multigrid import Multigrid, inner, padded
+from endolab.depth.multigrid import Multigrid
+from endolab.depth.padding import inner, padded
 from endolab.iteration import Iterate, Solver, Status
 from endolab.operators import FloatArray
 
@@ -105,7 +107,7 @@ def gauss_newton(
     problem: Problem,
     start: FloatArray | None = None,
     inflow: FloatArray | None = None,
-    tolerance: float = 3e-3,
+    tolerance: float = 1e-2,
     max_iterations: int = 30,
 ) -> Solver:
     """Minimise the energy by Gauss-Newton steps; see the head of this file.
@@ -143,13 +145,8 @@ def gauss_newton(
     the quadratic promises more than `tolerance`.
     """
     mask = problem.mask
-    for name, given in (("start", start), ("inflow", inflow)):
-        if given is not None and given.shape != mask.shape:
-            raise ValueError(f"{name} has shape {given.shape}, the frame {mask.shape}")
-    if start is not None and not np.isfinite(start[mask]).all():
-        raise ValueError("start must be finite wherever the mask is")
-    if inflow is not None and np.isinf(inflow[mask]).any():
-        raise ValueError("inflow must be finite, or nan where the distance is not known")
+    check_inflow(inflow, mask)
+    check_start(start, mask)
 
     finest = Grid.of(problem, inflow)
     if start is not None:

@@ -1,7 +1,7 @@
 """A problem on a grid of its own or fewer pixels, and the way from one grid to the next.
 
 A `Grid` keeps what the compiled energy needs of a `Problem` in padded arrays (see
-`multigrid.py`), such that a grid of half the rows and columns has the same form: block means,
+`padding.py`), such that a grid of half the rows and columns has the same form: block means,
 and a metric in its own pixels. Maps of log-distance go down as means too; up by their own
 gradient, which is right to the second order to the very rim and never reaches over a cut.
 """
@@ -15,8 +15,9 @@ import numpy as np
 
 from endolab.depth.compiled import differences, fill_xi, linearise, shading_table, sums
 from endolab.depth.energy import Problem
-from endolab.depth.fast_marching import _advance, _March, kernel
-from endolab.depth.multigrid import PAD, Coefficients, block_sums, halved, halved_links, inner, padded
+from endolab.depth.fast_marching import March, kernel
+from endolab.depth.normal_equations import Coefficients
+from endolab.depth.padding import PAD, block_sums, halved, halved_links, inner, padded
 from endolab.operators import BoolArray, FloatArray, links
 
 
@@ -32,15 +33,18 @@ def _finer(v: FloatArray, link: Any, out: FloatArray) -> None:
 
 @kernel
 def _enters(v: FloatArray, metric: Any, active: Any, link: Any, out: Any) -> None:
-    """Mark the pixels where a march downstream of v comes over a missing step; out is not padded."""
+    """Mark the pixels that a march down to v enters over the mask's border; out is not padded.
+
+    What lies behind a cut is not taken from a coarser grid, whose blocks mix both sides of it.
+    """
     for row in range(out.shape[0]):
         for column in range(out.shape[1]):
             i, j = PAD + row, PAD + column
             u, w = differences(v, link, i, j)
             up = metric[0, i, j] * u + metric[1, i, j] * w
             wp = metric[1, i, j] * u + metric[2, i, j] * w
-            from_sides = (up < 0 and not link[0, i, j]) or (up > 0 and not link[0, i, j - 1])
-            from_ends = (wp < 0 and not link[1, i, j]) or (wp > 0 and not link[1, i - 1, j])
+            from_sides = (up < 0 and not active[i, j + 1]) or (up > 0 and not active[i, j - 1])
+            from_ends = (wp < 0 and not active[i + 1, j]) or (wp > 0 and not active[i - 1, j])
             out[row, column] = active[i, j] and (from_sides or from_ends)
 
 
@@ -66,6 +70,8 @@ class Grid:
         Steps that derivatives take, see `endolab.operators.links`.
     inflow : (H, W) array, not padded
         log d where it is given and no unknown, else nan.
+    cuts : (2, H, W) bool array, not padded, or None
+        See `Problem`.
     scale : float
         What a derivative of ξ per pixel of this grid is multiplied by.
     table, step
@@ -81,6 +87,7 @@ class Grid:
     active: Any
     link: Any
     inflow: FloatArray
+    cuts: BoolArray | None
     scale: float
     table: FloatArray
     step: float
@@ -100,6 +107,7 @@ class Grid:
             padded(mask.astype(np.int8)),
             padded(links(mask, problem.cuts).astype(np.int8)),
             np.full(mask.shape, np.nan) if inflow is None else np.where(mask, inflow, np.nan),
+            problem.cuts,
             problem.derivative_scale,
             *shading_table(problem.photometry),
         )
@@ -108,6 +116,8 @@ class Grid:
         """Grid of half the rows and columns."""
         given = padded(np.isfinite(self.inflow).astype(np.int8))
         inflow = inner(_block_means(padded(np.nan_to_num(self.inflow)), given))
+        active, link = halved(self.active), halved_links(self.link)
+        torn = links(inner(active) > 0) & (inner(link) == 0)
         return replace(
             self,
             image=self.restrict(self.image),
@@ -115,9 +125,10 @@ class Grid:
             metric=np.stack([self.restrict(one) for one in self.metric]) / 4,
             factor=self.restrict(self.factor),
             edge=self.restrict(self.edge),
-            active=halved(self.active),
-            link=halved_links(self.link),
+            active=active,
+            link=link,
             inflow=np.where(inner(halved(given)) > 0, inflow, np.nan),
+            cuts=None if self.cuts is None else torn,
             scale=self.scale / (4 if self._second else 2),
         )
 
@@ -143,8 +154,8 @@ class Grid:
     def march(self, guess: FloatArray | None = None) -> FloatArray:
         """Fast march on this grid.
 
-        Values are taken from the guess where the march enters over a missing step, such as the
-        picture's border, and from `inflow` where that is given.
+        Values are taken from the guess where the march enters the picture, and from `inflow` where
+        that is given.
         """
         mask, gamma = self.mask, self.problem.photometry.gamma
         dark = np.log(np.where(mask, inner(self.image), 1.0))
@@ -156,15 +167,10 @@ class Grid:
             # The facing distance is an upper bound; a guess beyond it would explain nothing.
             bounded = np.minimum(inner(guess), log_facing)
             inflow = np.where(np.isnan(inflow) & enters, bounded, inflow)
-        whole = links(mask)
-        cuts = whole & (inner(self.link) == 0) if self.problem.cuts is not None else None
-        y0 = np.exp(2 * log_facing)
-        march = _March.seeded(y0, mask, inflow, cuts)
+        metric = np.moveaxis(inner(self.metric), 0, -1)
         table = self.problem.photometry.slant_table()
-        log_c, log_p = (np.empty(0), np.empty(0)) if table is None else table
-        metric = np.ascontiguousarray(np.moveaxis(inner(self.metric), 0, -1))
-        state = (march.value, march.heap, march.place, march.fixed, march.ways)
-        _advance(mask.size, march.size, *state, y0, metric, log_c, log_p)
+        march = March.seeded(log_facing, mask, metric, table, inflow, self.cuts)
+        march.advance(mask.size)
         return padded(np.where(mask, march.log_distance, 0.0))
 
     def _xi(self, v: FloatArray) -> FloatArray:

@@ -1,14 +1,11 @@
 """Solving the normal equations of a Gauss-Newton step in a time proportional to the pixels.
 
-The matrix couples a pixel to the twelve that the squared central differences and the squared
-Hessian reach: two steps along rows and columns, one along diagonals. It is symmetric, so seven
-numbers a pixel hold it. Conjugate gradients solve it, preconditioned by one V-cycle: a
-Gauss-Seidel sweep forwards, a coarse correction, a sweep backwards. Coarse levels are the same
-equations written down on a grid of half the pixels, from averaged coefficients
-(Briggs, Henson, McCormick, "A multigrid tutorial", 2000, chapters 3 and 10).
+Conjugate gradients solve them, preconditioned by one V-cycle: a Gauss-Seidel sweep forwards, a
+coarse correction, a sweep backwards. Coarse levels are the same equations written down on a grid
+of half the pixels, from averaged coefficients (Briggs, Henson, McCormick, "A multigrid
+tutorial", 2000, chapters 3 and 10).
 
-Vectors and matrices here are padded by two pixels on every side, so that no loop asks where the
-picture ends. Matrices outside the mask are zero, and so are the vectors.
+Vectors are padded (see `padding.py`) and zero outside the mask, as the matrices are.
 """
 
 from __future__ import annotations
@@ -19,54 +16,12 @@ from typing import Any
 import numpy as np
 
 from endolab.depth.fast_marching import kernel
+from endolab.depth.normal_equations import CENTRE, EE, SE, SS, SW, Coefficients, E, S
+from endolab.depth.padding import PAD
 from endolab.operators import FloatArray
 
-PAD = 2
-CENTRE, E, EE, S, SS, SE, SW = range(7)  # a pixel's own entry and those towards later pixels
 COARSEST = 64  # pixels; there the equations are swept until they are solved
 SWEEPS = 20
-
-
-def padded(a: Any) -> Any:
-    """Return maps (..., H, W) with `PAD` zeros around each."""
-    out = np.zeros((*a.shape[:-2], a.shape[-2] + 2 * PAD, a.shape[-1] + 2 * PAD), dtype=a.dtype)
-    inner(out)[...] = a
-    return out
-
-
-def inner(a: Any) -> Any:
-    """Return padded maps without their padding, as a view."""
-    return a[..., PAD:-PAD, PAD:-PAD]
-
-
-@kernel
-def _block_sums(a: Any, out: FloatArray) -> None:
-    for i in range(PAD, out.shape[0] - PAD):
-        for j in range(PAD, out.shape[1] - PAD):
-            row, column = 2 * i - PAD, 2 * j - PAD
-            above = a[row, column] + a[row, column + 1]
-            out[i, j] = above + a[row + 1, column] + a[row + 1, column + 1]
-
-
-def block_sums(a: Any) -> FloatArray:
-    """Sum of a padded map over every 2×2 block, padded."""
-    height, width = (-(-(size - 2 * PAD) // 2) + 2 * PAD for size in a.shape)
-    out = np.zeros((height, width))
-    _block_sums(a, out)
-    return out
-
-
-def halved(active: Any) -> Any:
-    """Blocks of which at least one pixel is active."""
-    return (block_sums(active) > 0).astype(np.int8)
-
-
-def halved_links(link: Any) -> Any:
-    """Links between 2×2 blocks: where at least one pair of their pixels is linked."""
-    outer = link.copy()  # of the steps from pixel to pixel, those that lead out of a block
-    inner(outer)[0, :, ::2] = 0
-    inner(outer)[1, ::2] = 0
-    return np.stack([halved(outer[0]), halved(outer[1])])
 
 
 @kernel
@@ -194,140 +149,6 @@ def prolong_add(active: Any, x: FloatArray, coarse: Any, step: FloatArray) -> No
 @kernel
 def _add_pair(m: Any, i: int, j: int, direction: int, value: float) -> None:
     m[direction, i, j] += value
-
-
-@kernel
-def assemble(
-    by_v: FloatArray,
-    by_v_u: FloatArray,
-    by_v_v: FloatArray,
-    weight: FloatArray,
-    slope: FloatArray,
-    smoothness: FloatArray,
-    link: Any,
-    second: bool,
-    m: Any,
-) -> None:
-    """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; all arrays padded.
-
-    A pixel's row of J is a + b·∇ with the mean of the differences that `link` allows, D is the
-    forward gradient or the Hessian, X the slope of ξ.
-    """
-    m[:] = 0.0
-    root2 = np.sqrt(2.0)
-    for i in range(PAD, by_v.shape[0] - PAD):
-        for j in range(PAD, by_v.shape[1] - PAD):
-            right, left = link[0, i, j], link[0, i, j - 1]
-            below, above = link[1, i, j], link[1, i - 1, j]
-            w = weight[i, j]
-            if w > 0:
-                u = by_v_u[i, j] / max(right + left, 1)
-                v = by_v_v[i, j] / max(below + above, 1)
-                c = by_v[i, j] + u * (left - right) + v * (above - below)
-                e, we, s, n = u * right, -u * left, v * below, -v * above
-                m[CENTRE, i, j] += w * c * c
-                m[CENTRE, i, j + 1] += w * e * e
-                m[CENTRE, i, j - 1] += w * we * we
-                m[CENTRE, i + 1, j] += w * s * s
-                m[CENTRE, i - 1, j] += w * n * n
-                m[E, i, j] += w * c * e
-                m[E, i, j - 1] += w * c * we
-                m[EE, i, j - 1] += w * e * we
-                m[S, i, j] += w * c * s
-                m[S, i - 1, j] += w * c * n
-                m[SS, i - 1, j] += w * s * n
-                m[SE, i - 1, j] += w * n * e
-                m[SW, i - 1, j] += w * n * we
-                m[SE, i, j - 1] += w * we * s
-                m[SW, i, j + 1] += w * e * s
-            q = smoothness[i, j]
-            if q > 0:
-                x = slope[i, j]
-                if second:
-                    if right and left:
-                        e, we, c = slope[i, j + 1], slope[i, j - 1], -2 * x
-                        m[CENTRE, i, j] += q * c * c
-                        m[CENTRE, i, j + 1] += q * e * e
-                        m[CENTRE, i, j - 1] += q * we * we
-                        m[E, i, j] += q * c * e
-                        m[E, i, j - 1] += q * c * we
-                        m[EE, i, j - 1] += q * e * we
-                    if below and above:
-                        s, n, c = slope[i + 1, j], slope[i - 1, j], -2 * x
-                        m[CENTRE, i, j] += q * c * c
-                        m[CENTRE, i + 1, j] += q * s * s
-                        m[CENTRE, i - 1, j] += q * n * n
-                        m[S, i, j] += q * c * s
-                        m[S, i - 1, j] += q * c * n
-                        m[SS, i - 1, j] += q * s * n
-                    if right and below and link[0, i + 1, j] and link[1, i, j + 1]:
-                        c, e = root2 * x, -root2 * slope[i, j + 1]
-                        s, d = -root2 * slope[i + 1, j], root2 * slope[i + 1, j + 1]
-                        m[CENTRE, i, j] += q * c * c
-                        m[CENTRE, i, j + 1] += q * e * e
-                        m[CENTRE, i + 1, j] += q * s * s
-                        m[CENTRE, i + 1, j + 1] += q * d * d
-                        m[E, i, j] += q * c * e
-                        m[S, i, j] += q * c * s
-                        m[SE, i, j] += q * c * d
-                        m[SW, i, j + 1] += q * e * s
-                        m[S, i, j + 1] += q * e * d
-                        m[E, i + 1, j] += q * s * d
-                else:
-                    if right:
-                        e = slope[i, j + 1]
-                        m[CENTRE, i, j] += q * x * x
-                        m[CENTRE, i, j + 1] += q * e * e
-                        m[E, i, j] -= q * x * e
-                    if below:
-                        s = slope[i + 1, j]
-                        m[CENTRE, i, j] += q * x * x
-                        m[CENTRE, i + 1, j] += q * s * s
-                        m[S, i, j] -= q * x * s
-
-
-@dataclass(frozen=True)
-class Coefficients:
-    """What the normal equations are made of; padded arrays, see `assemble`."""
-
-    by_v: FloatArray
-    by_v_u: FloatArray
-    by_v_v: FloatArray
-    weight: FloatArray
-    slope: FloatArray
-    smoothness: FloatArray
-    link: Any
-    active: Any
-    second: bool
-
-    @property
-    def pixels(self) -> int:
-        """Rows times columns, without the padding."""
-        return inner(self.by_v).size
-
-    def matrix(self, damping: float) -> FloatArray:
-        """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
-        m = np.empty((7, *self.by_v.shape))
-        first = (self.by_v, self.by_v_u, self.by_v_v, self.weight)
-        assemble(*first, self.slope, self.smoothness, self.link, self.second, m)
-        m[CENTRE] += damping * self.weight * self.by_v**2
-        return m
-
-    def coarser(self) -> Coefficients:
-        """The same on half the pixels: a derivative per coarse pixel is twice one per fine pixel."""
-        count = np.maximum(block_sums(self.weight > 0), 1)
-        share = 1 / (16 if self.second else 4)
-        return Coefficients(
-            by_v=block_sums(self.by_v) / count,
-            by_v_u=block_sums(self.by_v_u) / (2 * count),
-            by_v_v=block_sums(self.by_v_v) / (2 * count),
-            weight=block_sums(self.weight),
-            slope=block_sums(self.slope) / count,
-            smoothness=block_sums(self.smoothness) * share,
-            link=halved_links(self.link),
-            active=halved(self.active),
-            second=self.second,
-        )
 
 
 @dataclass(frozen=True)

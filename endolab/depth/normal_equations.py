@@ -1,0 +1,153 @@
+"""The matrix of a Gauss-Newton step, and the same on half the pixels.
+
+It couples a pixel to the twelve that the squared central differences and the squared Hessian
+reach: two steps along rows and columns, one along diagonals. It is symmetric, so seven numbers
+a pixel hold it. `energy.GaussNewtonModel.multiply` is the same matrix, readably.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from endolab.depth.fast_marching import kernel
+from endolab.depth.padding import PAD, block_sums, halved, halved_links, inner
+from endolab.operators import FloatArray
+
+CENTRE, E, EE, S, SS, SE, SW = range(7)  # a pixel's own entry and those towards later pixels
+
+
+@kernel
+def assemble(
+    by_v: FloatArray,
+    by_v_u: FloatArray,
+    by_v_v: FloatArray,
+    weight: FloatArray,
+    slope: FloatArray,
+    smoothness: FloatArray,
+    link: Any,
+    second: bool,
+    m: Any,
+) -> None:
+    """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; all arrays padded.
+
+    A pixel's row of J is a + b·∇ with the mean of the differences that `link` allows, D is the
+    forward gradient or the Hessian, X the slope of ξ.
+    """
+    m[:] = 0.0
+    root2 = np.sqrt(2.0)
+    for i in range(PAD, by_v.shape[0] - PAD):
+        for j in range(PAD, by_v.shape[1] - PAD):
+            right, left = link[0, i, j], link[0, i, j - 1]
+            below, above = link[1, i, j], link[1, i - 1, j]
+            w = weight[i, j]
+            if w > 0:
+                u = by_v_u[i, j] / max(right + left, 1)
+                v = by_v_v[i, j] / max(below + above, 1)
+                c = by_v[i, j] + u * (left - right) + v * (above - below)
+                e, we, s, n = u * right, -u * left, v * below, -v * above
+                m[CENTRE, i, j] += w * c * c
+                m[CENTRE, i, j + 1] += w * e * e
+                m[CENTRE, i, j - 1] += w * we * we
+                m[CENTRE, i + 1, j] += w * s * s
+                m[CENTRE, i - 1, j] += w * n * n
+                m[E, i, j] += w * c * e
+                m[E, i, j - 1] += w * c * we
+                m[EE, i, j - 1] += w * e * we
+                m[S, i, j] += w * c * s
+                m[S, i - 1, j] += w * c * n
+                m[SS, i - 1, j] += w * s * n
+                m[SE, i - 1, j] += w * n * e
+                m[SW, i - 1, j] += w * n * we
+                m[SE, i, j - 1] += w * we * s
+                m[SW, i, j + 1] += w * e * s
+            q = smoothness[i, j]
+            if q > 0:
+                x = slope[i, j]
+                if second:
+                    if right and left:
+                        e, we, c = slope[i, j + 1], slope[i, j - 1], -2 * x
+                        m[CENTRE, i, j] += q * c * c
+                        m[CENTRE, i, j + 1] += q * e * e
+                        m[CENTRE, i, j - 1] += q * we * we
+                        m[E, i, j] += q * c * e
+                        m[E, i, j - 1] += q * c * we
+                        m[EE, i, j - 1] += q * e * we
+                    if below and above:
+                        s, n, c = slope[i + 1, j], slope[i - 1, j], -2 * x
+                        m[CENTRE, i, j] += q * c * c
+                        m[CENTRE, i + 1, j] += q * s * s
+                        m[CENTRE, i - 1, j] += q * n * n
+                        m[S, i, j] += q * c * s
+                        m[S, i - 1, j] += q * c * n
+                        m[SS, i - 1, j] += q * s * n
+                    if right and below and link[0, i + 1, j] and link[1, i, j + 1]:
+                        c, e = root2 * x, -root2 * slope[i, j + 1]
+                        s, d = -root2 * slope[i + 1, j], root2 * slope[i + 1, j + 1]
+                        m[CENTRE, i, j] += q * c * c
+                        m[CENTRE, i, j + 1] += q * e * e
+                        m[CENTRE, i + 1, j] += q * s * s
+                        m[CENTRE, i + 1, j + 1] += q * d * d
+                        m[E, i, j] += q * c * e
+                        m[S, i, j] += q * c * s
+                        m[SE, i, j] += q * c * d
+                        m[SW, i, j + 1] += q * e * s
+                        m[S, i, j + 1] += q * e * d
+                        m[E, i + 1, j] += q * s * d
+                else:
+                    if right:
+                        e = slope[i, j + 1]
+                        m[CENTRE, i, j] += q * x * x
+                        m[CENTRE, i, j + 1] += q * e * e
+                        m[E, i, j] -= q * x * e
+                    if below:
+                        s = slope[i + 1, j]
+                        m[CENTRE, i, j] += q * x * x
+                        m[CENTRE, i + 1, j] += q * s * s
+                        m[S, i, j] -= q * x * s
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """What the normal equations are made of; padded arrays, see `assemble`."""
+
+    by_v: FloatArray
+    by_v_u: FloatArray
+    by_v_v: FloatArray
+    weight: FloatArray
+    slope: FloatArray
+    smoothness: FloatArray
+    link: Any
+    active: Any
+    second: bool
+
+    @property
+    def pixels(self) -> int:
+        """Rows times columns, without the padding."""
+        return inner(self.by_v).size
+
+    def matrix(self, damping: float) -> FloatArray:
+        """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
+        m = np.empty((7, *self.by_v.shape))
+        first = (self.by_v, self.by_v_u, self.by_v_v, self.weight)
+        assemble(*first, self.slope, self.smoothness, self.link, self.second, m)
+        m[CENTRE] += damping * self.weight * self.by_v**2
+        return m
+
+    def coarser(self) -> Coefficients:
+        """The same on half the pixels: a derivative per coarse pixel is twice one per fine pixel."""
+        count = np.maximum(block_sums(self.weight > 0), 1)
+        share = 1 / (16 if self.second else 4)
+        return Coefficients(
+            by_v=block_sums(self.by_v) / count,
+            by_v_u=block_sums(self.by_v_u) / (2 * count),
+            by_v_v=block_sums(self.by_v_v) / (2 * count),
+            weight=block_sums(self.weight),
+            slope=block_sums(self.slope) / count,
+            smoothness=block_sums(self.smoothness) * share,
+            link=halved_links(self.link),
+            active=halved(self.active),
+            second=self.second,
+        )

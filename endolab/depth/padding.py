@@ -1,0 +1,58 @@
+"""Maps with room around them, and their 2×2 blocks.
+
+Compiled loops work on maps that are padded by two pixels on every side, so that no loop asks
+where the picture ends.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from endolab.depth.fast_marching import kernel
+from endolab.operators import FloatArray
+
+PAD = 2
+
+
+def padded(a: Any) -> Any:
+    """Return maps (..., H, W) with `PAD` zeros around each."""
+    out = np.zeros((*a.shape[:-2], a.shape[-2] + 2 * PAD, a.shape[-1] + 2 * PAD), dtype=a.dtype)
+    inner(out)[...] = a
+    return out
+
+
+def inner(a: Any) -> Any:
+    """Return padded maps without their padding, as a view."""
+    return a[..., PAD:-PAD, PAD:-PAD]
+
+
+@kernel
+def _block_sums(a: Any, out: FloatArray) -> None:
+    for i in range(PAD, out.shape[0] - PAD):
+        for j in range(PAD, out.shape[1] - PAD):
+            row, column = 2 * i - PAD, 2 * j - PAD
+            above = a[row, column] + a[row, column + 1]
+            out[i, j] = above + a[row + 1, column] + a[row + 1, column + 1]
+
+
+def block_sums(a: Any) -> FloatArray:
+    """Sum of a padded map over every 2×2 block, padded."""
+    height, width = (-(-(size - 2 * PAD) // 2) + 2 * PAD for size in a.shape)
+    out = np.zeros((height, width))
+    _block_sums(a, out)
+    return out
+
+
+def halved(active: Any) -> Any:
+    """Blocks of which at least one pixel is active."""
+    return (block_sums(active) > 0).astype(np.int8)
+
+
+def halved_links(link: Any) -> Any:
+    """Links between 2×2 blocks: where at least one pair of their pixels is linked."""
+    outer = link.copy()  # of the steps from pixel to pixel, those that lead out of a block
+    inner(outer)[0, :, ::2] = 0
+    inner(outer)[1, ::2] = 0
+    return np.stack([halved(outer[0]), halved(outer[1])])
