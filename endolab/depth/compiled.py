@@ -45,7 +45,7 @@ def differences(v: FloatArray, link: Any, i: int, j: int) -> tuple[float, float]
     right, left, below, above = link[0, i, j], link[0, i, j - 1], link[1, i, j], link[1, i - 1, j]
     u = right * (v[i, j + 1] - v[i, j]) + left * (v[i, j] - v[i, j - 1])
     w = below * (v[i + 1, j] - v[i, j]) + above * (v[i, j] - v[i - 1, j])
-    return u / max(right + left, 1), w / max(below + above, 1)
+    return u * (0.5 if right and left else 1.0), w * (0.5 if below and above else 1.0)
 
 
 @kernel

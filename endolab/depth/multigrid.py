@@ -114,41 +114,37 @@ def sweep_backwards(m: Any, inverse: FloatArray, x: FloatArray, b: FloatArray) -
 
 
 @kernel
-def restrict(active: Any, r: FloatArray, coarse: Any, out: FloatArray) -> None:
-    """Adjoint of `prolong_add`."""
-    out[:] = 0.0
-    for i in range(PAD, r.shape[0] - PAD):
-        ci, ni = PAD + (i - PAD) // 2, 1 if (i - PAD) % 2 else -1
-        for j in range(PAD, r.shape[1] - PAD):
-            if active[i, j]:
-                cj, nj = PAD + (j - PAD) // 2, 1 if (j - PAD) % 2 else -1
-                a, b = 9.0 * coarse[ci, cj], 3.0 * coarse[ci + ni, cj]
-                c, d = 3.0 * coarse[ci, cj + nj], 1.0 * coarse[ci + ni, cj + nj]
-                share = r[i, j] / (a + b + c + d)
-                out[ci, cj] += a * share
-                out[ci + ni, cj] += b * share
-                out[ci, cj + nj] += c * share
-                out[ci + ni, cj + nj] += d * share
-
-
-@kernel
-def prolong_add(active: Any, x: FloatArray, coarse: Any, step: FloatArray) -> None:
+def prolong_add(share: FloatArray, step: FloatArray, x: FloatArray) -> None:
     """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
+    width = step.shape[1]
     for i in range(PAD, x.shape[0] - PAD):
         ci, ni = PAD + (i - PAD) // 2, 1 if (i - PAD) % 2 else -1
-        for j in range(PAD, x.shape[1] - PAD):
-            if active[i, j]:
-                cj, nj = PAD + (j - PAD) // 2, 1 if (j - PAD) % 2 else -1
-                a, b = 9.0 * coarse[ci, cj], 3.0 * coarse[ci + ni, cj]
-                c, d = 3.0 * coarse[ci, cj + nj], 1.0 * coarse[ci + ni, cj + nj]
-                value = a * step[ci, cj] + b * step[ci + ni, cj]
-                value += c * step[ci, cj + nj] + d * step[ci + ni, cj + nj]
-                x[i, j] += value / (a + b + c + d)
+        near, far = step[ci], step[ci + ni]
+        for cj in range(PAD, width - PAD):
+            j = 2 * cj - PAD
+            middle = 9.0 * near[cj] + 3.0 * far[cj]
+            x[i, j] += share[i, j] * (middle + 3.0 * near[cj - 1] + far[cj - 1])
+            x[i, j + 1] += share[i, j + 1] * (middle + 3.0 * near[cj + 1] + far[cj + 1])
 
 
 @kernel
-def _add_pair(m: Any, i: int, j: int, direction: int, value: float) -> None:
-    m[direction, i, j] += value
+def restrict(share: FloatArray, r: FloatArray, coarse: Any, out: FloatArray) -> None:
+    """Adjoint of `prolong_add`."""
+    row = np.empty(r.shape[1])
+    for ci in range(PAD, out.shape[0] - PAD):
+        i = 2 * ci - PAD
+        row[:] = share[i] * r[i] * 3.0 + share[i + 1] * r[i + 1] * 3.0
+        row += share[i - 1] * r[i - 1] + share[i + 2] * r[i + 2]
+        for cj in range(PAD, out.shape[1] - PAD):
+            j = 2 * cj - PAD
+            out[ci, cj] = coarse[ci, cj] * (row[j - 1] + 3.0 * (row[j] + row[j + 1]) + row[j + 2])
+
+
+def shares(active: Any, coarse: Any) -> FloatArray:
+    """One over the weights of the active coarse pixels around each active pixel; 0 elsewhere."""
+    weights = np.zeros(active.shape)
+    prolong_add(np.ones(active.shape), coarse.astype(np.float64), weights)
+    return active / np.maximum(weights, 1.0)
 
 
 @dataclass(frozen=True)
@@ -158,16 +154,17 @@ class _Level:
     matrix: FloatArray
     inverse: FloatArray  # of the diagonal; 0 where a pixel is held at 0
     active: Any
+    share: FloatArray | None  # of the way to the next coarser grid, if there is one
     x: FloatArray
     b: FloatArray
     r: FloatArray
 
     @classmethod
-    def of(cls, coefficients: Coefficients, damping: float) -> _Level:
-        m = coefficients.matrix(damping)
-        held = (coefficients.active == 0) | (m[CENTRE] <= 0)
-        inverse = 1 / np.where(held, np.inf, m[CENTRE])
-        return cls(m, inverse, coefficients.active, *np.zeros((3, *inverse.shape)))
+    def of(cls, coefficients: Coefficients, damping: float, coarser: Coefficients | None) -> _Level:
+        m, active = coefficients.matrix(damping), coefficients.active
+        inverse = 1 / np.where((active == 0) | (m[CENTRE] <= 0), np.inf, m[CENTRE])
+        share = None if coarser is None else shares(active, coarser.active)
+        return cls(m, inverse, active, share, *np.zeros((3, *inverse.shape)))
 
 
 class Multigrid:
@@ -182,26 +179,28 @@ class Multigrid:
     """
 
     def __init__(self, coefficients: Coefficients, damping: float = 1e-3) -> None:
-        self.levels = [_Level.of(coefficients, damping)]
-        while coefficients.pixels > COARSEST:
-            coefficients = coefficients.coarser()
-            self.levels.append(_Level.of(coefficients, damping))
+        grids = [coefficients]
+        while grids[-1].pixels > COARSEST:
+            grids.append(grids[-1].coarser())
+        self.levels = [
+            _Level.of(grid, damping, coarser) for grid, coarser in zip(grids, [*grids[1:], None], strict=True)
+        ]
 
     def _cycle(self, depth: int = 0) -> None:
         """One V-cycle: x of a level from its right-hand side b, starting at nothing."""
         at = self.levels[depth]
         at.x[:] = 0.0
         sweep_forwards(at.matrix, at.inverse, at.x, at.b)
-        if depth + 1 == len(self.levels):
+        if at.share is None:
             for _ in range(SWEEPS):
                 sweep_backwards(at.matrix, at.inverse, at.x, at.b)
                 sweep_forwards(at.matrix, at.inverse, at.x, at.b)
         else:
             below = self.levels[depth + 1]
             residual(at.matrix, at.x, at.b, at.r)
-            restrict(at.active, at.r, below.active, below.b)
+            restrict(at.share, at.r, below.active, below.b)
             self._cycle(depth + 1)
-            prolong_add(at.active, at.x, below.active, below.x)
+            prolong_add(at.share, below.x, at.x)
         sweep_backwards(at.matrix, at.inverse, at.x, at.b)
 
     def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:
