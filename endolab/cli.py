@@ -16,9 +16,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+SNAPSHOTS = 12  # of a march, in its recording
+
 
 class _Progress:
-    """An observer that shows a bar on stderr, one step an iterate."""
+    """An observer that shows a bar on stderr, of the iterations that are done."""
 
     def __init__(self, total: int | None) -> None:
         from tqdm import tqdm
@@ -27,7 +29,7 @@ class _Progress:
 
     def __call__(self, iterate: Any) -> None:
         self.bar.set_postfix_str(f"energy {iterate.energy:.3e}", refresh=False)
-        self.bar.update()
+        self.bar.update(iterate.k - self.bar.n)  # the start is none
 
     def close(self) -> None:
         self.bar.close()
@@ -45,18 +47,21 @@ def _calibration(name: str) -> Any:
 
 def _reconstruct(arguments: argparse.Namespace) -> None:
     from endolab.files import read_frame, save_result, staged_folder
-    from endolab.reconstruction import reconstruct
+    from endolab.reconstruction import DEFAULT_SOLVER, reconstruct
     from endolab.recording import record
 
     calibration = _calibration(arguments.calibration)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
-    marching = arguments.solver == "fast_marching"
-    options = {"snapshots": arguments.snapshots} if marching else {}
+    solver = DEFAULT_SOLVER if arguments.solver is None else arguments.solver
+    snapshots = arguments.snapshots
+    if snapshots is None and solver == "fast_marching":
+        snapshots = SNAPSHOTS
+    options = {} if snapshots is None else {"snapshots": snapshots}
     with staged_folder(arguments.out) as folder:
         result = reconstruct(
             frame,
             calibration,
-            solver=arguments.solver,
+            solver=solver,
             xi=arguments.xi,
             regulariser=arguments.regulariser,
             lam=arguments.lam,
@@ -64,18 +69,16 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
             width=arguments.width,
             smooth=arguments.smooth,
             median_distance=arguments.median_distance,
-            observers=[
-                record(folder / "recording.rrd"),
-                _Progress(arguments.snapshots + 1 if marching else None),
-            ],
+            observers=[record(folder / "recording.rrd"), _Progress(snapshots)],
             **options,
         )
         save_result(result, folder)
     near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
     print(f"{result.status.name}: {result.status.value}")
+    count, first = result.iterations, result.history[0]["energy"]
     print(
-        f"{result.problem.settings['solver']}, {result.iterations} iterations, {result.seconds:.2f} s, "
-        f"energy {result.energy:.3e}, {int(result.mask.sum())} pixels"
+        f"{solver}, {count} iteration{'' if count == 1 else 's'}, {result.seconds:.2f} s, "
+        f"energy {f'{first:.3e} to ' if count else ''}{result.energy:.3e}, {int(result.mask.sum())} pixels"
     )
     print(f"distance: median {middle:.4g}, 1 % below {near:.4g}, 1 % above {far:.4g} ({result.problem.unit})")
     if not result.metric:
@@ -193,6 +196,15 @@ def _lab(arguments: argparse.Namespace) -> None:
     raise SystemExit(subprocess.call(command, env=environment))
 
 
+class _SolverHelp(str):
+    """Help that names the solvers when it is shown: no other command need wait until they are imported."""
+
+    def __mod__(self, values: object) -> str:
+        from endolab.reconstruction import DEFAULT_SOLVER, SOLVERS
+
+        return ", ".join(f"{name} (default)" if name == DEFAULT_SOLVER else name for name in SOLVERS)
+
+
 class _Parser(argparse.ArgumentParser):
     """A parser whose complaint is one sentence."""
 
@@ -211,7 +223,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add.add_argument("--out", required=True, metavar="DIR", help="folder for the results")
     add.add_argument("--mask", metavar="M.png", help="bright where the frame is to be used")
-    add.add_argument("--solver", default="fast_marching", help="facing or fast_marching (default)")
+    add.add_argument("--solver", help=_SolverHelp("%s"))
     add.add_argument("--xi", default="1/d", help="what the regulariser sees: 1/z, d or 1/d (default)")
     add.add_argument("--regulariser", default="second", help="first or second (default)")
     add.add_argument(
@@ -224,7 +236,7 @@ def _parser() -> argparse.ArgumentParser:
         "--smooth", type=float, metavar="PX", help="blur the light first (default: by the noise)"
     )
     add.add_argument(
-        "--snapshots", type=int, default=12, metavar="N", help="pictures of the front in the recording"
+        "--snapshots", type=int, metavar="N", help=f"of fast_marching in the recording (default {SNAPSHOTS})"
     )
     add.set_defaults(run=_reconstruct)
 
@@ -276,8 +288,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     try:
         arguments.run(arguments)
-    except (ValueError, OSError) as error:
-        print(f"endolab: {error}", file=sys.stderr)
+    except (ValueError, OSError, MemoryError) as error:
+        print(f"endolab: {str(error) or 'out of memory'}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("endolab: interrupted; nothing was written", file=sys.stderr)

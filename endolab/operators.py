@@ -145,7 +145,7 @@ def forward_gradient_adjoint(
     return sum(shifted(steps[i], -1, axis, 0.0) - steps[i] for i, axis in ((0, 1), (1, 0)))
 
 
-def _hessian_stencils(link: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
+def hessian_stencils(link: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
     """Where f_uu, f_uv and f_vv have all the steps that they need."""
     along_u, along_v = link
     return (
@@ -175,7 +175,7 @@ def hessian(f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None
     """
     inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, f, 0.0)
-    whole_uu, whole_uv, whole_vv = _hessian_stencils(link)
+    whole_uu, whole_uv, whole_vv = hessian_stencils(link)
     along_u, along_v = (shifted(f, 1, axis, 0.0) - f for axis in (1, 0))
     return np.stack(
         [
@@ -191,7 +191,7 @@ def hessian_adjoint(
 ) -> FloatArray:
     """Adjoint of `hessian`: (3, H, W) to (H, W), 0 outside the mask."""
     _, link = _links_of(p[0], mask, cuts)
-    uu, uv, vv = (np.where(whole, q, 0.0) for whole, q in zip(_hessian_stencils(link), p, strict=True))
+    uu, uv, vv = (np.where(whole, q, 0.0) for whole, q in zip(hessian_stencils(link), p, strict=True))
     out = sum(shifted(q, 1, a, 0.0) - 2 * q + shifted(q, -1, a, 0.0) for q, a in ((uu, 1), (vv, 0)))
     lower = shifted(uv, -1, 0, 0.0) - uv
     return out + np.sqrt(2) * (shifted(lower, -1, 1, 0.0) - lower)

@@ -14,6 +14,7 @@ from endolab.depth.energy import Problem
 from endolab.depth.fast_marching import fast_marching
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.initial import facing
+from endolab.depth.primal_dual import primal_dual
 from endolab.iteration import Observer, Result, Solver, run
 from endolab.operators import BoolArray, FloatArray
 from endolab.preprocess import Frame, field_of_view, noise_level, smooth_light, usable
@@ -25,6 +26,7 @@ SOLVERS: dict[str, Callable[..., Solver]] = {
     "facing": facing,
     "fast_marching": fast_marching,
     "gauss_newton": gauss_newton,
+    "primal_dual": primal_dual,
 }
 DEFAULT_SOLVER = "gauss_newton"
 BYTES_PER_PIXEL = 900  # at the peak of the solver that needs most, the frame's own arrays included

@@ -30,6 +30,7 @@ from endolab.operators import FloatArray
 
 LONGEST = 0.5  # of a step, in log d: a factor of 1.65 in distance
 SHORTEST = 2.0**-6  # share of a step below which the search along it gives up
+ROUNDING = 1e-24  # an energy as small as that of residuals of 1e-12
 DAMPING = 1e-3  # added to the diagonal, as a share of what the data put there without slant
 PRECISION, MOST = 0.1, 20  # of the inner solver: residual left, steps
 COARSEST = 24  # rows and columns of the coarsest grid, at least
@@ -62,7 +63,7 @@ class _State:
         return {"step": self.share, "damping": DAMPING, "inner": float(self.steps)}
 
     def has_converged(self, tolerance: float) -> bool:
-        return self.promise <= tolerance * self.energy
+        return self.promise <= tolerance * self.energy + ROUNDING
 
     def stepped(self) -> _State:
         """Take one Gauss-Newton step, halved until the energy falls."""
@@ -166,11 +167,11 @@ def gauss_newton(
         guess = None
         for guess in _guesses(grids, tolerance):
             terms = finest.terms(guess, problem.lam)
-            if sum(terms.values()) < iterate.energy:
+            if iterate.k < max_iterations and sum(terms.values()) < iterate.energy:
                 iterate = Iterate.of(problem, inner(guess), iterate, terms=terms)
                 yield iterate
         state = _State.at(finest, finest.march(guess), problem.lam)
-        if state.energy < iterate.energy:
+        if iterate.k < max_iterations and state.energy < iterate.energy:
             iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms)
             yield iterate
     while iterate.k < max_iterations:
