@@ -33,10 +33,10 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.energy import REFERENCE_WIDTH, Problem
+from endolab.depth.energy import REFERENCE_WIDTH, Problem, check_start
 from endolab.depth.fast_marching import kernel
 from endolab.iteration import Iterate, Solver, Status
-from endolab.operators import FloatArray, hessian_stencils, gradient, links
+from endolab.operators import FloatArray, gradient, hessian_stencils, links
 from endolab.surface import from_xi, to_xi
 
 BALANCE, LEAST = 0.1, 1e-3  # τ_p and the least θ in units of 1/c at the start
@@ -380,10 +380,8 @@ def primal_dual(
             raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {value}")
     if not (tolerance >= 0 and every >= 1):
         raise ValueError(f"tolerance must be at least 0 and every at least 1, got {tolerance} and {every}")
-    v = problem.log_facing if start is None else np.asarray(start, dtype=np.float64)
-    shape = problem.mask.shape
-    if v.shape != shape or not np.all(np.isfinite(v[problem.mask])):
-        raise ValueError(f"start must be log d of shape {shape}, finite in the mask; its shape is {v.shape}")
+    check_start(start, problem.mask)
+    v = problem.log_facing if start is None else start
     radius = round(patch * problem.camera.width / REFERENCE_WIDTH)
     path, theta, steps = _Path.at(problem, v, radius, safety), float(coupling), 0
     iterate = Iterate.of(problem, v)
