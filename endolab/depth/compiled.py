@@ -24,11 +24,13 @@ def _shading(t: float, table: Any, step: float) -> tuple[float, float]:
     """log(cos θ f_r(θ)/f_r(0)) and its derivative by t = log(1 + tan²θ)."""
     if table.shape[1] == 0:  # Lambertian
         return -0.5 * t, -0.5
-    k = min(int(t / step), table.shape[1] - 2)
-    s = t / step - k
+    w = np.sqrt(t)
+    k = min(int(w / step), table.shape[1] - 2)
+    s = w / step - k
     y0, y1, d0, d1 = table[0, k], table[0, k + 1], step * table[1, k], step * table[1, k + 1]
     a, b = 2 * (y0 - y1) + d0 + d1, 3 * (y1 - y0) - 2 * d0 - d1  # Hermite's cubic
-    return y0 + s * (d0 + s * (b + s * a)), (d0 + s * (2 * b + 3 * s * a)) / step
+    slope = (d0 + s * (2 * b + 3 * s * a)) / step
+    return y0 + s * (d0 + s * (b + s * a)), slope / max(2 * w, 1e-9)
 
 
 @kernel
@@ -159,13 +161,15 @@ def shading_table(photometry: Photometry, size: int = TABLE_SIZE) -> tuple[Float
     Returns
     -------
     table : (2, size) float array
-        log(cos θ f_r(θ)/f_r(0)) and its derivative, at equal steps of log(1 + tan²θ); (2, 0) for
-        a Lambertian surface.
+        log(cos θ f_r(θ)/f_r(0)) and its derivative, at equal steps of √log(1 + tan²θ), which is
+        nearly θ: a BRDF may have a cusp at θ = 0. (2, 0) for a Lambertian surface.
     step : float
     """
     if photometry.slant_table(2) is None:
         return np.empty((2, 0)), 1.0
-    t = np.linspace(0.0, 16.0, size)  # to cos θ = e⁻⁸
+    w = np.linspace(0.0, 4.0, size)  # to cos θ = e⁻⁸
+    w[0] = 1e-6
     unit = replace(photometry, k=0.0, gain=1.0, gamma=1.0)
-    intensity, _, by_slant = unit.shade(np.zeros(size), np.expm1(t), np.ones(size))
-    return np.stack([np.log(intensity / intensity[0]), by_slant * np.exp(t) / intensity]), float(t[1])
+    intensity, _, by_slant = unit.shade(np.zeros(size), np.expm1(w**2), np.ones(size))
+    shading = np.log(intensity / unit.shade(0.0, 0.0, 1.0)[0])
+    return np.stack([shading, 2 * w * by_slant * np.exp(w**2) / intensity]), float(w[2] - w[1])

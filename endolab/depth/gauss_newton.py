@@ -49,6 +49,7 @@ class _State:
     share: float = 1.0  # of the last step that was taken; 0 if no share lowered the energy
     promise: float = np.inf  # how much the last quadratic promised that the energy would fall
     steps: int = 0  # of the inner solver
+    multigrid: Multigrid | None = None  # of the last step
 
     @classmethod
     def at(cls, grid: Grid, v: FloatArray, lam: float) -> _State:
@@ -68,17 +69,18 @@ class _State:
     def stepped(self) -> _State:
         """Take one Gauss-Newton step, halved until the energy falls."""
         coefficients, descent = self.grid.linearised(self.v, self.lam)
-        delta, steps, _ = Multigrid(coefficients, DAMPING).solve(descent, PRECISION, MOST)
+        multigrid = Multigrid(coefficients, DAMPING, self.multigrid)
+        delta, steps, _ = multigrid.solve(descent, PRECISION, MOST)
         promise = 0.5 * float(np.vdot(descent, delta)) / int(self.grid.active.sum())
-        delta = np.clip(delta, -LONGEST, LONGEST)
-        share = 1.0
+        np.clip(delta, -LONGEST, LONGEST, out=delta)
+        taken, share = (promise, steps, multigrid), 1.0
         while share >= SHORTEST:
             there = self.v + share * delta
             terms = self.grid.terms(there, self.lam)
             if sum(terms.values()) < self.energy:
-                return _State(self.grid, there, self.lam, terms, share, promise, steps)
+                return _State(self.grid, there, self.lam, terms, share, *taken)
             share /= 2
-        return _State(self.grid, self.v, self.lam, self.terms, 0.0, promise, steps)
+        return _State(self.grid, self.v, self.lam, self.terms, 0.0, *taken)
 
     def descended(self, tolerance: float) -> _State:
         """Take up to `STEPS` steps."""

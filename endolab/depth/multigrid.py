@@ -10,7 +10,7 @@ Vectors are padded (see `padding.py`) and zero outside the mask, as the matrices
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -160,9 +160,14 @@ class _Level:
     r: FloatArray
 
     @classmethod
-    def of(cls, coefficients: Coefficients, damping: float, coarser: Coefficients | None) -> _Level:
-        m, active = coefficients.matrix(damping), coefficients.active
+    def of(
+        cls, coefficients: Coefficients, damping: float, coarser: Coefficients | None, old: _Level | None
+    ) -> _Level:
+        active = coefficients.active
+        m = coefficients.matrix(damping, None if old is None else old.matrix)
         inverse = 1 / np.where((active == 0) | (m[CENTRE] <= 0), np.inf, m[CENTRE])
+        if old is not None:
+            return replace(old, inverse=inverse)
         share = None if coarser is None else shares(active, coarser.active)
         return cls(m, inverse, active, share, *np.zeros((3, *inverse.shape)))
 
@@ -176,14 +181,20 @@ class Multigrid:
         Of the finest level.
     damping : float
         See `Coefficients.matrix`.
+    old : Multigrid, optional
+        Of other coefficients on the same grid, whose memory may be used; it is spoilt.
     """
 
-    def __init__(self, coefficients: Coefficients, damping: float = 1e-3) -> None:
+    def __init__(
+        self, coefficients: Coefficients, damping: float = 1e-3, old: Multigrid | None = None
+    ) -> None:
         grids = [coefficients]
         while grids[-1].pixels > COARSEST:
             grids.append(grids[-1].coarser())
-        self.levels = [
-            _Level.of(grid, damping, coarser) for grid, coarser in zip(grids, [*grids[1:], None], strict=True)
+        olds: list[_Level | None] = [None] * len(grids) if old is None else [*old.levels]
+        self.levels: list[_Level] = [
+            _Level.of(grid, damping, coarser, spoilt)
+            for grid, coarser, spoilt in zip(grids, [*grids[1:], None], olds, strict=True)
         ]
 
     def _cycle(self, depth: int = 0) -> None:

@@ -128,9 +128,9 @@ class Coefficients:
         """Rows times columns, without the padding."""
         return inner(self.by_v).size
 
-    def matrix(self, damping: float) -> FloatArray:
+    def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
         """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
-        m = np.empty((7, *self.by_v.shape))
+        m = np.empty((7, *self.by_v.shape)) if out is None else out
         first = (self.by_v, self.by_v_u, self.by_v_v, self.weight)
         assemble(*first, self.slope, self.smoothness, self.link, self.second, m)
         m[CENTRE] += damping * self.weight * self.by_v**2
