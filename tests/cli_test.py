@@ -6,13 +6,15 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import endolab as el
-from endolab import cli
+from endolab import cli, reconstruction
 from endolab.files import read_image, write_image
+from endolab.reconstruction import DEFAULT_SOLVER, SOLVERS
 
 ROOT = Path(cli.__file__).resolve().parents[1]
 OUTPUTS = ["cloud.ply", "depth.npz", "overview.png", "recording.rrd", "report.json"]
@@ -102,6 +104,7 @@ def test_reconstruct_writes_a_whole_folder(work):
     assert report["status"] == "CONVERGED"
     assert {"iterations", "energy", "seconds", "settings"} <= set(report)
     assert report["settings"]["frame"] == "frame.png"
+    assert report["settings"]["solver"] == DEFAULT_SOLVER
     assert report["pixels"] == mask.sum()
     header, _, body = (out / "cloud.ply").read_bytes().partition(b"end_header\n")
     assert f"element vertex {mask.sum()}\n".encode() in header
@@ -128,6 +131,44 @@ def test_the_summary_tells_the_unit(work, sim, capsys, tmp_path):
     assert "(relative units)" in unknown
     assert "--median-distance" in unknown
     assert "(mm)" not in unknown
+
+
+def test_the_summary_counts_the_steps(sim, capsys, tmp_path):
+    """Of several iterates it tells both ends of the energy, as the report and the bar count them."""
+    for solver in (DEFAULT_SOLVER, "facing"):
+        options = ["--width", "80", "--solver", solver, "--out", tmp_path]
+        assert call("reconstruct", sim / "frame.png", "--calibration", sim / "endoscope.json", *options) == 0
+        said = capsys.readouterr().out.splitlines()[1]
+        report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+        count = report["iterations"]
+        assert said.startswith(f"{solver}, {count} iterations, {report['seconds']:.2f} s, energy ")
+        energies = said.split("energy ")[1].split(",")[0].split(" to ")
+        assert energies[-1] == f"{report['energy']:.3e}"
+        assert len(energies) == (2 if count else 1)
+        assert float(energies[0]) > 10 * report["energy"] or not count
+
+
+@pytest.mark.parametrize("snapshots", [[], ["--snapshots", "3"]])
+def test_a_march_shows_its_front(sim, capsys, tmp_path, snapshots):
+    options = ["--width", "80", "--solver", "fast_marching", "--out", tmp_path, *snapshots]
+    assert call("reconstruct", sim / "frame.png", "--calibration", sim / "endoscope.json", *options) == 0
+    assert f"fast_marching, {3 if snapshots else 12} iterations" in capsys.readouterr().out
+
+
+def test_the_bar_counts_what_the_report_counts(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    bar = cli._Progress(None)
+    for k in range(4):
+        bar(SimpleNamespace(k=k, energy=0.1**k))
+        assert bar.bar.n == k
+    bar.bar.refresh()
+    assert "3it" in sys.stderr.getvalue()
+    assert "energy 1.000e-03" in sys.stderr.getvalue()
+    bar.close()
 
 
 def test_relative_units_are_written_down(work):
@@ -216,7 +257,8 @@ def test_evaluate_reads_a_data_sets_depth_map(work, sim, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--solver", "magic"], "unknown solver 'magic'; choose facing, fast_marching"),
+        (["--solver", "magic"], f"unknown solver 'magic'; choose {', '.join(SOLVERS)}"),
+        (["--snapshots", "3"], "solver 'gauss_newton' has no option 'snapshots'"),
         (["--xi", "z"], "unknown xi 'z'; choose 1/z, d, 1/d"),
         (["--regulariser", "third"], "unknown regulariser 'third'; choose first or second"),
         (["--channel", "pink"], "unknown channel 'pink'"),
@@ -441,6 +483,20 @@ def test_help(capsys, command):
     assert capsys.readouterr().out.startswith("usage: endolab")
 
 
+def test_help_names_the_solvers(capsys):
+    call("reconstruct", "--help")
+    said = " ".join(capsys.readouterr().out.split())
+    for name in SOLVERS:
+        assert name in said.split("--solver SOLVER ")[1].split("--xi XI")[0]
+    assert f"{DEFAULT_SOLVER} (default)" in said
+
+
+def test_a_frame_too_large_for_the_memory_is_refused(sim, tmp_path, refused, monkeypatch):
+    monkeypatch.setattr(reconstruction, "BYTES_PER_PIXEL", 10**12)
+    calibration = ("--calibration", sim / "endoscope.json", "--out", tmp_path / "new")
+    assert "needs about 19200000.0 GB of memory" in refused("reconstruct", sim / "frame.png", *calibration)
+
+
 def test_it_runs_as_a_module(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "endolab", "--help"],
@@ -461,5 +517,5 @@ def test_a_refusal_is_one_line_also_from_what_is_not_python(sim, tmp_path):
     command += ["--calibration", str(sim / "endoscope.json"), "--out", str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr == "endolab: unknown solver 'none'; choose facing, fast_marching\n"
+    assert done.stderr == f"endolab: unknown solver 'none'; choose {', '.join(SOLVERS)}\n"
     assert not (tmp_path / "out").exists()

@@ -206,7 +206,12 @@ def error_percent(sample, **options):
 def test_one_pass_over_a_phantom(data, index, channel):
     """Measured 11.5 to 12.1 %; the start d₀ is far behind."""
     sample = sample_of(data, "c3vd", index)
-    assert error_percent(sample, channel=channel, width=675) <= 12.2
+    assert error_percent(sample, channel=channel, width=675, solver="fast_marching") <= 12.2
+
+
+def test_the_default_over_a_phantom(data):
+    """Measured 11.7 %, a little less than one pass leaves."""
+    assert error_percent(sample_of(data, "c3vd", 1), width=675) <= 12
 
 
 def test_the_start_is_behind_the_march(data):
@@ -216,4 +221,10 @@ def test_the_start_is_behind_the_march(data):
 @pytest.mark.parametrize("index", [0, 2, 4])
 def test_one_pass_over_a_synthetic_colon(data, index):
     """Measured 11.8 to 13.5 %."""
-    assert error_percent(sample_of(data, "simcol3d", index), channel="grey") <= 14
+    sample = sample_of(data, "simcol3d", index)
+    assert error_percent(sample, channel="grey", solver="fast_marching") <= 14
+
+
+def test_the_default_over_a_synthetic_colon(data):
+    """Measured 12.5 %: light that bounces between the walls, which is not modelled, keeps it from less."""
+    assert error_percent(sample_of(data, "simcol3d", 4), channel="grey") <= 13

@@ -421,9 +421,21 @@ def test_edges_of_the_image_weigh_less(tiny):
         ("regulariser", "third", "unknown regulariser 'third'; choose first or second"),
         ("image", np.zeros((7, 5)), r"image has shape \(7, 5\), the camera \(5, 7\)"),
         ("mask", np.ones((5, 6), bool), r"mask has shape \(5, 6\), the camera \(5, 7\)"),
-        ("cuts", np.ones((5, 7), bool), r"cuts must be a bool array of shape \(2, 5, 7\), found bool of shape \(5, 7\)"),
-        ("cuts", np.ones((2, 7, 5), bool), r"cuts must be a bool array of shape \(2, 5, 7\), found bool of shape \(2, 7, 5\)"),
-        ("cuts", np.ones((5, 7, 2), bool), r"cuts must be a bool array of shape \(2, 5, 7\), found bool of shape \(5, 7, 2\)"),
+        (
+            "cuts",
+            np.ones((5, 7), bool),
+            r"cuts must be a bool array of shape \(2, 5, 7\), found bool of shape \(5, 7\)",
+        ),
+        (
+            "cuts",
+            np.ones((2, 7, 5), bool),
+            r"cuts must be a bool array of shape \(2, 5, 7\), found bool of shape \(2, 7, 5\)",
+        ),
+        (
+            "cuts",
+            np.ones((5, 7, 2), bool),
+            r"cuts must be a bool array of shape \(2, 5, 7\), found bool of shape \(5, 7, 2\)",
+        ),
     ],
 )
 def test_a_problem_refuses(tiny, key, value, message):

@@ -20,6 +20,7 @@ from PIL import Image
 import endolab as el
 from endolab import files
 from endolab.files import read_image, read_mask, staged_folder, write_atomically, write_cloud, write_image
+from endolab.reconstruction import DEFAULT_SOLVER
 
 CAMERA = el.Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5)
 CALIBRATION = el.Calibration(CAMERA, el.Photometry())
@@ -195,7 +196,7 @@ def test_a_result_is_saved_whole(tmp_path, result):
     assert report["energy"] == result.energy == sum(report["terms"].values())
     known = result.distance[result.mask]
     assert list(report["distance"].values()) == pytest.approx([np.median(known), known.min(), known.max()])
-    assert report["settings"]["solver"] == "fast_marching"
+    assert report["settings"]["solver"] == DEFAULT_SOLVER
     assert (report["unit"], report["metric"]) == ("mm", True)
     overview = np.asarray(Image.open(tmp_path / "a/b/overview.png").convert("L"))
     assert min(overview.shape) > 200

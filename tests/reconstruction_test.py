@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
+from endolab import datasets, reconstruction
+from endolab.depth.energy import energy_terms
 from endolab.evaluation import compare
-from endolab.reconstruction import SOLVERS, pose, solve
+from endolab.reconstruction import DEFAULT_SOLVER, SOLVERS, pose, solve
 
 CALIBRATION = datasets.calibration("simple")
 
@@ -61,7 +62,7 @@ def small():
 )
 def test_one_pass_finds_the_simple_scenes(shots, scene, percent, degrees):
     """About 0.001 %; the tube's walls meet the picture's border, where the truth is not in it."""
-    result = shots[scene].reconstruct()
+    result = shots[scene].reconstruct(solver="fast_marching")
     errors = shots[scene].errors(result)
     assert errors.pixels > 0.97 * result.mask.size
     assert percent[0] <= errors.mean_percent <= percent[1]
@@ -70,13 +71,33 @@ def test_one_pass_finds_the_simple_scenes(shots, scene, percent, degrees):
     assert result.metric
 
 
+@pytest.mark.parametrize(("scene", "percent", "degrees"), [("plane", 0.01, 0.05), ("tube", 2, 4)])
+def test_the_default_finds_the_simple_scenes_and_the_tube(shots, scene, percent, degrees):
+    """Measured 0.003 %, 0.02° and 1.3 %, 2.4°: what is smooth tells what comes in over the border."""
+    result = shots[scene].reconstruct()
+    errors = shots[scene].errors(result)
+    assert result.problem.settings["solver"] == DEFAULT_SOLVER == "gauss_newton"
+    assert errors.mean_percent < percent
+    assert errors.mean_degrees < degrees
+    assert result.status is el.Status.CONVERGED
+    assert result.iterate.terms["data"] < result.iterate.terms["regulariser"]
+
+
 def test_noise_blurs_and_the_answer_stays_close(ball, rng):
+    """The march needs the blur, Gauss-Newton does not: 0.02 % with and without."""
     noisy = np.clip(ball.frame.image + rng.normal(scale=1 / 255, size=ball.frame.image.shape), 0, 1)
-    result = el.reconstruct(el.Frame(noisy, ball.frame.mask), ball.calibration)
-    assert result.problem.settings["smooth"] == pytest.approx(2.0, rel=0.1)
-    assert ball.errors(result).mean_percent < 1.0
-    sharp = el.reconstruct(el.Frame(noisy, ball.frame.mask), ball.calibration, smooth=0.0)
-    assert ball.errors(sharp).mean_percent > 3 * ball.errors(result).mean_percent
+    frame = el.Frame(noisy, ball.frame.mask)
+    percent = {}
+    for solver in ("fast_marching", "gauss_newton"):
+        for smooth in (None, 0.0):
+            result = el.reconstruct(frame, ball.calibration, solver=solver, smooth=smooth)
+            percent[solver, smooth] = ball.errors(result).mean_percent
+            used = result.problem.settings["smooth"]
+            assert used == (0 if smooth == 0 else pytest.approx(2.0, rel=0.1))
+    assert percent["fast_marching", None] < 1.0
+    assert percent["fast_marching", 0.0] > 3 * percent["fast_marching", None]
+    assert percent["gauss_newton", None] < 0.05
+    assert percent["gauss_newton", 0.0] < 0.05
 
 
 @pytest.mark.parametrize("channel", ["red", "green", "blue", "grey", None])
@@ -93,9 +114,16 @@ def test_facing_is_the_canonical_intensity_to_the_minus_one_half(small, channel)
 @pytest.mark.parametrize("channel", ["green", "blue", "grey"])
 def test_every_channel_shows_the_same_surface(shots, channel):
     for shot in shots.values():
-        red, other = shot.reconstruct(channel="red"), shot.reconstruct(channel=channel)
+        red, other = (shot.reconstruct(channel=one, solver="fast_marching") for one in ("red", channel))
         np.testing.assert_allclose(other.distance, red.distance, rtol=1e-9)
         assert other.problem.settings["channel"] == channel
+
+
+def test_a_darker_channel_is_a_little_smoother(ball):
+    """Residuals and edges are measured in stored values, so that λ weighs more where they are small."""
+    red, blue = ball.reconstruct(channel="red"), ball.reconstruct(channel="blue")
+    assert 0 < np.nanmax(np.abs(blue.distance / red.distance - 1)) < 5e-3
+    assert ball.errors(blue).mean_percent < 0.01
 
 
 def test_a_grey_frame(small):
@@ -146,8 +174,8 @@ def test_a_frame_can_be_shrunk_first(ball):
     for name in ("fx", "fy", "cx", "cy"):
         assert getattr(camera, name) == pytest.approx(getattr(expected, name))
     errors = ball.errors(result)
-    assert errors.mean_percent < 0.005
-    assert errors.mean_degrees < 0.01
+    assert errors.mean_percent < 0.01
+    assert errors.mean_degrees < 0.06
     assert result.problem.picture.shape == (240, 320, 3)
 
 
@@ -211,17 +239,20 @@ def test_maps_have_the_frames_shape_and_are_nan_outside_the_mask(small):
     assert np.all(np.isfinite([result.energy, result.seconds]))
 
 
-def test_islands_of_the_mask_do_not_know_of_each_other(small):
+@pytest.mark.parametrize(("solver", "tolerance"), [("fast_marching", 0), ("gauss_newton", 1e-2)])
+def test_islands_of_the_mask_do_not_know_of_each_other(small, solver, tolerance):
+    """In the energy they share ξ̃, the median of ξ, and the end of the iterations: measured 0.3 %."""
+    options = {"solver": solver, "smooth": 0.0}
     left, right = np.zeros((2, 60, 80), bool)
     left[5:50, 5:40], right[10:55, 40:75] = True, True
     right[:, 40] = False
     alone = [
-        el.reconstruct(el.Frame(small.frame.image, mask), small.calibration, smooth=0.0)
+        el.reconstruct(el.Frame(small.frame.image, mask), small.calibration, **options)
         for mask in (left, right)
     ]
-    both = el.reconstruct(el.Frame(small.frame.image, left | right), small.calibration, smooth=0.0)
+    both = el.reconstruct(el.Frame(small.frame.image, left | right), small.calibration, **options)
     for mask, one in zip((left, right), alone, strict=True):
-        np.testing.assert_array_equal(both.distance[mask], one.distance[mask])
+        np.testing.assert_allclose(both.distance[mask], one.distance[mask], rtol=tolerance)
 
 
 def test_the_black_frame_of_an_endoscope_is_left_out(small):
@@ -238,7 +269,7 @@ def test_the_black_frame_of_an_endoscope_is_left_out(small):
 
 def test_observers_see_the_front_advance(small):
     seen = []
-    result = small.reconstruct(observers=[seen.append], snapshots=5)
+    result = small.reconstruct(solver="fast_marching", observers=[seen.append], snapshots=5)
     assert [iterate.k for iterate in seen] == list(range(6))
     assert seen[-1] is result.iterate
     arrived = [iterate.maps["arrived"].sum() for iterate in seen]
@@ -248,7 +279,8 @@ def test_observers_see_the_front_advance(small):
 
 
 @pytest.mark.parametrize("wish", [True, KeyboardInterrupt])
-def test_a_run_can_be_stopped(small, wish):
+@pytest.mark.parametrize("options", [{"solver": "fast_marching", "snapshots": 5}, {}])
+def test_a_run_can_be_stopped(small, wish, options):
     def observer(iterate):
         if iterate.k == 2:
             if wish is True:
@@ -256,13 +288,14 @@ def test_a_run_can_be_stopped(small, wish):
             raise wish
         return None
 
-    result = small.reconstruct(observers=[observer], snapshots=5)
+    result = small.reconstruct(observers=[observer], **options)
     assert (result.status, result.iterations) == (el.Status.STOPPED, 2)
     assert np.all(np.isfinite(result.distance[result.mask]))
 
 
-def test_the_most_steps_to_take(small):
-    result = small.reconstruct(max_iterations=1, snapshots=5)
+@pytest.mark.parametrize("options", [{"solver": "fast_marching", "snapshots": 5}, {}])
+def test_the_most_steps_to_take(small, options):
+    result = small.reconstruct(max_iterations=1, **options)
     assert (result.status, result.iterations) == (el.Status.MAX_ITERATIONS, 1)
 
 
@@ -271,20 +304,71 @@ def test_iterates_one_by_one(small, solver):
     steps = list(el.iterate(small.frame, small.calibration, solver=solver, channel="blue", xi="d", smooth=0))
     problem = pose(small.frame, small.calibration, channel="blue", xi="d", smooth=0)
     result = el.run(solve(problem, solver))
-    assert len(steps) == result.iterations + 1
+    assert [step.k for step in steps] == [entry["k"] for entry in result.history]
     np.testing.assert_array_equal(steps[-1].log_distance, result.iterate.log_distance)
     assert (steps[0].problem.xi, result.problem.settings["channel"]) == ("d", "blue")
     whole = small.reconstruct(solver=solver, channel="blue", xi="d", smooth=0)
     assert whole.energy == result.energy
 
 
+# An earlier result to start from -----------------------------------------------------------
+
+
+def test_an_earlier_result_is_a_good_start(small):
+    first = small.reconstruct()
+    again = small.reconstruct(start=first, lam=1.1)
+    assert (again.status, again.iterations <= 2) == (el.Status.CONVERGED, True)
+    assert again.energy < energy_at(again.problem, first)
+    np.testing.assert_allclose(again.distance, first.distance, rtol=1e-3)
+
+
+def energy_at(problem, result):
+    return sum(energy_terms(problem, result.iterate.log_distance).values())
+
+
+@pytest.mark.parametrize("median_distance", [None, 42.0])
+def test_a_start_takes_the_scale_of_the_new_gain(small, median_distance):
+    first = small.reconstruct()
+    again = el.reconstruct(small.frame, small.up_to_scale, start=first, median_distance=median_distance)
+    assert (again.iterations <= 1, again.metric) == (True, median_distance is not None)
+    ratio = (again.distance / first.distance)[first.mask]
+    np.testing.assert_allclose(ratio, np.median(ratio), rtol=1e-3)
+    if median_distance:
+        assert np.median(again.distance[again.mask]) == pytest.approx(42.0, rel=1e-9)
+
+
+def test_a_start_of_a_smaller_mask_is_filled(small):
+    mask = small.frame.mask.copy()
+    mask[20:30, 30:50] = False
+    first = el.reconstruct(el.Frame(small.frame.image, mask), small.calibration)
+    again = small.reconstruct(start=first)
+    assert np.all(np.isfinite(again.distance[again.mask]))
+    assert small.errors(again).mean_percent < 0.05
+
+
 # What is refused ---------------------------------------------------------------------------
+
+
+def test_a_start_must_be_of_the_frames_size(small, ball):
+    with pytest.raises(ValueError, match=r"start has shape \(240, 320\), the frame \(60, 80\)"):
+        small.reconstruct(start=ball.reconstruct(solver="facing"))
+    with pytest.raises(ValueError, match="solver 'facing' has no option 'start'"):
+        small.reconstruct(solver="facing", start=small.reconstruct(solver="facing"))
+
+
+def test_a_frame_too_large_for_the_memory_is_refused_at_once(small, monkeypatch):
+    monkeypatch.setattr(reconstruction, "BYTES_PER_PIXEL", 10**15)
+    with pytest.raises(MemoryError, match=r"a frame of 80x60 px needs about .* make it smaller with width="):
+        small.reconstruct()
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"solver": "magic"}, "unknown solver 'magic'; choose facing, fast_marching"),
+        ({"solver": "magic"}, f"unknown solver 'magic'; choose {', '.join(SOLVERS)}$"),
+        ({"snapshots": 3}, "solver 'gauss_newton' has no option 'snapshots'; it takes start, inflow"),
+        ({"solver": "facing", "inflow": None}, "solver 'facing' has no option 'inflow'; it takes none"),
+        ({"cuts": np.zeros((2, 3, 3), bool)}, r"cuts must be a bool array of shape \(2, 60, 80\)"),
         ({"xi": "z"}, "unknown xi 'z'"),
         ({"regulariser": "third"}, "unknown regulariser 'third'"),
         ({"channel": "pink"}, "unknown channel 'pink'"),
