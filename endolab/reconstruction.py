@@ -36,12 +36,16 @@ def _checked_solver(name: str, options: Mapping[str, Any]) -> Callable[..., Solv
     """Return the solver of that name, if there is one and it has these options."""
     if name not in SOLVERS:
         raise ValueError(f"unknown solver {name!r}; choose {', '.join(SOLVERS)}")
-    known = list(inspect.signature(SOLVERS[name]).parameters)[1:]
+    known = _options_of(name)
     for option in options:
         if option not in known:
             choice = f"it takes {', '.join(known)}" if known else "it takes none"
             raise ValueError(f"solver {name!r} has no option {option!r}; {choice}")
     return SOLVERS[name]
+
+
+def _options_of(solver: str) -> list[str]:
+    return list(inspect.signature(SOLVERS[solver]).parameters)[1:]
 
 
 def _check_memory(width: int, height: int) -> None:
@@ -231,6 +235,8 @@ def reconstruct(
         lam=lam,
         **posing,
     )
+    if max_iterations is not None and "max_iterations" in _options_of(solver):
+        options["max_iterations"], max_iterations = max_iterations, None  # the solver counts itself
     if start is not None:
         options["start"] = _started(problem, start)
     if median_distance is not None:
