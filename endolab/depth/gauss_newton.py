@@ -23,7 +23,7 @@ import numpy as np
 from endolab.depth.energy import Problem, check_start
 from endolab.depth.fast_marching import check_inflow
 from endolab.depth.grid import Grid
-from endolab.depth.multigrid import Multigrid
+from endolab.depth.multigrid import Multigrid, dot
 from endolab.depth.padding import inner, padded
 from endolab.iteration import Iterate, Solver, Status
 from endolab.operators import FloatArray
@@ -71,7 +71,7 @@ class _State:
         coefficients, descent = self.grid.linearised(self.v, self.lam)
         multigrid = Multigrid(coefficients, DAMPING, self.multigrid)
         delta, steps, _ = multigrid.solve(descent, PRECISION, MOST)
-        promise = 0.5 * float(np.vdot(descent, delta)) / int(self.grid.active.sum())
+        promise = 0.5 * dot(descent, delta) / int(self.grid.active.sum())
         np.clip(delta, -LONGEST, LONGEST, out=delta)
         taken, share = (promise, steps, multigrid), 1.0
         while share >= SHORTEST:

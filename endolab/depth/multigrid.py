@@ -51,7 +51,8 @@ def multiply(m: Any, x: FloatArray, out: FloatArray) -> None:
 
 
 @kernel
-def _dot(a: FloatArray, b: FloatArray) -> float:
+def dot(a: FloatArray, b: FloatArray) -> float:
+    """Scalar product of two vectors; of one thread, unlike NumPy's, whose threads wait in circles."""
     total = 0.0
     for i in range(PAD, a.shape[0] - PAD):
         row = 0.0
@@ -234,7 +235,7 @@ class Multigrid:
         start = last = 1.0
         for step in range(most + 1):
             self._cycle()
-            now = _dot(r, top.x)
+            now = dot(r, top.x)
             start = now if step == 0 else start
             remaining = float(np.sqrt(max(now, 0.0) / start)) if start > 0 else 0.0
             if remaining <= tolerance or step == most:
@@ -242,5 +243,5 @@ class Multigrid:
             _conjugate(top.x, now / last if step else 0.0, direction)
             last = now
             multiply(top.matrix, direction, product)
-            _proceed(now / _dot(direction, product), direction, product, x, r)
+            _proceed(now / dot(direction, product), direction, product, x, r)
         return x, step, remaining
