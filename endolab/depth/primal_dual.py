@@ -35,12 +35,13 @@ import numpy as np
 
 from endolab.depth.energy import REFERENCE_WIDTH, Problem, check_start
 from endolab.depth.fast_marching import kernel
+from endolab.depth.grid import Grid
+from endolab.depth.padding import padded
 from endolab.iteration import Iterate, Solver, Status
 from endolab.operators import FloatArray, gradient, hessian_stencils, links
 from endolab.surface import from_xi, to_xi
 
 BALANCE, LEAST = 0.1, 1e-3  # τ_p and the least θ in units of 1/c at the start
-
 RANGES = {"coupling": (LEAST, 1e6), "decay": (0, 1), "safety": (1e-3, 1), "patch": (0, 32)}
 
 # The loops below each write one row and read few: so compilers can tell that they may use vectors.
@@ -317,7 +318,7 @@ class _Path:
     def log_distance(self) -> FloatArray:
         """v = log d, (H, W)."""
         problem = self.problem
-        xi = self.state[0][1:-1, 1:-1] * problem.xi_median
+        xi = np.where(problem.mask, self.state[0][1:-1, 1:-1] * problem.xi_median, 1.0)
         return from_xi(xi, problem.xi, np.where(problem.mask, problem.field.cos_alpha, 1.0))
 
     def share(self, theta: float) -> float:
@@ -383,14 +384,16 @@ def primal_dual(
     check_start(start, problem.mask)
     v = problem.log_facing if start is None else start
     radius = round(patch * problem.camera.width / REFERENCE_WIDTH)
-    path, theta, steps = _Path.at(problem, v, radius, safety), float(coupling), 0
+    path, theta, steps, grid = _Path.at(problem, v, radius, safety), float(coupling), 0, Grid.of(problem)
     iterate = Iterate.of(problem, v)
     yield iterate
     while steps < max_iterations:
         count = int(min(every, max_iterations - steps))
         theta, steps = path.advance(count, theta, decay), steps + count
         shown = {"steps": steps, "theta": theta, "tau": path.share(theta)}
-        iterate = replace(Iterate.of(problem, path.log_distance, iterate, scalars=shown), k=steps)
+        terms = grid.terms(padded(path.log_distance), problem.lam)
+        after = Iterate.of(problem, path.log_distance, iterate, terms=terms, scalars=shown)
+        iterate = replace(after, k=steps)
         yield iterate
         if iterate.change <= tolerance * count * shown["tau"]:
             return Status.CONVERGED
