@@ -97,22 +97,6 @@ def table_one() -> None:
     table("Table I at 320x240, exact frames", heads, rows)
 
 
-def defaults() -> None:
-    """The default solver against fast marching, exact and noisy, and against the issue's goals."""
-    rows = []
-    for how in ({}, {"noise": 3.0, "bits": 8}):
-        for scene in el.SCENES:
-            shot = Shot(scene, **how)
-            for solver in ("fast_marching", "gauss_newton"):
-                result = el.reconstruct(shot.frame, shot.calibration, solver=solver)
-                e = shot.errors(result)
-                name = "3 grey, 8 bit" if how else "exact"
-                end = f"{result.iterations} {result.status.name}"
-                rows.append([scene, name, solver, end, f"{e.mean_mm:.4f}", percent(e), degrees(e)])
-    heads = ("scene", "frame", "solver", "iterations", "mm mean", "% mean / median", "° mean / median")
-    table("The same λ for all, 320x240", heads, rows)
-
-
 def colons() -> None:
     """Colons of several shapes, clean and not, with and without their true contours as cuts."""
     shapes = {
@@ -275,7 +259,7 @@ def _seconds(call, repeats: int = 9) -> float:  # type: ignore[no-untyped-def]
     return median(seconds)
 
 
-TABLES = {one.__name__: one for one in (table_one, defaults, colons, sizes, sensitivity, kernels)}
+TABLES = {one.__name__: one for one in (table_one, colons, sizes, sensitivity, kernels)}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or TABLES:
