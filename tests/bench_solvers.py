@@ -15,6 +15,7 @@ from statistics import median
 
 import numpy as np
 from bench import _bandwidth, errors_of, table
+from primal_dual_test import Twin
 
 import endolab as el
 from endolab import datasets
@@ -22,6 +23,7 @@ from endolab.depth import multigrid
 from endolab.depth.energy import GaussNewtonModel, Problem, energy_terms
 from endolab.depth.grid import Grid
 from endolab.depth.padding import inner
+from endolab.depth.primal_dual import _Path
 from endolab.evaluation import Errors, occlusion_cuts
 from endolab.iteration import run
 from endolab.reconstruction import pose, solve
@@ -249,6 +251,18 @@ def kernels() -> None:
     table(f"Loops of a step; a large copy moves {rate / 1e9:.1f} GB/s", heads, rows)
 
 
+def primal_dual_steps() -> None:
+    """One step of the paper's path, compiled and in NumPy, without its energy."""
+    problem, rows = Shot("tube").pose(), []
+    for radius in (0, 8):
+        path = _Path.at(problem, problem.log_facing, radius, 0.7)
+        twin = Twin(problem, problem.log_facing, radius, 0.7)
+        ours = _seconds(lambda path=path: path.advance(10, 1.0, 1.0), 5) / 10
+        plain = _seconds(lambda twin=twin: twin.step(1.0), 3)
+        rows.append([f"{radius} px", f"{1e3 * ours:.2f}", f"{1e3 * plain:.1f}"])
+    table("Primal-dual step, tube at 320x240", ("patch", "compiled ms", "NumPy ms"), rows)
+
+
 def _seconds(call, repeats: int = 9) -> float:  # type: ignore[no-untyped-def]
     call()
     seconds = []
@@ -259,7 +273,7 @@ def _seconds(call, repeats: int = 9) -> float:  # type: ignore[no-untyped-def]
     return median(seconds)
 
 
-TABLES = {one.__name__: one for one in (table_one, colons, sizes, sensitivity, kernels)}
+TABLES = {one.__name__: one for one in (table_one, colons, sizes, sensitivity, kernels, primal_dual_steps)}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or TABLES:
