@@ -9,8 +9,8 @@ A fast march explains the frame, but takes the surface to face the camera where 
 picture, at the border and behind contours. The true values there are whatever makes the surface
 smoothest, and what is smooth is seen on a coarse grid as well as on a fine one. So the frame is
 solved on ever finer grids: on the coarsest λ falls to its value from ten times that; every finer
-one marches from the values that the coarser one found where the march enters, and takes a few
-steps. What is left for the frame's own pixels is to be done in two or three.
+one marches from the values that the coarser one found where the march enters (or takes over the
+coarser map, if that has the lower energy), and takes a few steps. What is left for the frame's own pixels is to be done in two or three.
 """
 
 from __future__ import annotations
@@ -92,18 +92,29 @@ class _State:
         return state
 
 
+def _begun(grid: Grid, guess: FloatArray | None, lam: float) -> _State:
+    """March with the guess's values where it enters, or the guess itself if its energy is less.
+
+    The march is sharper, and right on smooth walls; over folds that hide something it is rough.
+    Where cuts are known it is not, and a coarser grid's blocks mix their two sides.
+    """
+    marched = _State.at(grid, grid.march(guess), lam)
+    if guess is None or grid.cuts is not None:
+        return marched
+    return min(marched, _State.at(grid, guess, lam), key=lambda state: state.energy)
+
+
 def _guesses(grids: list[Grid], tolerance: float) -> Generator[FloatArray, None, None]:
-    """Maps for the finest grid, as found on ever finer grids but the finest."""
+    """Maps at full size, as found on ever finer grids but the finest."""
     lam, guess = grids[0].problem.lam, None
     for level in range(len(grids) - 1, 0, -1):
-        v = grids[level].march(guess)
+        v = _begun(grids[level], guess, lam).v
         for factor in CONTINUATION if guess is None else (1.0,):
             v = _State.at(grids[level], v, factor * lam).descended(tolerance).v
-        guess = v
-        for coarse in range(level, 0, -1):
-            v = grids[coarse].finer(v, grids[coarse - 1])
-            guess = v if coarse == level else guess
-        yield v
+        shown = guess = grids[level].finer(v, grids[level - 1])
+        for coarse in range(level - 1, 0, -1):
+            shown = grids[coarse].finer(shown, grids[coarse - 1])
+        yield shown
 
 
 def gauss_newton(
@@ -132,7 +143,7 @@ def gauss_newton(
     ------
     Iterate
         The start, or d₀; what each coarse grid makes of the frame, as long as its energy is lower;
-        the march at full size; then one for each step, with the scalars "step" (share of the
+        the march at full size, likewise; then one for each step, with the scalars "step" (share of the
         Gauss-Newton step that was taken), "damping" and "inner" (conjugate gradient steps).
         The energy falls from each to the next.
 
@@ -172,7 +183,7 @@ def gauss_newton(
             if iterate.k < max_iterations and sum(terms.values()) < iterate.energy:
                 iterate = Iterate.of(problem, inner(guess), iterate, terms=terms)
                 yield iterate
-        state = _State.at(finest, finest.march(guess), problem.lam)
+        state = _begun(finest, guess, problem.lam)
         if iterate.k < max_iterations and state.energy < iterate.energy:
             iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms)
             yield iterate
