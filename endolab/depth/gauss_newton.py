@@ -10,7 +10,8 @@ picture, at the border and behind contours. The true values there are whatever m
 smoothest, and what is smooth is seen on a coarse grid as well as on a fine one. So the frame is
 solved on ever finer grids: on the coarsest λ falls to its value from ten times that; every finer
 one marches from the values that the coarser one found where the march enters (or takes over the
-coarser map, if that has the lower energy), and takes a few steps. What is left for the frame's own pixels is to be done in two or three.
+coarser map, if that has the lower energy), and takes a few steps. What is left for the frame's
+own pixels is to be done in two or three.
 """
 
 from __future__ import annotations
