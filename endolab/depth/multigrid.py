@@ -197,6 +197,7 @@ class Multigrid:
             _Level.of(grid, damping, coarser, spoilt)
             for grid, coarser, spoilt in zip(grids, [*grids[1:], None], olds, strict=True)
         ]
+        self.room: FloatArray = np.empty((3, *coefficients.by_v.shape)) if old is None else old.room
 
     def _cycle(self, depth: int = 0) -> None:
         """One V-cycle: x of a level from its right-hand side b, starting at nothing."""
@@ -223,13 +224,14 @@ class Multigrid:
         Returns
         -------
         x : padded array
-            0 where a pixel is not active, whatever b is there.
+            0 where a pixel is not active, whatever b is there. The next call overwrites it.
         steps : int
         remaining : float
             The share of the residual that is left.
         """
         top = self.levels[0]
-        x, direction, product = np.zeros((3, *b.shape))
+        x, direction, product = self.room
+        self.room[:] = 0.0
         r = top.b  # a cycle leaves its right-hand side alone
         r[:] = b
         start = last = 1.0
