@@ -196,15 +196,6 @@ def _lab(arguments: argparse.Namespace) -> None:
     raise SystemExit(subprocess.call(command, env=environment))
 
 
-class _SolverHelp(str):
-    """Help that names the solvers when it is shown: no other command need wait until they are imported."""
-
-    def __mod__(self, values: object) -> str:
-        from endolab.reconstruction import DEFAULT_SOLVER, SOLVERS
-
-        return ", ".join(f"{name} (default)" if name == DEFAULT_SOLVER else name for name in SOLVERS)
-
-
 class _Parser(argparse.ArgumentParser):
     """A parser whose complaint is one sentence."""
 
@@ -223,7 +214,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add.add_argument("--out", required=True, metavar="DIR", help="folder for the results")
     add.add_argument("--mask", metavar="M.png", help="bright where the frame is to be used")
-    add.add_argument("--solver", help=_SolverHelp("%s"))
+    add.add_argument("--solver", help="facing, fast_marching, gauss_newton (default) or primal_dual")
     add.add_argument("--xi", default="1/d", help="what the regulariser sees: 1/z, d or 1/d (default)")
     add.add_argument("--regulariser", default="second", help="first or second (default)")
     add.add_argument(
