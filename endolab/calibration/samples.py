@@ -1,0 +1,220 @@
+"""Photometric samples: how bright the frame is at places of known depth and normal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import cv2
+import numpy as np
+
+from endolab.calibration.poses import Pose
+from endolab.calibration.targets import Target
+from endolab.cameras import Camera
+from endolab.operators import BoolArray, FloatArray, IntArray
+
+WINDOWS = (1, 3, 5, 7, 9)  # px, sides of the squares whose light is averaged
+GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Brightness at known places of a surface, in many frames.
+
+    Attributes
+    ----------
+    frame : (n,) int array
+        Number of the frame, ascending.
+    level : (n,) float array
+        Stored value, in [0, 1].
+    points : (n, 3) float array
+        Place on the surface in the camera frame, mm.
+    normals : (n, 3) float array
+        Unit normal there, towards the camera.
+    material : (n,) int array
+        0 for the white of the paper; grey patches, or other colour channels, count from 1.
+    """
+
+    frame: IntArray
+    level: FloatArray
+    points: FloatArray
+    normals: FloatArray
+    material: IntArray
+
+    def __post_init__(self) -> None:
+        n = len(self.frame)
+        for name, shape in (("level", (n,)), ("points", (n, 3)), ("normals", (n, 3)), ("material", (n,))):
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} must be of shape {shape}, got {getattr(self, name).shape}")
+        if np.any(np.diff(self.frame) < 0):
+            raise ValueError("frame must be in ascending order")
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def __getitem__(self, which: BoolArray | IntArray | slice) -> Self:
+        """Return some of the samples."""
+        parts = (self.frame, self.level, self.points, self.normals, self.material)
+        return type(self)(*(part[which] for part in parts))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Samples]) -> Samples:
+        """Join samples, in the order of their frames."""
+        if not parts:
+            return cls(np.zeros(0, int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, int))
+        names = ("frame", "level", "points", "normals", "material")
+        joined = cls.__new__(cls)
+        for name in names:
+            object.__setattr__(joined, name, np.concatenate([getattr(part, name) for part in parts]))
+        return joined[np.argsort(joined.frame, kind="stable")]
+
+    @property
+    def distance(self) -> FloatArray:
+        """Euclidean distance from the optical centre, (n,), mm."""
+        return np.linalg.norm(self.points, axis=1)
+
+    @property
+    def cos_alpha(self) -> FloatArray:
+        """Cosine of the angle off the camera's axis, (n,)."""
+        return self.points[:, 2] / self.distance
+
+    @property
+    def cos_theta(self) -> FloatArray:
+        """Cosine of the angle between the normal and the direction to the camera, (n,)."""
+        return -np.einsum("ni,ni->n", self.points, self.normals) / self.distance
+
+
+def sample_sheet(
+    image: FloatArray,
+    target: Target,
+    poses: Sequence[Pose | None],
+    camera: Camera,
+    *,
+    frame: int = 0,
+    gamma: float = 2.2,
+    most: int = 100,
+    places: FloatArray | None = None,
+) -> Samples:
+    """Read the brightness of the paper in one frame.
+
+    Parameters
+    ----------
+    image : (H, W) float array
+        One channel, stored values in [0, 1].
+    target : Target
+    poses : sequence of Pose or None
+        Of each panel; None for one that was not found.
+    camera : Camera
+    frame : int
+        Number of the frame.
+    gamma : float
+        With which the values of a window are made linear before they are averaged; a rough one
+        will do, since the light hardly changes within a window.
+    most : int
+        Samples to keep, spread at random over the sheet.
+    places : (n, 3) float array, optional
+        `target.white_places()`, if at hand.
+
+    Returns
+    -------
+    Samples
+        Each lies at the centre of a pixel; the point is where its ray meets the panel.
+    """
+    white = target.white_places() if places is None else places
+    greys = target.ink.greys
+    spots = np.concatenate([white, np.column_stack([greys[:, :2], greys[:, 2] * GREY_CLEARANCE])])
+    ratios = np.unique(greys[:, 3])[::-1]
+    material = np.concatenate([np.zeros(len(white), int), 1 + np.searchsorted(-ratios, -greys[:, 3])])
+    panel = target.panel_of(spots)
+    found = []
+    linear = image.astype(np.float32) ** gamma
+    means = [linear if side == 1 else cv2.blur(linear, (side, side)) for side in WINDOWS]
+    height, width = image.shape
+    for number, pose in enumerate(poses):
+        here = panel == number
+        if pose is None or not here.any():
+            continue
+        centre = np.column_stack([spots[here, :2], np.zeros(here.sum())])
+        rim = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * spots[here, 2, None, None]
+        pixel = camera.project(pose.transform(centre))
+        reach = np.linalg.norm(
+            camera.project(pose.transform(centre[:, None] + rim)) - pixel[:, None], axis=-1
+        )
+        # The window's corner, and a pixel of blur, must lie on bare paper in the narrowest direction.
+        half = (reach.min(axis=1) - 1.0) / np.sqrt(2)
+        with np.errstate(invalid="ignore"):
+            nearest = np.round(pixel)
+            size = np.searchsorted((np.array(WINDOWS) - 1) / 2 + 0.5, half, side="right") - 1
+            border = (np.array(WINDOWS)[np.clip(size, 0, None)] - 1) / 2
+            inside = np.all(
+                (nearest >= border[:, None]) & (nearest < [width, height] - border[:, None]), axis=1
+            )
+        good = inside & (size >= 0)
+        column, row = nearest[good].astype(int).T
+        light = np.stack(means)[size[good], row, column].astype(np.float64)
+        rays = camera.unproject(nearest[good])
+        depth = (pose.translation @ pose.normal) / (rays @ pose.normal)
+        found.append(
+            Samples(
+                np.full(good.sum(), frame),
+                light ** (1 / gamma),
+                rays * depth[:, None],
+                np.tile(pose.normal, (good.sum(), 1)),
+                material[here][good],
+            )
+        )
+    samples = Samples.concatenate(found)
+    samples = samples[(samples.cos_theta > 0) & np.isfinite(samples.distance)]
+    if len(samples) > most:
+        chosen = np.random.default_rng(frame).choice(len(samples), most, replace=False)
+        samples = samples[np.sort(chosen)]
+    return samples
+
+
+def sample_surface(
+    image: FloatArray,
+    points: FloatArray,
+    normals: FloatArray,
+    mask: BoolArray,
+    *,
+    frame: int = 0,
+    most: int = 3000,
+) -> Samples:
+    """Read the brightness of a surface that is known: a phantom, or a rendered scene.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values in [0, 1]; the colour channels become materials 0, 1 and 2.
+    points, normals : (H, W, 3) float arrays
+        The surface in the camera frame, mm, and its unit normals.
+    mask : (H, W) bool array
+        Where to sample.
+    frame : int
+        Number of the frame.
+    most : int
+        Places to sample, spread at random.
+
+    Returns
+    -------
+    Samples
+    """
+    usable = mask & np.all(np.isfinite(points), axis=-1) & np.all(np.isfinite(normals), axis=-1)
+    usable &= np.einsum("hwi,hwi->hw", points, normals) < 0
+    rows, columns = np.nonzero(usable)
+    if len(rows) > most:
+        chosen = np.sort(np.random.default_rng(frame).choice(len(rows), most, replace=False))
+        rows, columns = rows[chosen], columns[chosen]
+    channels = image[..., None] if image.ndim == 2 else image
+    parts = [
+        Samples(
+            np.full(len(rows), frame),
+            channels[rows, columns, channel].astype(np.float64),
+            points[rows, columns].astype(np.float64),
+            normals[rows, columns].astype(np.float64),
+            np.full(len(rows), channel),
+        )
+        for channel in range(channels.shape[-1])
+    ]
+    return Samples.concatenate(parts)

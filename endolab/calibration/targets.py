@@ -1,0 +1,397 @@
+"""Calibration targets: what is printed on the sheet, where, and which of it is a feature.
+
+A target has a frame of its own: x right and y down on the sheet, z into it, the origin at the
+feature in the upper left; all in mm. A sheet that is folded along one line has two flat panels,
+each with a pose of its own, and keeps the coordinates that it had before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage
+from scipy.spatial import Delaunay
+
+from endolab.operators import FloatArray, IntArray
+
+VICALIB_SEED = 71
+DICTIONARY = "DICT_5X5_250"
+
+
+@dataclass(frozen=True)
+class Ink:
+    """What is printed: black discs, black rectangles, grey discs.
+
+    Attributes
+    ----------
+    discs : (n, 3) float array
+        Centre x, y and radius, mm.
+    rectangles : (n, 4) float array
+        Left, top, width, height, mm.
+    greys : (n, 4) float array
+        Centre x, y, radius, mm, and reflectance relative to the white of the paper.
+    """
+
+    discs: FloatArray
+    rectangles: FloatArray
+    greys: FloatArray
+
+
+def _rows(values: ArrayLike, columns: int) -> FloatArray:
+    return np.asarray(values, dtype=np.float64).reshape(-1, columns)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A flat printed target; use one of its kinds.
+
+    Parameters
+    ----------
+    columns, rows : int
+        Of features (dots, circles) or of squares (chessboard, ChArUco).
+    spacing : float
+        Between neighbours, or the side of a square, mm.
+    margin : float
+        White paper around the features, mm.
+    fold : int, optional
+        The sheet is folded between this many columns on the left and the rest.
+    """
+
+    columns: int
+    rows: int
+    spacing: float
+    margin: float = 10.0
+    fold: int | None = None
+
+    kind: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        for name, least in (("columns", 2), ("rows", 2)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or int(value) != value or not least <= value <= 1000:
+                raise ValueError(f"{name} must be a whole number from {least} to 1000, got {value}")
+        for name in ("spacing", "margin"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be positive and finite (mm), got {value}")
+        if self.fold is not None and not 1 <= self.fold <= self.columns - 1:
+            last = self.columns - 1
+            raise ValueError(f"fold must lie between columns, from 1 to {last}, got {self.fold}")
+
+    @property
+    def points(self) -> FloatArray:
+        """Features in the target's frame, (n, 3), mm; their row is their id."""
+        raise NotImplementedError
+
+    @property
+    def radii(self) -> FloatArray:
+        """Radius of the disc that each feature is the centre of, (n,), mm; 0 for corners."""
+        return np.zeros(len(self.points))
+
+    @property
+    def ink(self) -> Ink:
+        """What is printed."""
+        raise NotImplementedError
+
+    @property
+    def _fold_x(self) -> float | None:
+        """Where the fold runs, mm."""
+        return None if self.fold is None else (self.fold - 0.5) * self.spacing
+
+    def panel_of(self, xy: ArrayLike) -> IntArray:
+        """Panel of places on the sheet: 0, or 1 to the right of the fold.
+
+        Parameters
+        ----------
+        xy : (..., 2 or 3) array of float
+            Places in the target's frame, mm.
+
+        Returns
+        -------
+        (...) int array
+        """
+        x = np.asarray(xy, dtype=np.float64)[..., 0]
+        return np.zeros(x.shape, int) if self._fold_x is None else (x > self._fold_x).astype(int)
+
+    @property
+    def panels(self) -> int:
+        """Number of flat panels."""
+        return 1 if self.fold is None else 2
+
+    @property
+    def sheet(self) -> tuple[float, float, float, float]:
+        """Left, top, width and height of the paper in the target's frame, mm."""
+        ink = self.ink
+        circles = np.concatenate([ink.discs, ink.greys[:, :3]])
+        low = np.concatenate([circles[:, :2] - circles[:, 2:], ink.rectangles[:, :2]])
+        high = np.concatenate(
+            [circles[:, :2] + circles[:, 2:], ink.rectangles[:, :2] + ink.rectangles[:, 2:]]
+        )
+        left, top = low.min(axis=0) - self.margin
+        right, bottom = high.max(axis=0) + self.margin
+        return float(left), float(top), float(right - left), float(bottom - top)
+
+    def reflectance(self, xy: ArrayLike, black: float = 0.04) -> FloatArray:
+        """How much of the light the sheet returns, relative to its white.
+
+        Parameters
+        ----------
+        xy : (..., 2) array of float
+            Places in the target's frame, mm.
+        black : float
+            Reflectance of the ink.
+
+        Returns
+        -------
+        (...) float array
+            nan beside the paper.
+        """
+        xy = np.asarray(xy, dtype=np.float64)
+        left, top, width, height = self.sheet
+        x, y = xy[..., 0], xy[..., 1]
+        value = np.where((x >= left) & (x <= left + width) & (y >= top) & (y <= top + height), 1.0, np.nan)
+        ink = self.ink
+        for cx, cy, radius, grey in ink.greys:
+            value[(x - cx) ** 2 + (y - cy) ** 2 <= radius**2] = grey
+        for cx, cy, radius in ink.discs:
+            value[(x - cx) ** 2 + (y - cy) ** 2 <= radius**2] = black
+        for left, top, width, height in ink.rectangles:
+            value[(x >= left) & (x <= left + width) & (y >= top) & (y <= top + height)] = black
+        return value
+
+    def white_places(self, clearance: float = 0.5, step: float = 0.1) -> FloatArray:
+        """Places between the features where the paper is bare, for sampling its brightness.
+
+        Parameters
+        ----------
+        clearance : float
+            Least radius of bare paper around each, mm.
+        step : float
+            Of the raster on which they are sought, mm.
+
+        Returns
+        -------
+        (n, 3) float array
+            x, y in the target's frame and the radius of bare paper there, mm; the discs of that
+            radius do not overlap ink, grey or the fold, and the places lie a spacing's half apart
+            at least.
+        """
+        low, high = self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)
+        x, y = (np.arange(a, b + step / 2, step) for a, b in zip(low, high, strict=True))
+        grid = np.stack(np.meshgrid(x, y), axis=-1)
+        bare = self.reflectance(grid) == 1
+        if self._fold_x is not None:
+            bare &= np.abs(grid[..., 0] - self._fold_x) > step
+        radius = ndimage.distance_transform_edt(np.pad(bare, 1))[1:-1, 1:-1] * step
+        inside = Delaunay(self.points[:, :2]).find_simplex(grid.reshape(-1, 2)).reshape(bare.shape) >= 0
+        apart = max(int(self.spacing / 2 / step), 1)
+        peak = inside & (radius >= clearance) & (radius >= ndimage.maximum_filter(radius, 2 * apart + 1))
+        labels, count = ndimage.label(peak, np.ones((3, 3)))
+        rows, columns = np.array(ndimage.center_of_mass(peak, labels, range(1, count + 1))).reshape(-1, 2).T
+        # A plateau's centre may be less bare than its rim; read the radius where the centre is.
+        found = radius[np.round(rows).astype(int), np.round(columns).astype(int)]
+        places = np.stack([low[0] + columns * step, low[1] + rows * step, found - step], axis=-1)
+        return places[found - step >= min(clearance, found.max(initial=0.0))]
+
+
+@dataclass(frozen=True)
+class DotGrid(Target):
+    """A square grid of dots of two sizes that spell a code: Vicalib's sheets.
+
+    Parameters
+    ----------
+    small, large : float
+        The two radii, mm.
+    seed : int
+        Of the code: the top bit of the words of a Mersenne Twister (MT19937), row by row.
+    greys : float, optional
+        Reflectance, relative to white, of grey discs printed in every second cell; they tell γ.
+
+    References
+    ----------
+    .. [1] https://github.com/arpg/vicalib
+    """
+
+    small: float = 0.0
+    large: float = 0.0
+    seed: int = VICALIB_SEED
+    greys: float | None = None
+
+    kind: ClassVar[str] = "dots"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 < self.small < self.large < self.spacing / 2:
+            raise ValueError(
+                "the radii must be 0 < small < large < spacing / 2, "
+                f"got small {self.small}, large {self.large}, spacing {self.spacing}"
+            )
+        if self.greys is not None and not 0 < self.greys < 1:
+            raise ValueError(f"greys must lie between 0 and 1, got {self.greys}")
+
+    @cached_property
+    def code(self) -> IntArray:
+        """1 where the dot is large, (rows, columns)."""
+        words = np.frombuffer(np.random.RandomState(self.seed).bytes(4 * self.rows * self.columns), "<u4")
+        return (words >> 31).astype(int).reshape(self.rows, self.columns)
+
+    @cached_property
+    def points(self) -> FloatArray:  # noqa: D102
+        row, column = np.indices((self.rows, self.columns)).reshape(2, -1)
+        return np.stack([column, row, 0 * row], axis=-1) * self.spacing
+
+    @cached_property
+    def radii(self) -> FloatArray:  # noqa: D102
+        return np.where(self.code.ravel() == 1, self.large, self.small)
+
+    @cached_property
+    def ink(self) -> Ink:  # noqa: D102
+        discs = np.column_stack([self.points[:, :2], self.radii])
+        greys = []
+        if self.greys is not None:
+            radius = 0.75 * (self.spacing / np.sqrt(2) - self.large)
+            row, column = np.indices((self.rows - 1, self.columns - 1)).reshape(2, -1)
+            chosen = (row + column) % 2 == 0
+            centres = (np.stack([column, row], axis=-1)[chosen] + 0.5) * self.spacing
+            greys = [(x, y, radius, self.greys) for x, y in centres]
+            if self._fold_x is not None:
+                greys = [grey for grey in greys if abs(grey[0] - self._fold_x) > radius]
+        return Ink(discs, _rows([], 4), _rows(greys, 4))
+
+
+@dataclass(frozen=True)
+class CircleGrid(Target):
+    """An asymmetric grid of equal circles, as OpenCV's: every second row is shifted.
+
+    `columns` counts the circles of a row, `spacing` is the distance between rows; the circles of
+    a row lie twice as far apart.
+
+    Parameters
+    ----------
+    radius : float
+        mm.
+    """
+
+    radius: float = 0.0
+
+    kind: ClassVar[str] = "circles"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 < self.radius < self.spacing / np.sqrt(2):
+            raise ValueError(f"radius must be positive and below spacing / √2, got {self.radius}")
+        if self.fold is not None:
+            raise ValueError("an asymmetric circle grid cannot be folded: it is seen whole or not at all")
+
+    @cached_property
+    def points(self) -> FloatArray:  # noqa: D102
+        row, column = np.indices((self.rows, self.columns)).reshape(2, -1)
+        return np.stack([2 * column + row % 2, row, 0 * row], axis=-1) * self.spacing
+
+    @property
+    def radii(self) -> FloatArray:  # noqa: D102
+        return np.full(len(self.points), self.radius)
+
+    @cached_property
+    def ink(self) -> Ink:  # noqa: D102
+        return Ink(np.column_stack([self.points[:, :2], self.radii]), _rows([], 4), _rows([], 4))
+
+
+@dataclass(frozen=True)
+class Chessboard(Target):
+    """A chessboard of `columns` × `rows` squares; its features are the inner corners."""
+
+    kind: ClassVar[str] = "chessboard"
+
+    @property
+    def _fold_x(self) -> float | None:
+        return None if self.fold is None else (self.fold - 1) * self.spacing
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if min(self.columns, self.rows) < 4:
+            raise ValueError(f"a chessboard needs 4 x 4 squares at least, got {self.columns} x {self.rows}")
+        if self.fold is not None:
+            raise ValueError("a chessboard cannot be folded: it is found whole; use dots or ChArUco")
+
+    @cached_property
+    def points(self) -> FloatArray:  # noqa: D102
+        row, column = np.indices((self.rows - 1, self.columns - 1)).reshape(2, -1)
+        return np.stack([column, row, 0 * row], axis=-1) * self.spacing
+
+    def _squares(self) -> FloatArray:
+        """Left and top of the black squares, (n, 2), mm; the one in the upper left is black."""
+        row, column = np.indices((self.rows, self.columns)).reshape(2, -1)
+        black = (row + column) % 2 == 0
+        return (np.stack([column, row], axis=-1)[black] - 1.0) * self.spacing
+
+    @cached_property
+    def ink(self) -> Ink:  # noqa: D102
+        corners = self._squares()
+        squares = np.column_stack([corners, np.full(corners.shape, self.spacing)])
+        return Ink(_rows([], 3), squares, _rows([], 4))
+
+
+@dataclass(frozen=True)
+class Charuco(Chessboard):
+    """A chessboard with ArUco markers in its white squares.
+
+    Parameters
+    ----------
+    marker : float
+        Side of a marker, mm.
+    dictionary : str
+        Name of the markers' dictionary in OpenCV.
+    """
+
+    marker: float = 0.0
+    dictionary: str = DICTIONARY
+
+    kind: ClassVar[str] = "charuco"
+
+    def __post_init__(self) -> None:
+        Target.__post_init__(self)
+        if not 0 < self.marker < self.spacing:
+            raise ValueError(f"marker must be positive and below spacing, got {self.marker}")
+        if not (self.dictionary.startswith("DICT_") and hasattr(cv2.aruco, self.dictionary)):
+            raise ValueError(f"dictionary must be one of OpenCV's (DICT_…), got {self.dictionary!r}")
+
+    @property
+    def board(self) -> cv2.aruco.CharucoBoard:
+        """OpenCV's description of it; corner ids are those of `points`."""
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.spacing, self.marker, dictionary)
+
+    @cached_property
+    def ink(self) -> Ink:  # noqa: D102
+        squares = super().ink.rectangles
+        board = self.board
+        dictionary = board.getDictionary()
+        bits = dictionary.markerSize + 2
+        cell = self.marker / bits
+        boxes = []
+        for number, corners in zip(np.ravel(board.getIds()), board.getObjPoints(), strict=True):
+            picture = dictionary.generateImageMarker(int(number), bits)
+            left, top = np.asarray(corners)[:, :2].min(axis=0) - self.spacing
+            for row, column in np.argwhere(picture == 0):
+                boxes.append((left + column * cell, top + row * cell, cell, cell))
+        return Ink(_rows([], 3), np.concatenate([squares, _rows(boxes, 4)]), _rows([], 4))
+
+
+_BIG = {"columns": 19, "rows": 10, "spacing": 5.2797, "small": 1.05885, "large": 1.58266}
+_SMALL = {"columns": 19, "rows": 10, "spacing": 4.2238, "small": 0.8471, "large": 1.2661, "margin": 8.0}
+
+TARGETS: dict[str, Target] = {
+    "vicalib_big": DotGrid(**_BIG),  # type: ignore[arg-type]
+    "vicalib_small": DotGrid(**_SMALL),  # type: ignore[arg-type]
+    "vicalib_folded": DotGrid(**_SMALL, fold=9),  # type: ignore[arg-type]
+    "vicalib_grey": DotGrid(**_SMALL, greys=0.5),  # type: ignore[arg-type]
+    "charuco": Charuco(12, 8, 7.0, marker=5.2),
+    "chessboard": Chessboard(12, 8, 7.0),
+    "circles": CircleGrid(4, 11, 7.0, radius=2.5),
+}
