@@ -1,4 +1,4 @@
-"""The command line: python -m endolab reconstruct | simulate | evaluate | lab."""
+"""The command line: python -m endolab reconstruct | calibrate | target | simulate | evaluate | lab."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
+
+from endolab.cli_calibration import SHEET, add_calibration_commands, add_sheet_options, simulate_sheet
 
 SNAPSHOTS = 12  # of a march, in its recording
 
@@ -45,12 +47,29 @@ def _calibration(name: str) -> Any:
     return Calibration.load(name)
 
 
+def _of_a_wall(calibration: Any, albedo: str | None) -> Any:
+    """Replace the BRDF by that of a matt wall, as one must after calibrating on a sheet of paper."""
+    from endolab.brdf import Lambertian
+
+    if albedo is None:
+        evidence = calibration.evidence.get("photometry")
+        if isinstance(evidence, dict) and evidence.get("brdf_of"):
+            print("The BRDF is that of the calibration sheet; --albedo 0.5 takes a matt wall instead.")
+        return calibration
+    try:
+        values = [float(part) for part in albedo.split(",")]
+        brdf = Lambertian(values[0] if len(values) == 1 else tuple(values))
+    except ValueError as error:
+        raise ValueError(f"--albedo must be one number in (0, 1] or three (R,G,B), got {albedo}") from error
+    return replace(calibration, photometry=replace(calibration.photometry, brdf=brdf))
+
+
 def _reconstruct(arguments: argparse.Namespace) -> None:
     from endolab.files import read_frame, save_result, staged_folder
     from endolab.reconstruction import DEFAULT_SOLVER, reconstruct
     from endolab.recording import record
 
-    calibration = _calibration(arguments.calibration)
+    calibration = _of_a_wall(_calibration(arguments.calibration), arguments.albedo)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
     solver = DEFAULT_SOLVER if arguments.solver is None else arguments.solver
     snapshots = arguments.snapshots
@@ -91,8 +110,8 @@ def _simulate(arguments: argparse.Namespace) -> None:
     from endolab.rendering import render
     from endolab.scenes import SCENES
 
-    if arguments.scene not in SCENES:
-        raise ValueError(f"unknown scene {arguments.scene!r}; choose {', '.join(SCENES)}")
+    if arguments.scene not in (*SCENES, SHEET):
+        raise ValueError(f"unknown scene {arguments.scene!r}; choose {', '.join(SCENES)} or {SHEET}")
     calibration = _calibration(arguments.calibration)
     if arguments.width is not None:
         if arguments.width < 16:
@@ -101,6 +120,9 @@ def _simulate(arguments: argparse.Namespace) -> None:
         calibration = calibration.resize(
             arguments.width, max(1, round(camera.height * arguments.width / camera.width))
         )
+    if arguments.scene == SHEET:
+        simulate_sheet(arguments, calibration)
+        return
     rendered = render(
         SCENES[arguments.scene],
         calibration.camera,
@@ -221,6 +243,9 @@ def _parser() -> argparse.ArgumentParser:
         "--lam", type=float, default=1.0, metavar="λ", help="its weight; larger is smoother (default 1)"
     )
     add.add_argument("--channel", help="red, green (default), blue or grey")
+    add.add_argument(
+        "--albedo", metavar="A", help="of a matt wall, or R,G,B, in place of the calibration's BRDF"
+    )
     add.add_argument("--median-distance", type=float, metavar="MM", help="fix the scale of the result")
     add.add_argument("--width", type=int, metavar="PX", help="shrink the frame to this width first")
     add.add_argument(
@@ -232,7 +257,9 @@ def _parser() -> argparse.ArgumentParser:
     add.set_defaults(run=_reconstruct)
 
     add = commands.add_parser("simulate", help="render a scene: a frame with its truth")
-    add.add_argument("scene", metavar="SCENE", help="plane, curved, tube or colon")
+    add.add_argument(
+        "scene", metavar="SCENE", help="plane, curved, tube or colon; sheet: a calibration video"
+    )
     add.add_argument("--out", required=True, metavar="DIR")
     add.add_argument(
         "--calibration", default="paper", metavar="CAL", help="endoscope.json, or a name (default paper)"
@@ -248,7 +275,10 @@ def _parser() -> argparse.ArgumentParser:
         "--highlights", type=float, default=0.0, metavar="S", help="share of light a wet film mirrors"
     )
     add.add_argument("--seed", type=int, default=0)
+    add_sheet_options(add)
     add.set_defaults(run=_simulate)
+
+    add_calibration_commands(commands)
 
     add = commands.add_parser("evaluate", help="compare a depth map with the truth")
     add.add_argument("depth", metavar="DEPTH.npz")

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from endolab.brdf import BRDF, Lambertian, TabulatedBRDF
 from endolab.cameras import Camera, KannalaBrandt, Pinhole, Scaramuzza
 from endolab.files import PathLike, as_json, write_atomically
 from endolab.lights import SpotLight
 from endolab.photometry import Photometry
+from endolab.sections import Section, read_json
 
 _CAMERAS: dict[str, dict[str, int]] = {  # numbers that each model needs; lists by their length
     "kannala_brandt": {"fx": 0, "fy": 0, "cx": 0, "cy": 0, "k": 4},
@@ -23,79 +21,7 @@ _CAMERAS: dict[str, dict[str, int]] = {  # numbers that each model needs; lists 
 }
 
 
-def _is_finite(value: Any) -> bool:
-    """Whether a JSON value is a number that a float can hold."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:
-        return False
-
-
-class _Section:
-    """A part of a JSON file that is read key by key; every error names the key."""
-
-    def __init__(self, content: Any, where: str, file: str) -> None:
-        self.where, self.file = where, file
-        if not isinstance(content, dict):
-            raise self.error("", f"expected an object {{…}}, found {json.dumps(content)[:40]}")
-        self.content = dict(content)
-
-    def error(self, key: str, what: str) -> ValueError:
-        name = ".".join(part for part in (self.where, key) if part)
-        return ValueError(f"{self.file}: {name or 'the file'}: {what}")
-
-    def take(self, key: str, default: Any = ...) -> Any:
-        if key not in self.content and default is ...:
-            raise self.error(key, "missing")
-        return self.content.pop(key, default)
-
-    def section(self, key: str) -> _Section:
-        return _Section(self.take(key), ".".join(filter(None, (self.where, key))), self.file)
-
-    def number(self, key: str, default: Any = ..., low: float = -np.inf) -> float:
-        value = self.take(key, default)
-        if not _is_finite(value):
-            raise self.error(key, f"expected a finite number, found {json.dumps(value)}")
-        if value < low:
-            raise self.error(key, f"expected at least {low:g}, found {value:g}")
-        return float(value)
-
-    def positive(self, key: str, default: Any = ...) -> float:
-        value = self.number(key, default)
-        if value <= 0:
-            raise self.error(key, f"expected a positive number, found {value:g}")
-        return value
-
-    def numbers(self, key: str, count: int | None = None, default: Any = ...) -> tuple[float, ...]:
-        value = self.take(key, default)
-        good = isinstance(value, list | tuple) and (count is None or len(value) == count)
-        if not good or not all(_is_finite(x) for x in value):
-            wanted = f"{count} finite numbers" if count else "a list of finite numbers"
-            raise self.error(key, f"expected {wanted}, found {json.dumps(value)}")
-        return tuple(float(x) for x in value)
-
-    def choice(self, key: str, choices: tuple[str, ...]) -> str:
-        value = self.take(key)
-        if value not in choices:
-            raise self.error(key, f"expected one of {', '.join(choices)}, found {json.dumps(value)}")
-        return str(value)
-
-    def end(self) -> None:
-        if self.content:
-            raise self.error(sorted(self.content)[0], "unknown key")
-
-    def build(self, make: Any, **values: Any) -> Any:
-        """Call a constructor whose own complaint names the value; say where it stands."""
-        self.end()
-        try:
-            return make(**values)
-        except ValueError as error:
-            raise self.error("", str(error)) from error
-
-
-def _camera(section: _Section) -> Camera:
+def _camera(section: Section) -> Camera:
     model = section.choice("model", tuple(_CAMERAS))
     size = {}
     for key in ("width", "height"):
@@ -118,7 +44,7 @@ def _camera(section: _Section) -> Camera:
     return camera
 
 
-def _brdf(section: _Section) -> BRDF:
+def _brdf(section: Section) -> BRDF:
     if section.choice("model", ("lambertian", "tabulated")) == "tabulated":
         theta, values = section.numbers("theta"), section.numbers("value")
         table: BRDF = section.build(TabulatedBRDF, theta=theta, values=values)
@@ -131,7 +57,7 @@ def _brdf(section: _Section) -> BRDF:
     return matt
 
 
-def _photometry(section: _Section) -> Photometry:
+def _photometry(section: Section) -> Photometry:
     k, gamma = section.number("k", low=0.0), section.positive("gamma")
     gain = None if section.content.get("gain", ...) is None else section.positive("gain")
     section.content.pop("gain", None)
@@ -141,7 +67,7 @@ def _photometry(section: _Section) -> Photometry:
         raise section.error("lights", f"expected a list, found {json.dumps(listed)[:40]}")
     lights = []
     for index, item in enumerate(listed):
-        light = _Section(item, f"{section.where}.lights[{index}]", section.file)
+        light = Section(item, f"{section.where}.lights[{index}]", section.file)
         lights.append(
             light.build(
                 SpotLight,
@@ -153,6 +79,37 @@ def _photometry(section: _Section) -> Photometry:
         )
     made: Photometry = section.build(Photometry, k=k, gamma=gamma, gain=gain, brdf=brdf, lights=tuple(lights))
     return made
+
+
+def _checked_version(top: Section) -> None:
+    version = top.take("endolab")
+    if version != 1 or isinstance(version, bool):
+        raise top.error("endolab", f"expected version 1, found {json.dumps(version)}")
+
+
+def read_camera(path: PathLike) -> Camera:
+    """Read the camera of an `endoscope.json`, which may hold nothing else.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    OSError, ValueError
+        As `Calibration.load`.
+    """
+    top = Section(read_json(path, "calibration file"), "", str(Path(path)))
+    _checked_version(top)
+    return _camera(top.section("camera"))
+
+
+def camera_to_dict(camera: Camera) -> dict[str, Any]:
+    """Return the section `camera` of an `endoscope.json`."""
+    content = {"model": camera.model} | asdict(camera)
+    if content.get("row_scale") == 1.0:
+        del content["row_scale"]
+    return content
 
 
 @dataclass(frozen=True)
@@ -184,28 +141,13 @@ class Calibration:
         OSError, ValueError
             In one sentence that names the key, if something in it is missing, misspelt or wrong.
         """
-        source = Path(path)
-        if not source.is_file():
-            raise FileNotFoundError(f"{source}: there is no such calibration file")
-        try:
-            content = json.loads(source.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise OSError(f"{source}: cannot be read: {error.strerror or error}") from error
-        except UnicodeDecodeError as error:
-            raise ValueError(f"{source}: not UTF-8 text") from error
-        except RecursionError as error:
-            raise ValueError(f"{source}: not valid JSON: it is nested too deeply") from error
-        except ValueError as error:
-            raise ValueError(f"{source}: not valid JSON: {error}") from error
-        return cls.from_dict(content, str(source))
+        return cls.from_dict(read_json(path, "calibration file"), str(Path(path)))
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], name: str = "calibration") -> Calibration:
         """Make a calibration from the content of an `endoscope.json`; see `load`."""
-        top = _Section(content, "", name)
-        version = top.take("endolab")
-        if version != 1 or isinstance(version, bool):
-            raise top.error("endolab", f"expected version 1, found {json.dumps(version)}")
+        top = Section(content, "", name)
+        _checked_version(top)
         camera, photometry = _camera(top.section("camera")), _photometry(top.section("photometry"))
         evidence = top.take("evidence", {})
         if not isinstance(evidence, dict):
@@ -215,9 +157,6 @@ class Calibration:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of an `endoscope.json`."""
-        camera = {"model": self.camera.model} | asdict(self.camera)
-        if camera.get("row_scale") == 1.0:
-            del camera["row_scale"]
         brdf = self.photometry.brdf
         if isinstance(brdf, TabulatedBRDF):
             surface: dict[str, Any] = {"model": "tabulated", "theta": brdf.theta, "value": brdf.values}
@@ -235,7 +174,7 @@ class Calibration:
         }
         if self.photometry.lights:
             photometry["lights"] = [asdict(light) for light in self.photometry.lights]
-        whole = {"endolab": 1, "camera": camera, "photometry": photometry}
+        whole = {"endolab": 1, "camera": camera_to_dict(self.camera), "photometry": photometry}
         return whole | ({"evidence": self.evidence} if self.evidence else {})
 
     def save(self, path: PathLike) -> None:

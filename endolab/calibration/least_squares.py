@@ -1,9 +1,7 @@
 """Robust least squares with many small blocks of unknowns: the solver of both calibrations.
 
 The unknowns are a few *common* ones (the camera, or k, γ and the BRDF) and, for each group of
-residuals (a view, or a frame), a few of its *own* (its pose, or its gain). The normal equations
-then have the shape of an arrow: the own unknowns are eliminated block by block (Schur complement),
-so the cost grows with the number of groups and not with its cube.
+residuals (a view, or a frame), a few of its *own* (its pose, or its gain); see `arrow`.
 
 Stages: "huber" brings the start near; "final" keeps the residuals below `CUT` standard deviations,
 all alike, and forgets the others, because a Huber penalty is still pulled by outliers. Within a
@@ -14,12 +12,13 @@ one function; rounds repeat until the choice no longer changes.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from scipy.special import chdtri, gammainc
 
+from endolab.calibration.arrow import Arrow, Covariance, Linearised
 from endolab.iteration import Status
 from endolab.operators import BoolArray, FloatArray, IntArray
 from endolab.penalties import huber
@@ -28,31 +27,7 @@ HUBER = 1.5  # standard deviations where the parabola becomes a line
 CUT = 3.5  # standard deviations beyond which a residual is an outlier
 TOLERANCE = 1e-4  # a step is the last if it moves no unknown by more of its standard error
 ROUNDS = 20  # of freezing σ and the outliers, at most
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """Residuals and their derivatives.
-
-    Attributes
-    ----------
-    residual : (n, m) float array
-        n measurements of m numbers each (2 for pixels, 1 for grey levels).
-    by_common : (n, m, p) float array
-        Derivatives by the common unknowns.
-    by_own : (n, m, b) float array
-        Derivatives by the unknowns of the measurement's own group.
-    prior : (q,) float array
-        Residuals of what is known beforehand, in standard deviations.
-    prior_by_common : (q, p) float array
-        Their derivatives.
-    """
-
-    residual: FloatArray
-    by_common: FloatArray
-    by_own: FloatArray
-    prior: FloatArray
-    prior_by_common: FloatArray
+SMALLEST = 1e-4  # σ is never less: no measurement is better, be it pixels or stored values
 
 
 class Model(Protocol):
@@ -105,11 +80,12 @@ class FitIterate:
     cost : float
         What this round minimises: Σ ρ(|r|/σ) + ½ Σ prior².
     change : float
-        Largest move of an unknown of the step, in its standard errors; nan at a round's start.
+        Length of the step in the metric of the normal equations: no unknown moved by more of its
+        standard error. nan at a round's start.
     """
 
     k: int
-    stage: str
+    stage: Literal["huber", "final"]
     round: int
     unknowns: Any
     residual: FloatArray
@@ -120,22 +96,6 @@ class FitIterate:
 
 
 @dataclass(frozen=True)
-class Covariance:
-    """Uncertainty of a fit, at its end.
-
-    Attributes
-    ----------
-    common : (p, p) float array
-        Covariance of the common unknowns; inf on the diagonal of one that the data do not tell.
-    own : (groups, b, b) float array
-        Covariance of each group's own unknowns.
-    """
-
-    common: FloatArray
-    own: FloatArray
-
-
-@dataclass(frozen=True)
 class Fit:
     """What a fit found; `status` says why it ended."""
 
@@ -143,12 +103,6 @@ class Fit:
     status: Status
     covariance: Covariance
     history: list[dict[str, float]] = field(default_factory=list)
-
-
-def _sums(values: FloatArray, group: IntArray, groups: int) -> FloatArray:
-    """Sum over the measurements of each group; the groups are in order, none is empty."""
-    total: FloatArray = np.add.reduceat(values, np.searchsorted(group, np.arange(groups)), axis=0)
-    return total
 
 
 def robust_sigma(residual: FloatArray, used: BoolArray, unknowns: int) -> float:
@@ -165,7 +119,12 @@ def robust_sigma(residual: FloatArray, used: BoolArray, unknowns: int) -> float:
     -------
     float
         The standard deviation of the residuals below `CUT` σ, corrected for the tail that this
-        leaves out and for the number of unknowns.
+        leaves out and for the number of unknowns; `SMALLEST` at least.
+
+    Raises
+    ------
+    ValueError
+        If none is used.
     """
     size, m = np.linalg.norm(residual[used], axis=1), residual.shape[1]
     if size.size == 0:
@@ -176,84 +135,91 @@ def robust_sigma(residual: FloatArray, used: BoolArray, unknowns: int) -> float:
     for _ in range(30):
         inner = size < CUT * sigma
         count = m * inner.sum()
-        if sigma == 0 or count <= unknowns:
+        if sigma <= SMALLEST or count <= unknowns:
             break
         new = float(np.sqrt(np.sum(size[inner] ** 2) / (count - unknowns) / kept))
         if abs(new - sigma) < 1e-9 * sigma:
             break
         sigma = new
-    return max(sigma, float(np.finfo(float).tiny) ** 0.25)
+    return max(sigma, SMALLEST)
 
 
-class _Arrow:
-    """Normal equations of a linearised model with weights, own unknowns eliminated."""
+@dataclass(frozen=True)
+class _Round:
+    """What is frozen while one function is minimised."""
 
-    def __init__(self, lin: Linearised, weight: FloatArray, group: IntArray) -> None:
-        groups = int(group[-1]) + 1
-        root = np.sqrt(weight)[:, None]
-        r = lin.residual * root
-        a, b = lin.by_common * root[..., None], lin.by_own * root[..., None]
-        flat = a.reshape(-1, a.shape[-1])
-        self.common = flat.T @ flat + lin.prior_by_common.T @ lin.prior_by_common
-        self.common_gradient = flat.T @ r.ravel() + lin.prior_by_common.T @ lin.prior
-        self.own = _sums(np.einsum("nmi,nmj->nij", b, b), group, groups)
-        self.own_gradient = _sums(np.einsum("nmi,nm->ni", b, r), group, groups)
-        self.cross = _sums(np.einsum("nmi,nmj->nij", b, a), group, groups)  # (groups, b, p)
+    stage: Literal["huber", "final"]
+    number: int
+    used: BoolArray
+    sigma: float
 
-    def solve(self, damping: float) -> tuple[FloatArray, FloatArray]:
-        """Solve for the step with the diagonal grown by a factor 1 + damping (Levenberg-Marquardt)."""
-        own = self.own.copy()
-        index = np.arange(own.shape[1])
-        diagonal = own[:, index, index]
-        own[:, index, index] += damping * diagonal + (diagonal == 0)
-        common = self.common.copy()
-        index = np.arange(len(common))
-        diagonal = common[index, index]
-        common[index, index] += damping * diagonal + (diagonal == 0)
-        gain = np.linalg.solve(own, self.cross)
-        reduced = common - np.einsum("gbi,gbj->ij", self.cross, gain)
-        right = self.common_gradient - np.einsum("gbi,gb->i", gain, self.own_gradient)
-        scale = 1 / np.sqrt(np.maximum(np.diag(common), np.finfo(float).tiny))
-        step = -scale * np.linalg.lstsq(reduced * scale * scale[:, None], right * scale, rcond=1e-14)[0]
-        rest = np.linalg.solve(own, self.own_gradient[..., None])[..., 0]
-        return step, -rest - np.einsum("gbp,p->gb", gain, step)
+    def cost(self, residual: FloatArray, prior: FloatArray) -> float:
+        size = np.linalg.norm(residual[self.used], axis=1) / self.sigma
+        rho = huber(size, HUBER) if self.stage == "huber" else 0.5 * size**2
+        return float(np.sum(rho) + 0.5 * np.sum(prior**2))
 
-    def covariance(self) -> Covariance:
-        """Invert the normal equations; unknowns that they do not tell get inf."""
-        own = self.own.copy()
-        index = np.arange(own.shape[1])
-        empty = own[:, index, index] == 0
-        own[:, index, index] += empty
-        gain = np.linalg.solve(own, self.cross)
-        reduced = self.common - np.einsum("gbi,gbj->ij", self.cross, gain)
-        scale = 1 / np.sqrt(np.maximum(np.diag(self.common), np.finfo(float).tiny))
-        values, vectors = np.linalg.eigh(reduced * scale * scale[:, None])
-        lost = values < 1e-13
-        inverse = (vectors / np.where(lost, np.inf, values)) @ vectors.T * scale * scale[:, None]
-        unknown = (
-            np.any(np.abs(vectors[:, lost]) > 1e-3, axis=1) if lost.any() else np.zeros(len(scale), bool)
+    def weight(self, residual: FloatArray) -> FloatArray:
+        """Weights of the equivalent least squares."""
+        weight = self.used / self.sigma**2
+        if self.stage == "huber":
+            size = np.linalg.norm(residual, axis=1)
+            weight = weight * np.minimum(1.0, HUBER * self.sigma / np.maximum(size, SMALLEST))
+        return weight
+
+    def next(self, model: Model, unknowns: Any, residual: FloatArray, count: int) -> _Round:
+        """Choose anew at what this round has found."""
+        used = model.usable(unknowns)
+        sigma = robust_sigma(residual, used, count)
+        if self.stage == "final":
+            # A measurement on the border would go in and out for ever: who is in stays a little longer.
+            limit = np.where(self.used, 1.01, 1.0) * CUT * sigma
+            used = used & (np.linalg.norm(residual, axis=1) < limit)
+        return _Round(self.stage, self.number + 1, used, sigma)
+
+    def same(self, other: _Round) -> bool:
+        """Whether another round would find nothing new; the first stage only has to come near."""
+        if self.stage == "huber":
+            return abs(self.sigma - other.sigma) < 0.1 * self.sigma
+        return np.array_equal(self.used, other.used) and abs(self.sigma - other.sigma) < 1e-3 * self.sigma
+
+
+def _descend(
+    model: Model, last: FitIterate, choice: _Round, max_iterations: int
+) -> Generator[FitIterate, None, tuple[FitIterate, Status]]:
+    """Minimise the cost of one round by Levenberg-Marquardt steps."""
+    damping, tolerance = 1e-10, TOLERANCE if choice.stage == "final" else 100 * TOLERANCE
+    while last.k < max_iterations:
+        lin = model.linearise(last.unknowns)
+        arrow = Arrow(lin, choice.weight(lin.residual), model.group)
+        # An increase that is nothing against the tolerance is rounding.
+        limit = last.cost * (1 + 1e-12) + 0.5 * TOLERANCE**2
+        while True:
+            step, own = arrow.solve(damping)
+            moved = model.moved(last.unknowns, step, own)
+            if moved is not None:
+                residual, prior = model.residual(moved)
+                cost = choice.cost(residual, prior)
+                if cost <= limit:
+                    break
+            if damping < 1e-3 and arrow.length(step, own) < tolerance:
+                return last, Status.CONVERGED
+            damping = max(10 * damping, 1e-6)
+            if damping > 1e12:
+                return last, Status.STALLED
+        last = replace(
+            last,
+            k=last.k + 1,
+            unknowns=moved,
+            residual=_frozen(residual),
+            cost=cost,
+            change=arrow.length(step, own),
         )
-        inverse[unknown, unknown] = np.inf
-        finite = np.where(np.isfinite(inverse), inverse, 0.0)
-        blocks = np.linalg.inv(own) + gain @ finite @ np.swapaxes(gain, 1, 2)
-        group, unknown_own = np.nonzero(empty)
-        blocks[group, unknown_own, unknown_own] = np.inf
-        return Covariance(inverse, blocks)
-
-
-def _cost(residual: FloatArray, prior: FloatArray, used: BoolArray, sigma: float, stage: str) -> float:
-    size = np.linalg.norm(residual[used], axis=1) / sigma
-    rho = huber(size, HUBER) if stage == "huber" else 0.5 * size**2
-    return float(np.sum(rho) + 0.5 * np.sum(prior**2))
-
-
-def _weight(residual: FloatArray, used: BoolArray, sigma: float, stage: str) -> FloatArray:
-    """Weights of the equivalent least squares, in units of 1/σ²."""
-    weight = used / sigma**2
-    if stage == "huber":
-        size = np.linalg.norm(residual, axis=1)
-        weight = weight * np.minimum(1.0, HUBER * sigma / np.maximum(size, np.finfo(float).tiny))
-    return weight
+        yield last
+        # A step that is short because it was damped proves nothing.
+        if last.change < tolerance and damping < 1e-3:
+            return last, Status.CONVERGED
+        damping = max(damping / 10, 1e-10)
+    return last, Status.MAX_ITERATIONS
 
 
 def iterate_fit(model: Model, start: Any, max_iterations: int = 200) -> Generator[FitIterate, None, Status]:
@@ -274,68 +240,41 @@ def iterate_fit(model: Model, start: Any, max_iterations: int = 200) -> Generato
     Returns
     -------
     Status
+
+    Raises
+    ------
+    ValueError
+        If no measurement is usable, or too few are left.
     """
-    unknowns, k = start, 0
-    keep_all = np.ones(len(model.group), bool)
-    for stage in ("huber", "final"):
-        used = model.usable(unknowns) & keep_all
-        for turn in range(ROUNDS):
-            residual, prior = model.residual(unknowns)
-            count = _degrees(model, unknowns)
-            sigma = robust_sigma(residual, used, count)
-            if stage == "final":
-                used = model.usable(unknowns) & (np.linalg.norm(residual, axis=1) < CUT * sigma)
-            cost = _cost(residual, prior, used, sigma, stage)
-            yield FitIterate(k, stage, turn, unknowns, _frozen(residual), used, sigma, cost)
-            damping, settled = 1e-8, False
-            while not settled:
-                lin = model.linearise(unknowns)
-                arrow = _Arrow(lin, _weight(lin.residual, used, sigma, stage), model.group)
-                while True:
-                    step, own = arrow.solve(damping)
-                    moved = model.moved(unknowns, step, own)
-                    if moved is not None:
-                        residual, prior = model.residual(moved)
-                        new = _cost(residual, prior, used, sigma, stage)
-                        if np.isfinite(new) and new <= cost * (1 + 1e-12):
-                            break
-                    damping = max(damping * 10, 1e-6)
-                    if damping > 1e12:
-                        return Status.STALLED
-                # In standard errors, without the inverse: √(stepᵀ H step) bounds every one of them.
-                change = float(
-                    np.sqrt(
-                        max(
-                            step @ arrow.common @ step
-                            + 2 * np.einsum("gb,gbp,p->", own, arrow.cross, step)
-                            + np.einsum("gi,gij,gj->", own, arrow.own, own),
-                            0.0,
-                        )
-                    )
-                )
-                unknowns, cost, k = moved, new, k + 1
-                damping = damping / 10 if damping > 1e-8 else 1e-8
-                yield FitIterate(k, stage, turn, unknowns, _frozen(residual), used, sigma, cost, change)
-                if k >= max_iterations:
-                    return Status.MAX_ITERATIONS
-                settled = change < TOLERANCE * (1 if stage == "final" else 100)
-            again = model.usable(unknowns)
-            fresh = robust_sigma(residual, again, count)
-            if stage == "final":
-                again = again & (np.linalg.norm(residual, axis=1) < CUT * fresh)
-            done = np.array_equal(again, used) and abs(fresh - sigma) < 1e-3 * sigma
-            used = again
-            if done:
+    unknowns, k, status = start, 0, Status.STALLED
+    lin = model.linearise(start)
+    count = lin.by_common.shape[-1] + lin.by_own.shape[-1] * (int(model.group[-1]) + 1)
+    residual, _ = model.residual(start)
+    nobody = np.zeros(len(model.group), bool)
+    stages: tuple[Literal["huber", "final"], ...] = ("huber", "final")
+    for stage in stages:
+        choice = _Round(stage, -1, nobody, 0.0).next(model, unknowns, residual, count)
+        seen: list[_Round] = []
+        while True:
+            cost = choice.cost(*model.residual(unknowns))
+            last = FitIterate(
+                k, stage, choice.number, unknowns, _frozen(residual), choice.used, choice.sigma, cost
+            )
+            yield last
+            last, status = yield from _descend(model, last, choice, max_iterations)
+            unknowns, residual, k = last.unknowns, last.residual, last.k
+            if status is Status.MAX_ITERATIONS:
+                return status
+            again = choice.next(model, unknowns, residual, count)
+            # A measurement on the border may come and go for ever: a choice that recurs is the last.
+            seen.append(choice)
+            if any(again.same(one) for one in seen):
                 break
-        else:
-            if stage == "final":
-                return Status.STALLED
-    return Status.CONVERGED
-
-
-def _degrees(model: Model, unknowns: Any) -> int:
-    lin = model.linearise(unknowns)
-    return lin.by_common.shape[-1] + lin.by_own.shape[-1] * (int(model.group[-1]) + 1)
+            if again.number == ROUNDS:
+                status = Status.STALLED
+                break
+            choice = again
+    return status
 
 
 def _frozen(array: FloatArray) -> FloatArray:
@@ -386,5 +325,6 @@ def fit(
             raise
     assert last is not None
     lin = model.linearise(last.unknowns)
-    weight = _weight(lin.residual, last.used, last.sigma, last.stage)
-    return Fit(last, status, _Arrow(lin, weight, model.group).covariance(), history)
+    choice = _Round(last.stage, last.round, last.used, last.sigma)
+    covariance = Arrow(lin, choice.weight(lin.residual), model.group).covariance()
+    return Fit(last, status, covariance, history)

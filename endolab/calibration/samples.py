@@ -55,19 +55,28 @@ class Samples:
 
     def __getitem__(self, which: BoolArray | IntArray | slice) -> Self:
         """Return some of the samples."""
-        parts = (self.frame, self.level, self.points, self.normals, self.material)
-        return type(self)(*(part[which] for part in parts))
+        return type(self)(
+            self.frame[which],
+            self.level[which],
+            self.points[which],
+            self.normals[which],
+            self.material[which],
+        )
 
     @classmethod
     def concatenate(cls, parts: Sequence[Samples]) -> Samples:
         """Join samples, in the order of their frames."""
         if not parts:
             return cls(np.zeros(0, int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, int))
-        names = ("frame", "level", "points", "normals", "material")
-        joined = cls.__new__(cls)
-        for name in names:
-            object.__setattr__(joined, name, np.concatenate([getattr(part, name) for part in parts]))
-        return joined[np.argsort(joined.frame, kind="stable")]
+        frame = np.concatenate([part.frame for part in parts])
+        order = np.argsort(frame, kind="stable")
+        return cls(
+            frame[order],
+            np.concatenate([part.level for part in parts])[order],
+            np.concatenate([part.points for part in parts])[order],
+            np.concatenate([part.normals for part in parts])[order],
+            np.concatenate([part.material for part in parts])[order],
+        )
 
     @property
     def distance(self) -> FloatArray:
@@ -83,6 +92,30 @@ class Samples:
     def cos_theta(self) -> FloatArray:
         """Cosine of the angle between the normal and the direction to the camera, (n,)."""
         return -np.einsum("ni,ni->n", self.points, self.normals) / self.distance
+
+
+def sample_places(target: Target, white: FloatArray | None = None) -> tuple[FloatArray, IntArray]:
+    """Places of a sheet whose brightness tells of the light: bare paper and grey patches.
+
+    Parameters
+    ----------
+    target : Target
+    white : (n, 3) float array, optional
+        `target.white_places()`, if at hand.
+
+    Returns
+    -------
+    places : (n, 4) float array
+        x, y in the target's frame and the radius of one reflectance around, mm; the reflectance,
+        relative to the paper.
+    material : (n,) int array
+        0 for the paper; greys count from 1, the lightest first.
+    """
+    white = target.white_places() if white is None else white
+    greys = target.ink.greys * [1, 1, GREY_CLEARANCE, 1]
+    ratios = np.unique(-greys[:, 3])
+    material = np.concatenate([np.zeros(len(white), int), 1 + np.searchsorted(ratios, -greys[:, 3])])
+    return np.concatenate([np.column_stack([white, np.ones(len(white))]), greys]), material
 
 
 def sample_sheet(
@@ -121,11 +154,7 @@ def sample_sheet(
     Samples
         Each lies at the centre of a pixel; the point is where its ray meets the panel.
     """
-    white = target.white_places() if places is None else places
-    greys = target.ink.greys
-    spots = np.concatenate([white, np.column_stack([greys[:, :2], greys[:, 2] * GREY_CLEARANCE])])
-    ratios = np.unique(greys[:, 3])[::-1]
-    material = np.concatenate([np.zeros(len(white), int), 1 + np.searchsorted(-ratios, -greys[:, 3])])
+    spots, material = sample_places(target, places)
     panel = target.panel_of(spots)
     found = []
     linear = image.astype(np.float32) ** gamma

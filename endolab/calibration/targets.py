@@ -17,33 +17,16 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.spatial import Delaunay
 
+from endolab.calibration.ink import Ink, darkness, rows_of
 from endolab.operators import FloatArray, IntArray
 
 VICALIB_SEED = 71
 DICTIONARY = "DICT_5X5_250"
+RASTER = 64  # cells across a spacing, in the search for bare paper
 
 
-@dataclass(frozen=True)
-class Ink:
-    """What is printed: black discs, black rectangles, grey discs.
-
-    Attributes
-    ----------
-    discs : (n, 3) float array
-        Centre x, y and radius, mm.
-    rectangles : (n, 4) float array
-        Left, top, width, height, mm.
-    greys : (n, 4) float array
-        Centre x, y, radius, mm, and reflectance relative to the white of the paper.
-    """
-
-    discs: FloatArray
-    rectangles: FloatArray
-    greys: FloatArray
-
-
-def _rows(values: ArrayLike, columns: int) -> FloatArray:
-    return np.asarray(values, dtype=np.float64).reshape(-1, columns)
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 @dataclass(frozen=True)
@@ -69,19 +52,27 @@ class Target:
     fold: int | None = None
 
     kind: ClassVar[str]
+    least: ClassVar[int] = 2  # columns and rows
 
     def __post_init__(self) -> None:
-        for name, least in (("columns", 2), ("rows", 2)):
+        for name in ("columns", "rows"):
             value = getattr(self, name)
-            if isinstance(value, bool) or int(value) != value or not least <= value <= 1000:
-                raise ValueError(f"{name} must be a whole number from {least} to 1000, got {value}")
+            if not _is_whole(value) or not self.least <= value <= 100:
+                raise ValueError(f"{name} must be a whole number from {self.least} to 100, got {value}")
         for name in ("spacing", "margin"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive and finite (mm), got {value}")
-        if self.fold is not None and not 1 <= self.fold <= self.columns - 1:
-            last = self.columns - 1
-            raise ValueError(f"fold must lie between columns, from 1 to {last}, got {self.fold}")
+        if self.fold is not None:
+            if not _is_whole(self.fold):
+                raise ValueError(f"fold must be a whole number of columns, got {self.fold}")
+            across = self.points[self.points[:, 1] == 0]
+            right = np.count_nonzero(self.panel_of(across))
+            if min(right, len(across) - right) < 2:
+                raise ValueError(
+                    f"fold must leave two columns of features on each side, got {self.fold} "
+                    f"of {self.columns} columns"
+                )
 
     @property
     def points(self) -> FloatArray:
@@ -99,8 +90,8 @@ class Target:
         raise NotImplementedError
 
     @property
-    def _fold_x(self) -> float | None:
-        """Where the fold runs, mm."""
+    def fold_x(self) -> float | None:
+        """Where the fold runs in the target's frame, mm; None for a flat sheet."""
         return None if self.fold is None else (self.fold - 0.5) * self.spacing
 
     def panel_of(self, xy: ArrayLike) -> IntArray:
@@ -116,7 +107,7 @@ class Target:
         (...) int array
         """
         x = np.asarray(xy, dtype=np.float64)[..., 0]
-        return np.zeros(x.shape, int) if self._fold_x is None else (x > self._fold_x).astype(int)
+        return np.zeros(x.shape, int) if self.fold_x is None else (x > self.fold_x).astype(int)
 
     @property
     def panels(self) -> int:
@@ -164,39 +155,40 @@ class Target:
             value[(x >= left) & (x <= left + width) & (y >= top) & (y <= top + height)] = black
         return value
 
-    def white_places(self, clearance: float = 0.5, step: float = 0.1) -> FloatArray:
+    def white_places(self, clearance: float = 0.04) -> FloatArray:
         """Places between the features where the paper is bare, for sampling its brightness.
 
         Parameters
         ----------
         clearance : float
-            Least radius of bare paper around each, mm.
-        step : float
-            Of the raster on which they are sought, mm.
+            Least radius of bare paper around each, as a share of `spacing`.
 
         Returns
         -------
         (n, 3) float array
-            x, y in the target's frame and the radius of bare paper there, mm; the discs of that
-            radius do not overlap ink, grey or the fold, and the places lie a spacing's half apart
-            at least.
+            x, y in the target's frame and the radius of bare paper there, mm, the barest first;
+            the discs of that radius touch no ink, grey or fold, and the places lie half a spacing
+            apart at least.
         """
+        step = self.spacing / RASTER
         low, high = self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)
-        x, y = (np.arange(a, b + step / 2, step) for a, b in zip(low, high, strict=True))
-        grid = np.stack(np.meshgrid(x, y), axis=-1)
-        bare = self.reflectance(grid) == 1
-        if self._fold_x is not None:
-            bare &= np.abs(grid[..., 0] - self._fold_x) > step
-        radius = ndimage.distance_transform_edt(np.pad(bare, 1))[1:-1, 1:-1] * step
-        inside = Delaunay(self.points[:, :2]).find_simplex(grid.reshape(-1, 2)).reshape(bare.shape) >= 0
-        apart = max(int(self.spacing / 2 / step), 1)
-        peak = inside & (radius >= clearance) & (radius >= ndimage.maximum_filter(radius, 2 * apart + 1))
-        labels, count = ndimage.label(peak, np.ones((3, 3)))
-        rows, columns = np.array(ndimage.center_of_mass(peak, labels, range(1, count + 1))).reshape(-1, 2).T
-        # A plateau's centre may be less bare than its rim; read the radius where the centre is.
-        found = radius[np.round(rows).astype(int), np.round(columns).astype(int)]
-        places = np.stack([low[0] + columns * step, low[1] + rows * step, found - step], axis=-1)
-        return places[found - step >= min(clearance, found.max(initial=0.0))]
+        columns, rows = np.floor((high - low) / step + 0.5).astype(int) + 1
+        bare = darkness(self.ink, low - step / 2, (rows, columns), step) == 0
+        x, y = low[0] + step * np.arange(columns), low[1] + step * np.arange(rows)
+        if self.fold_x is not None:
+            bare &= np.abs(x - self.fold_x) > step
+        # Beside the raster may be ink; a cell may be bare to its rim only.
+        radius = (ndimage.distance_transform_edt(np.pad(bare, 1))[1:-1, 1:-1] - 1) * step
+        ridge = (radius >= clearance * self.spacing) & (radius >= ndimage.maximum_filter(radius, 3))
+        row, column = np.nonzero(ridge)
+        left = np.column_stack([x[column], y[row], radius[ridge]])
+        left = left[Delaunay(self.points[:, :2]).find_simplex(left[:, :2]) >= 0]
+        left = left[np.argsort(-left[:, 2], kind="stable")]
+        places = []
+        while len(left):
+            places.append(left[0])
+            left = left[np.hypot(*(left[:, :2] - left[0, :2]).T) >= self.spacing / 2]
+        return rows_of(places, 3)
 
 
 @dataclass(frozen=True)
@@ -231,6 +223,8 @@ class DotGrid(Target):
                 "the radii must be 0 < small < large < spacing / 2, "
                 f"got small {self.small}, large {self.large}, spacing {self.spacing}"
             )
+        if not _is_whole(self.seed) or not 0 <= self.seed < 2**32:
+            raise ValueError(f"seed must be a whole number from 0 to 2**32 - 1, got {self.seed}")
         if self.greys is not None and not 0 < self.greys < 1:
             raise ValueError(f"greys must lie between 0 and 1, got {self.greys}")
 
@@ -259,9 +253,9 @@ class DotGrid(Target):
             chosen = (row + column) % 2 == 0
             centres = (np.stack([column, row], axis=-1)[chosen] + 0.5) * self.spacing
             greys = [(x, y, radius, self.greys) for x, y in centres]
-            if self._fold_x is not None:
-                greys = [grey for grey in greys if abs(grey[0] - self._fold_x) > radius]
-        return Ink(discs, _rows([], 4), _rows(greys, 4))
+            if self.fold_x is not None:
+                greys = [grey for grey in greys if abs(grey[0] - self.fold_x) > radius]
+        return Ink(discs, rows_of([], 4), rows_of(greys, 4))
 
 
 @dataclass(frozen=True)
@@ -299,7 +293,7 @@ class CircleGrid(Target):
 
     @cached_property
     def ink(self) -> Ink:  # noqa: D102
-        return Ink(np.column_stack([self.points[:, :2], self.radii]), _rows([], 4), _rows([], 4))
+        return Ink(np.column_stack([self.points[:, :2], self.radii]), rows_of([], 4), rows_of([], 4))
 
 
 @dataclass(frozen=True)
@@ -307,15 +301,14 @@ class Chessboard(Target):
     """A chessboard of `columns` × `rows` squares; its features are the inner corners."""
 
     kind: ClassVar[str] = "chessboard"
+    least: ClassVar[int] = 4
 
     @property
-    def _fold_x(self) -> float | None:
+    def fold_x(self) -> float | None:  # noqa: D102
         return None if self.fold is None else (self.fold - 1) * self.spacing
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if min(self.columns, self.rows) < 4:
-            raise ValueError(f"a chessboard needs 4 x 4 squares at least, got {self.columns} x {self.rows}")
         if self.fold is not None:
             raise ValueError("a chessboard cannot be folded: it is found whole; use dots or ChArUco")
 
@@ -334,7 +327,7 @@ class Chessboard(Target):
     def ink(self) -> Ink:  # noqa: D102
         corners = self._squares()
         squares = np.column_stack([corners, np.full(corners.shape, self.spacing)])
-        return Ink(_rows([], 3), squares, _rows([], 4))
+        return Ink(rows_of([], 3), squares, rows_of([], 4))
 
 
 @dataclass(frozen=True)
@@ -360,6 +353,9 @@ class Charuco(Chessboard):
             raise ValueError(f"marker must be positive and below spacing, got {self.marker}")
         if not (self.dictionary.startswith("DICT_") and hasattr(cv2.aruco, self.dictionary)):
             raise ValueError(f"dictionary must be one of OpenCV's (DICT_…), got {self.dictionary!r}")
+        markers, most = len(self.board.getIds()), len(self.board.getDictionary().bytesList)
+        if markers > most:
+            raise ValueError(f"dictionary {self.dictionary} has {most} markers, the board needs {markers}")
 
     @property
     def board(self) -> cv2.aruco.CharucoBoard:
@@ -380,7 +376,7 @@ class Charuco(Chessboard):
             left, top = np.asarray(corners)[:, :2].min(axis=0) - self.spacing
             for row, column in np.argwhere(picture == 0):
                 boxes.append((left + column * cell, top + row * cell, cell, cell))
-        return Ink(_rows([], 3), np.concatenate([squares, _rows(boxes, 4)]), _rows([], 4))
+        return Ink(rows_of([], 3), np.concatenate([squares, rows_of(boxes, 4)]), rows_of([], 4))
 
 
 _BIG = {"columns": 19, "rows": 10, "spacing": 5.2797, "small": 1.05885, "large": 1.58266}

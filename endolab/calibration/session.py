@@ -1,0 +1,334 @@
+"""A calibration from end to end: frames of a target in, the endoscope's camera and light out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from endolab.calibration.detection import Detection, detect
+from endolab.calibration.geometric import GeometricFit, calibrate_camera, find_pose, views_of
+from endolab.calibration.identifiability import NotIdentifiableError
+from endolab.calibration.least_squares import FitIterate
+from endolab.calibration.light_fit import HeldOut, PhotometricFit
+from endolab.calibration.photometric import calibrate_light
+from endolab.calibration.poses import Pose
+from endolab.calibration.samples import Samples, sample_sheet
+from endolab.calibration.targets import Target
+from endolab.cameras import KannalaBrandt
+from endolab.operators import FloatArray
+from endolab.photometry import CHANNELS, GREY_WEIGHTS
+
+Progress = Callable[[str, int, int], None]
+Named = Iterable[tuple[str, FloatArray | None]]
+EVERY = 20  # frames of a video, of which one goes into the geometry
+LEAST_VIEWS = 15  # frames that the geometry should have; then fewer are left out
+HOLD_OUT = 10  # one frame in so many is kept to score the fit of the light
+
+
+@dataclass(frozen=True)
+class Session:
+    """All that came of a calibration.
+
+    Attributes
+    ----------
+    target : Target
+    detections : dict of str to Detection
+        By the name of the frame, in order.
+    geometry : GeometricFit or None
+        None if the camera was given.
+    camera : KannalaBrandt
+    poses : dict of str to tuple of (Pose or None)
+        Of each panel, for the frames where the target was located.
+    samples : Samples
+        Of all located frames; `frame` counts the keys of `poses`.
+    light : PhotometricFit or None
+        None if the samples could not tell it.
+    refused : str
+        Why not; empty if they could.
+    scores : HeldOut or None
+        How well frames are predicted that the fit has not seen.
+    dropped : dict of str to str
+        Frames that were not used, and why.
+    """
+
+    target: Target
+    detections: dict[str, Detection]
+    geometry: GeometricFit | None
+    camera: KannalaBrandt
+    poses: dict[str, tuple[Pose | None, ...]]
+    samples: Samples
+    light: PhotometricFit | None
+    refused: str = ""
+    scores: HeldOut | None = None
+    dropped: dict[str, str] = field(default_factory=dict)
+
+
+def _silent(stage: str, done: int, total: int) -> None:
+    pass
+
+
+def channel_of(image: FloatArray, channel: str) -> FloatArray:
+    """Return one channel, or the grey value, of a picture (H, W) or (H, W, 3) as (H, W)."""
+    if image.ndim == 2:
+        return image
+    return image @ GREY_WEIGHTS if channel == "grey" else image[..., CHANNELS.index(channel)]
+
+
+def detect_all(
+    frames: Named,
+    target: Target,
+    *,
+    count: int = 0,
+    progress: Progress = _silent,
+    found: Callable[[str, Detection, tuple[int, int]], None] | None = None,
+    size: tuple[int, int] | None = None,
+) -> tuple[dict[str, Detection], tuple[int, int] | None]:
+    """Find the target in frames.
+
+    Parameters
+    ----------
+    frames : iterable of (str, image)
+        Names and stored values, (H, W) or (H, W, 3); None for one that could not be read.
+    target : Target
+    count : int
+        How many there are, for the progress.
+    progress : callable
+        Told the stage, what is done and the total.
+    found : callable, optional
+        Told every detection with the size of its frame as it comes, to keep it.
+    size : (int, int), optional
+        Width and height that the frames must have; that of the first by default.
+
+    Returns
+    -------
+    detections : dict of str to Detection
+    size : (int, int) or None
+        Width and height of the frames; None if none could be read.
+
+    Raises
+    ------
+    ValueError
+        If the frames differ in size.
+    """
+    detections: dict[str, Detection] = {}
+    first = ""
+    for number, (name, image) in enumerate(frames):
+        if image is None:
+            none = np.zeros(0, int), np.zeros((0, 2))
+            detections[name] = Detection(*none, reason="it cannot be read")
+        else:
+            here = image.shape[1], image.shape[0]
+            if size is None:
+                size, first = here, name
+            elif here != size:
+                where = f"{first} is" if first else "the others are"
+                raise ValueError(
+                    f"the frames differ in size: {where} {size[0]}x{size[1]} px, "
+                    f"{name} is {here[0]}x{here[1]} px"
+                )
+            detections[name] = detect(image, target)
+            if found is not None:
+                found(name, detections[name], here)
+        progress("detecting", number + 1, count)
+    return detections, size
+
+
+def choose_views(detections: Mapping[str, Detection], every: int = EVERY) -> list[str]:
+    """Name the frames for the geometry: one in `every`, the best seen of its neighbours, or more if few.
+
+    Parameters
+    ----------
+    detections : mapping of str to Detection
+        In the order of time.
+    every : int
+
+    Returns
+    -------
+    list of str
+    """
+    names = list(detections)
+    seen = [name for name in names if len(detections[name].ids)]
+    every = max(1, min(every, len(seen) // LEAST_VIEWS))
+    chosen = []
+    for start in range(0, len(names), every):
+        group = [name for name in names[start : start + every] if len(detections[name].ids)]
+        if group:
+            chosen.append(max(group, key=lambda name: len(detections[name].ids)))
+    return chosen
+
+
+def locate(
+    detections: Mapping[str, Detection],
+    target: Target,
+    camera: KannalaBrandt,
+    progress: Progress = _silent,
+) -> tuple[dict[str, tuple[Pose | None, ...]], dict[str, str]]:
+    """Find the poses of the target's panels in every frame.
+
+    Returns
+    -------
+    poses : dict of str to tuple of (Pose or None)
+        For the frames where at least one panel was located.
+    dropped : dict of str to str
+        The others, and why.
+    """
+    poses: dict[str, tuple[Pose | None, ...]] = {}
+    dropped: dict[str, str] = {}
+    for number, (name, detection) in enumerate(detections.items()):
+        found: list[Pose | None] = [None] * target.panels
+        reason = detection.reason or "too few points"
+        for view in views_of(name, detection, target):
+            try:
+                found[view.panel] = find_pose(view, target, camera)[0]
+            except ValueError as error:
+                reason = str(error)
+        if any(pose is not None for pose in found):
+            poses[name] = tuple(found)
+        else:
+            dropped[name] = reason
+        progress("locating", number + 1, len(detections))
+    return poses, dropped
+
+
+def sample_all(
+    frames: Named,
+    target: Target,
+    poses: Mapping[str, Sequence[Pose | None]],
+    camera: KannalaBrandt,
+    *,
+    channel: str = "grey",
+    gamma: float = 2.2,
+    progress: Progress = _silent,
+) -> Samples:
+    """Read the brightness of the paper in every frame that has a pose."""
+    number = {name: index for index, name in enumerate(poses)}
+    places = target.white_places()
+    parts = []
+    for name, image in frames:
+        if image is None or name not in number:
+            continue
+        grey = channel_of(image, channel)
+        parts.append(
+            sample_sheet(grey, target, poses[name], camera, frame=number[name], gamma=gamma, places=places)
+        )
+        progress("sampling", len(parts), len(poses))
+    return Samples.concatenate(parts)
+
+
+def _none_found(detections: Mapping[str, Detection], target: Target) -> ValueError:
+    reasons: dict[str, int] = {}
+    for detection in detections.values():
+        reasons[detection.reason] = reasons.get(detection.reason, 0) + 1
+    told = ", ".join(f"{reason} in {n}" for reason, n in sorted(reasons.items(), key=lambda item: -item[1]))
+    return ValueError(
+        f"the target was found in none of {len(detections)} frames; looked for {describe(target)}: {told}"
+    )
+
+
+def describe(target: Target) -> str:
+    """Say what a target is, in a few words."""
+    what = {"dots": "dots of two sizes", "circles": "circles in an asymmetric grid"}.get(
+        target.kind, f"squares of a {target.kind} board"
+    )
+    folded = ", folded" if target.fold is not None else ""
+    return f"{target.columns} x {target.rows} {what}, {target.spacing:g} mm apart{folded}"
+
+
+def calibrate(
+    frames: Named,
+    target: Target,
+    *,
+    camera: KannalaBrandt | None = None,
+    detections: Mapping[str, Detection] | None = None,
+    size: tuple[int, int] | None = None,
+    every: int = EVERY,
+    channel: str = "grey",
+    progress: Progress = _silent,
+    geometry_observers: Iterable[Callable[[FitIterate], bool | None]] = (),
+    light_observers: Iterable[Callable[[FitIterate], bool | None]] = (),
+    **light: Any,
+) -> Session:
+    """Calibrate an endoscope from frames of a target.
+
+    Parameters
+    ----------
+    frames : iterable of (str, image)
+        Names and stored values, (H, W) or (H, W, 3), in the order of time; None for one that
+        cannot be read. It is iterated over twice: first to find the target, then for its brightness.
+    target : Target
+    camera : KannalaBrandt, optional
+        If known; then only the light is calibrated.
+    detections : mapping of str to Detection, optional
+        What `detect_all` found, with `size`.
+    size : (int, int), optional
+        Width and height of the frames; of `detections`.
+    every : int
+        One frame in so many goes into the geometry; fewer are left out of a short video.
+    channel : {"grey", "red", "green", "blue"}
+        Whose response is calibrated.
+    progress : callable
+        Told the stage ("detecting", "locating", "sampling"), what is done and the total.
+    geometry_observers, light_observers : iterables of callables
+        Shown every step of the two fits.
+    **light
+        Options of `calibrate_light`: gamma, brdf, gain, reflectance, light …
+
+    Returns
+    -------
+    Session
+        If the samples cannot tell the light, `light` is None and `refused` says why.
+
+    Raises
+    ------
+    ValueError
+        In one sentence, if the frames differ in size, the target is in none of them, or the
+        camera cannot be told from them.
+    """
+    if channel not in (*CHANNELS, "grey"):
+        raise ValueError(f"unknown channel {channel!r}; choose red, green, blue or grey")
+    if isinstance(every, bool) or int(every) != every or every < 1:
+        raise ValueError(f"every must be a whole number of frames, at least 1, got {every}")
+    if detections is None:
+        if camera is not None:
+            size = camera.width, camera.height
+        detections, size = detect_all(frames, target, progress=progress, size=size)
+    if size is None or not any(len(detection.ids) for detection in detections.values()):
+        raise _none_found(detections, target)
+    geometry = None
+    if camera is None:
+        views = [
+            view
+            for name in choose_views(detections, every)
+            for view in views_of(name, detections[name], target)
+        ]
+        geometry = calibrate_camera(views, target, *size, observers=geometry_observers)
+        camera = geometry.camera
+    elif (camera.width, camera.height) != size:
+        raise ValueError(
+            f"the camera is for {camera.width}x{camera.height} px, but the frames are {size[0]}x{size[1]} px"
+        )
+    poses, dropped = locate(detections, target, camera, progress)
+    gamma = light.get("gamma", 2.2)
+    guess = 2.2 if isinstance(gamma, str) else float(np.ravel(gamma)[0])
+    samples = sample_all(frames, target, poses, camera, channel=channel, gamma=guess, progress=progress)
+    fit, scores, refused = None, None, ""
+    try:
+        fit = calibrate_light(samples, observers=light_observers, **light)
+        scores = score(samples, **light)
+    except NotIdentifiableError as error:
+        refused = str(error)
+    return Session(target, dict(detections), geometry, camera, poses, samples, fit, refused, scores, dropped)
+
+
+def score(samples: Samples, **light: Any) -> HeldOut | None:
+    """Fit the light to nine frames in ten and predict the tenth; None if they are too few for it."""
+    kept = samples.frame % HOLD_OUT == HOLD_OUT // 2
+    if len(np.unique(samples.frame)) < LEAST_VIEWS:
+        return None
+    try:
+        return calibrate_light(samples[~kept], **light).held_out(samples[kept])
+    except NotIdentifiableError:  # what all frames together could just tell
+        return None

@@ -1,0 +1,234 @@
+"""The commands about calibration: target, calibrate, and simulate's sheet."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+SHEET = "sheet"  # the scene of `simulate` that is a video of a target
+
+
+class _Bar:
+    """Progress bars on stderr, one for each stage of a session."""
+
+    def __init__(self) -> None:
+        self.stage = ""
+        self.bar: Any = None
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        from tqdm import tqdm
+
+        if stage != self.stage:
+            self.close()
+            self.stage, self.bar = (
+                stage,
+                tqdm(total=total, unit="frame", leave=False, disable=None, desc=stage),
+            )
+        self.bar.update(done - self.bar.n)
+
+    def close(self) -> None:
+        if self.bar is not None:
+            self.bar.close()
+
+
+def _numbers(text: str, option: str) -> float | tuple[float, float]:
+    """Read ``2.2``, or ``2.2,0.1``: a value and its standard deviation."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 2):
+        raise ValueError(
+            f"{option} must be a number, a number and its standard deviation (2.2,0.1) or free, got {text}"
+        )
+    return values[0] if len(values) == 1 else (values[0], values[1])
+
+
+def _gamma(text: str) -> float | tuple[float, float] | str:
+    return "free" if text == "free" else _numbers(text, "--gamma")
+
+
+def write_target(arguments: argparse.Namespace) -> None:
+    """Write a sheet to print."""
+    from endolab.calibration.session import describe
+    from endolab.sheets import read_target, write_sheet
+
+    target = read_target(arguments.name)
+    write_sheet(target, arguments.out)
+    print(f"{describe(target)}; print at 100 %, check the ruler, and glue it on something flat")
+    print(f"written to {arguments.out}")
+
+
+def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
+    """Write a simulated calibration video with its truth."""
+    import numpy as np
+    from tqdm import tqdm
+
+    from endolab.brdf import TabulatedBRDF
+    from endolab.calibration.simulate import PAPER_SHEET, simulate_video
+    from endolab.files import as_json, staged_folder, write_image
+    from endolab.sheets import read_target
+    from endolab.video import write_video
+
+    target = read_target(arguments.target)
+    fold = np.deg2rad(arguments.fold if target.fold is not None else 0.0)
+    video = simulate_video(
+        target,
+        calibration.camera,
+        replace(calibration.photometry, brdf=PAPER_SHEET),
+        arguments.frames,
+        fold=fold,
+        noise=arguments.noise,
+        bits=arguments.bits,
+        outliers=arguments.outliers,
+        motion=arguments.motion,
+        seed=arguments.seed,
+    )
+    truth = []
+
+    def images() -> Any:
+        for frame in tqdm(
+            video, total=arguments.frames, unit="frame", leave=False, disable=None, desc="rendering"
+        ):
+            truth.append({"gain": frame.gain, "poses": [pose.vector.tolist() for pose in frame.poses]})
+            yield frame.image
+
+    with staged_folder(arguments.out) as folder:
+        if arguments.video:
+            write_video(folder / "sheet.mkv", images())
+        else:
+            for number, image in enumerate(images()):
+                write_image(folder / f"{number:06d}.png", image)
+        theta = np.linspace(0, np.pi / 2, 181)
+        paper = TabulatedBRDF(tuple(theta), tuple(PAPER_SHEET.value(np.cos(theta), np.cos(theta))))
+        known = replace(calibration, photometry=replace(calibration.photometry, brdf=paper))
+        content = known.to_dict() | {"target": arguments.target, "fold": fold, "frames": truth}
+        (folder / "truth.json").write_bytes(as_json(content))
+    what = "sheet.mkv" if arguments.video else f"{len(truth)} pictures"
+    print(f"written to {arguments.out}: {what}, truth.json")
+
+
+def calibrate(arguments: argparse.Namespace) -> None:
+    """Calibrate an endoscope from a folder or a video."""
+    from endolab.calibration.session import calibrate as run
+    from endolab.calibration.session import detect_all
+    from endolab.calibration_report import account, to_calibration, write_report
+    from endolab.cameras import KannalaBrandt
+    from endolab.endoscope import read_camera
+    from endolab.sheets import read_target
+    from endolab.sightings import Sightings
+    from endolab.video import open_frames
+
+    frames, target = open_frames(arguments.source), read_target(arguments.target)
+    out = Path(arguments.out)
+    if out.suffix != ".json":
+        raise ValueError(f"the calibration's name ends in .json, got {out.name}")
+    camera = None if arguments.camera is None else read_camera(arguments.camera)
+    if not isinstance(camera, KannalaBrandt | None):
+        raise ValueError(f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}")
+    light: dict[str, Any] = {"gamma": _gamma(arguments.gamma), "brdf": arguments.brdf, "gain": arguments.gain}
+    light["light"] = arguments.light
+    light["reflectance"] = [
+        None if text == "free" else _numbers(text, "--reflectance") for text in arguments.reflectance
+    ]
+    folder = out.with_name(f"{out.stem}_report")
+    folder.mkdir(parents=True, exist_ok=True)
+    bar = _Bar()
+    try:
+        with Sightings(folder / "detections.jsonl", frames, target) as kept:
+            rest = [name for name in frames.names if name not in kept.known]
+            if kept.known:
+                print(f"{len(kept.known)} of {len(frames)} frames were searched before; going on from there")
+            found, size = detect_all(
+                frames.read(rest), target, count=len(rest), progress=bar, found=kept.add, size=kept.size
+            )
+            found = {name: (kept.known | found)[name] for name in frames.names}
+        session = run(
+            frames,
+            target,
+            camera=camera,
+            detections=found,
+            size=size,
+            every=arguments.every if frames.is_video or len(frames) > 100 else 1,
+            channel=arguments.channel,
+            progress=bar,
+            **light,
+        )
+    finally:
+        bar.close()
+    write_report(session, frames, folder)
+    for line in account(session):
+        print(line)
+    if session.light is None:
+        raise ValueError(f"{session.refused}; the camera alone is in {folder / 'camera.json'}")
+    to_calibration(session, arguments.source).save(out)
+    print(f"written to {out}, and {folder}: report.html")
+
+
+def add_sheet_options(add: argparse.ArgumentParser) -> None:
+    """Add what `simulate sheet` can be told."""
+    group = add.add_argument_group("a calibration video (SCENE sheet)")
+    group.add_argument("--target", default="vicalib_small", metavar="NAME", help="as for target")
+    group.add_argument("--frames", type=int, default=300, metavar="N", help="how many (default 300)")
+    group.add_argument(
+        "--fold", type=float, default=20.0, metavar="DEG", help="of a folded target (default 20)"
+    )
+    group.add_argument(
+        "--outliers", type=float, default=0.0, metavar="SHARE", help="of the pixels that are wrong"
+    )
+    group.add_argument("--motion", type=float, default=0.0, metavar="PX", help="of motion blur")
+    group.add_argument("--video", action="store_true", help="write one video instead of pictures")
+
+
+def add_calibration_commands(commands: Any) -> None:
+    """Add the parsers of `target` and `calibrate`."""
+    add = commands.add_parser("target", help="a calibration sheet to print, at true size")
+    add.add_argument(
+        "name",
+        metavar="NAME",
+        help="vicalib_big, vicalib_small, vicalib_folded, vicalib_grey, charuco, chessboard, circles, "
+        "or TARGET.json",
+    )
+    add.add_argument("--out", required=True, metavar="SHEET.pdf", help="a PDF or SVG")
+    add.set_defaults(run=write_target)
+
+    add = commands.add_parser("calibrate", help="frames of a target in, endoscope.json out")
+    add.add_argument("source", metavar="FOLDER_OR_VIDEO")
+    add.add_argument("--target", required=True, help="its name, as for target, or TARGET.json")
+    add.add_argument(
+        "--out", required=True, metavar="CAL.json", help="the report goes into CAL_report beside it"
+    )
+    add.add_argument(
+        "--camera", metavar="CAL.json", help="calibrate the light only, with the camera of this file"
+    )
+    add.add_argument(
+        "--every",
+        type=int,
+        default=20,
+        metavar="N",
+        help="one frame of a video in N goes into the geometry (default 20)",
+    )
+    add.add_argument("--channel", default="grey", help="whose response: grey (default), red, green or blue")
+    add.add_argument(
+        "--gamma",
+        default="2.2",
+        metavar="γ",
+        help="a number (default 2.2), a number and its standard deviation (2.2,0.1), or free",
+    )
+    add.add_argument("--brdf", default="tabulated", help="of the paper: tabulated (default) or lambertian")
+    add.add_argument("--gain", default="free", help="free (default), or locked: the same in all frames")
+    add.add_argument(
+        "--light",
+        default="centred",
+        help="centred (default), or free: its offset and direction are fitted too",
+    )
+    add.add_argument(
+        "--reflectance",
+        action="append",
+        default=[],
+        metavar="R",
+        help="of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free",
+    )
+    add.set_defaults(run=calibrate)
