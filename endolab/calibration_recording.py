@@ -33,7 +33,7 @@ FRAME, ITERATION = "frame", "iteration"  # the timelines
 MOST_FRAMES = 300  # of a long video, evenly; curves have all
 NOW, GREY, OUTLIER = (230, 159, 0), (160, 160, 160), (213, 94, 0)
 TEXTURE = 640  # px, the width of the sheet's picture
-ARROW = 0.03  # of the picture's width: a reprojection residual of one standard deviation
+ARROW = 0.015  # of the picture's width: a reprojection residual of one standard deviation
 TALL = 100.0  # a BRDF of 1, where a degree is 1
 
 
@@ -150,7 +150,7 @@ class _Recording:
         middles = [pose.transform(_middle(session.target)) for pose in _located(session)]
         centre = np.mean(middles, axis=0) if middles else np.array([0.0, 0.0, 50.0])
         distance = float(np.linalg.norm(centre))
-        self._log("world/camera", camera_shape(session.camera, 0.3 * distance), static=True)
+        self._log("world/camera", camera_shape(session.camera, 0.2 * distance), static=True)
         texture = _texture(session.target)
         for panel in range(session.target.panels):
             # The corners move, the rest stays.
@@ -182,9 +182,11 @@ class _Recording:
         lines = [[[0, -TALL * level], [90, -TALL * level]] for level in levels]
         low, high = -TALL * levels[[0, -1]]
         lines += [[[angle, low], [angle, high]] for angle in (0, 30, 60, 90)]
+        grid = rr.LineStrips2D(lines, colors=(90, 90, 90), radii=rr.Radius.ui_points(0.5))
+        self._log("brdf/grid", grid, static=True)
+        ticks = [[-6, -TALL * level] for level in levels] + [[angle, low + 6] for angle in (0, 30, 60, 90)]
         labels = [f"{level:.1f}" for level in levels] + ["0°", "30°", "60°", "90°"]
-        axes = rr.LineStrips2D(lines, colors=(90, 90, 90), radii=rr.Radius.ui_points(0.5), labels=labels)
-        self._log("brdf/axes", axes, static=True)
+        self._log("brdf/ticks", rr.Points2D(ticks, colors=GREY, radii=0.1, labels=labels), static=True)
 
     # Frames ---------------------------------------------------------------------------
 
@@ -271,7 +273,7 @@ class _Recording:
                 self._log(f"fit/{name}", rr.Scalars(float(value)))
         edges = np.linspace(-20, 20, 81)
         count = np.histogram(step.residual[step.used, 0], edges)[0]
-        chart = rr.BarChart(count, abscissa=(edges[1:] + edges[:-1]) / 2, color=START)
+        chart = rr.BarChart(count, abscissa=(edges[1:] + edges[:-1]) / 2, widths=np.diff(edges), color=START)
         self._log("residuals", chart)
         if light is None:
             return
@@ -321,7 +323,8 @@ def _diverging(values: FloatArray) -> NDArray[np.uint8]:
 
 def _blueprint(centre: FloatArray, distance: float, session: Session) -> rrb.Blueprint:
     """How the viewer opens: the frame, the sheet in space, the curves, and the fit behind a tab."""
-    eye = centre + 1.6 * distance * np.array([-0.6, -0.4, -0.75])
+    target = centre / 2  # between the camera and where the sheet mostly is
+    eye = target + 2.0 * distance * np.array([-0.6, -0.4, -0.7])
     fit: list[rrb.View | rrb.Container] = [
         rrb.TimeSeriesView(origin="/fit", contents=["/fit/k", "/fit/gamma"], name="k and γ"),
         rrb.TimeSeriesView(origin="/fit", contents=["/fit/sigma"], name="σ [grey levels]"),
@@ -343,7 +346,7 @@ def _blueprint(centre: FloatArray, distance: float, session: Session) -> rrb.Blu
                 rrb.Spatial3DView(
                     origin="/world",
                     name="Sheet",
-                    eye_controls=rrb.EyeControls3D(position=eye, look_target=centre, eye_up=[0, -1, 0]),
+                    eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=[0, -1, 0]),
                     background=(45, 50, 58),
                     line_grid=False,
                 ),

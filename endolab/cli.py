@@ -57,8 +57,8 @@ def _of_a_wall(calibration: Any, albedo: str | None) -> Any:
             print("The BRDF is that of the calibration sheet; --albedo 0.5 takes a matt wall instead.")
         return calibration
     try:
-        values = [float(part) for part in albedo.split(",")]
-        brdf = Lambertian(values[0] if len(values) == 1 else tuple(values))
+        values = tuple(float(part) for part in albedo.split(","))
+        brdf = Lambertian(values[0] if len(values) == 1 else values)  # type: ignore[arg-type]
     except ValueError as error:
         raise ValueError(f"--albedo must be one number in (0, 1] or three (R,G,B), got {albedo}") from error
     return replace(calibration, photometry=replace(calibration.photometry, brdf=brdf))
@@ -312,7 +312,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError, MemoryError) as error:
         print(f"endolab: {str(error) or 'out of memory'}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("endolab: interrupted; nothing was written", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(f"endolab: {str(interrupt) or 'interrupted; nothing was written'}", file=sys.stderr)
         return 130
     return 0

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+UNREADABLE = "it cannot be read"
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
 
 
@@ -44,10 +45,6 @@ def _numbers(text: str, option: str) -> float | tuple[float, float]:
             f"{option} must be a number, a number and its standard deviation (2.2,0.1) or free, got {text}"
         )
     return values[0] if len(values) == 1 else (values[0], values[1])
-
-
-def _gamma(text: str) -> float | tuple[float, float] | str:
-    return "free" if text == "free" else _numbers(text, "--gamma")
 
 
 def write_target(arguments: argparse.Namespace) -> None:
@@ -110,15 +107,53 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     print(f"written to {arguments.out}: {what}, truth.json")
 
 
+def _light_options(arguments: argparse.Namespace, target: Any) -> dict[str, Any]:
+    """Read the options of the fit of the light, before a long search for the target."""
+    patches = len(set(target.ink.greys[:, 3]))
+    given = [None if text == "free" else _numbers(text, "--reflectance") for text in arguments.reflectance]
+    if given and len(given) != patches:
+        raise ValueError(
+            f"the target has {patches} kinds of grey patches, but --reflectance says {len(given)}"
+        )
+    gamma = "free" if arguments.gamma == "free" else _numbers(arguments.gamma, "--gamma")
+    reflectance = given or [None] * patches
+    names = ("brdf", "gain", "light")
+    return {"gamma": gamma, "reflectance": reflectance} | {name: getattr(arguments, name) for name in names}
+
+
+def _search(frames: Any, target: Any, cache: Path, bar: Any) -> tuple[dict[str, Any], Any]:
+    """Detect the target in the frames where it was not looked for before."""
+    from endolab.calibration.session import detect_all
+    from endolab.sightings import Sightings
+
+    with Sightings(cache, frames, target) as kept:
+        rest = [name for name in frames.names if name not in kept.known]
+        if kept.known:
+            print(f"{len(kept.known)} of {len(frames)} frames were searched before; going on from there")
+        try:
+            found, size = detect_all(
+                frames.read(rest), target, count=len(rest), progress=bar, found=kept.add, size=kept.size
+            )
+        except KeyboardInterrupt:
+            told = f"interrupted; {len(kept.known)} of {len(frames)} frames are searched and kept"
+            raise KeyboardInterrupt(told) from None
+        everything = kept.known | found
+    if frames.is_video:
+        for name in reversed(frames.names):
+            if everything[name].reason != UNREADABLE:
+                break
+            everything[name] = replace(everything[name], reason="the video ends before it")
+    return {name: everything[name] for name in frames.names}, size
+
+
 def calibrate(arguments: argparse.Namespace) -> None:
     """Calibrate an endoscope from a folder or a video."""
     from endolab.calibration.session import calibrate as run
-    from endolab.calibration.session import detect_all
+    from endolab.calibration_recording import LightRecorder, record_calibration
     from endolab.calibration_report import account, to_calibration, write_report
     from endolab.cameras import KannalaBrandt
     from endolab.endoscope import read_camera
     from endolab.sheets import read_target
-    from endolab.sightings import Sightings
     from endolab.video import open_frames
 
     frames, target = open_frames(arguments.source), read_target(arguments.target)
@@ -128,43 +163,37 @@ def calibrate(arguments: argparse.Namespace) -> None:
     camera = None if arguments.camera is None else read_camera(arguments.camera)
     if not isinstance(camera, KannalaBrandt | None):
         raise ValueError(f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}")
-    light: dict[str, Any] = {"gamma": _gamma(arguments.gamma), "brdf": arguments.brdf, "gain": arguments.gain}
-    light["light"] = arguments.light
-    light["reflectance"] = [
-        None if text == "free" else _numbers(text, "--reflectance") for text in arguments.reflectance
-    ]
+    light = _light_options(arguments, target)
     folder = out.with_name(f"{out.stem}_report")
-    folder.mkdir(parents=True, exist_ok=True)
-    bar = _Bar()
     try:
-        with Sightings(folder / "detections.jsonl", frames, target) as kept:
-            rest = [name for name in frames.names if name not in kept.known]
-            if kept.known:
-                print(f"{len(kept.known)} of {len(frames)} frames were searched before; going on from there")
-            found, size = detect_all(
-                frames.read(rest), target, count=len(rest), progress=bar, found=kept.add, size=kept.size
-            )
-            found = {name: (kept.known | found)[name] for name in frames.names}
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OSError(f"cannot write to the folder {folder}: {error.strerror or error}") from error
+    bar, steps = _Bar(), LightRecorder()
+    try:
+        detections, size = _search(frames, target, folder / "detections.jsonl", bar)
         session = run(
             frames,
             target,
             camera=camera,
-            detections=found,
+            detections=detections,
             size=size,
-            every=arguments.every if frames.is_video or len(frames) > 100 else 1,
+            every=arguments.every,
             channel=arguments.channel,
             progress=bar,
+            light_observers=[steps],
             **light,
         )
     finally:
         bar.close()
-    write_report(session, frames, folder)
-    for line in account(session):
-        print(line)
+    write_report(session, frames, folder, arguments.channel)
+    if arguments.record:
+        record_calibration(session, frames, folder / "recording.rrd", light_steps=steps.steps)
+    print("\n".join(account(session)))
     if session.light is None:
         raise ValueError(f"{session.refused}; the camera alone is in {folder / 'camera.json'}")
-    to_calibration(session, arguments.source).save(out)
-    print(f"written to {out}, and {folder}: report.html")
+    to_calibration(session, arguments.source, arguments.channel).save(out)
+    print(f"written to {out}, and to {folder}: report.html{', recording.rrd' if arguments.record else ''}")
 
 
 def add_sheet_options(add: argparse.ArgumentParser) -> None:
@@ -210,17 +239,33 @@ def add_calibration_commands(commands: Any) -> None:
         metavar="N",
         help="one frame of a video in N goes into the geometry (default 20)",
     )
-    add.add_argument("--channel", default="grey", help="whose response: grey (default), red, green or blue")
+    add.add_argument(
+        "--channel",
+        choices=("grey", "red", "green", "blue"),
+        default="grey",
+        help="whose response: grey (default), red, green or blue",
+    )
     add.add_argument(
         "--gamma",
         default="2.2",
         metavar="γ",
         help="a number (default 2.2), a number and its standard deviation (2.2,0.1), or free",
     )
-    add.add_argument("--brdf", default="tabulated", help="of the paper: tabulated (default) or lambertian")
-    add.add_argument("--gain", default="free", help="free (default), or locked: the same in all frames")
+    add.add_argument(
+        "--brdf",
+        choices=("tabulated", "lambertian"),
+        default="tabulated",
+        help="of the paper: tabulated (default) or lambertian",
+    )
+    add.add_argument(
+        "--gain",
+        choices=("free", "locked"),
+        default="free",
+        help="free (default), or locked: the same in all frames",
+    )
     add.add_argument(
         "--light",
+        choices=("centred", "free"),
         default="centred",
         help="centred (default), or free: its offset and direction are fitted too",
     )
@@ -231,4 +276,5 @@ def add_calibration_commands(commands: Any) -> None:
         metavar="R",
         help="of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free",
     )
+    add.add_argument("--record", action="store_true", help="write a recording for the Rerun viewer too")
     add.set_defaults(run=calibrate)

@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TextIO
+from typing import Self, TextIO
 
 import numpy as np
 
@@ -74,8 +74,7 @@ class Sightings:
 
     def _line(self, name: str, size: tuple[int, int]) -> str:
         found = self.known[name]
-        pixels: list[Any] = np.round(found.pixels, 4).tolist()
-        return json.dumps([name, size, found.ids.tolist(), pixels, found.reason]) + "\n"
+        return json.dumps([name, size, found.ids.tolist(), found.pixels.tolist(), found.reason]) + "\n"
 
     def __enter__(self) -> Self:
         # What was read is written again: a line that was cut off must not be gone on with.

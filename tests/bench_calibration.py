@@ -67,7 +67,7 @@ def sheen(fit: PhotometricFit) -> tuple[float, np.ndarray]:
     errors = np.array([fit.standard_errors[f"brdf {j}"] for j in range(len(values))])
     true = PAPER_SHEET.value(nodes, nodes)
     true = true * (values / true)[errors == 0]
-    return 100 * float(np.std(ratio / ratio.mean())), ((values - true) / errors)[errors > 0]
+    return 100 * float(np.std(ratio / ratio.mean())), ((values - true)[errors > 0] / errors[errors > 0])
 
 
 def gain_errors(fit: PhotometricFit, true: np.ndarray) -> np.ndarray:

@@ -23,17 +23,17 @@ class Blobs:
         Centroid of the darkness, px.
     ink : (n,) float array
         Area of full darkness that the spot amounts to, px².
-    depth : (n,) float array
-        Mean darkness of the spot; 1 is black.
     """
 
     centres: FloatArray
     ink: FloatArray
-    depth: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.ink)
 
     def __getitem__(self, which: BoolArray | IntArray) -> Blobs:
         """Return some of them."""
-        return Blobs(self.centres[which], self.ink[which], self.depth[which])
+        return Blobs(self.centres[which], self.ink[which])
 
 
 def find_blobs(image: FloatArray) -> Blobs:
@@ -68,7 +68,7 @@ def find_blobs(image: FloatArray) -> Blobs:
     good &= white[np.minimum(row, white.shape[0] - 1), np.minimum(column, white.shape[1] - 1)] > LEAST_WHITE
     good[0] = False
     if not good.any():
-        return Blobs(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+        return Blobs(np.zeros((0, 2)), np.zeros(0))
     number = np.where(good, np.cumsum(good), 0).astype(np.uint16)
     return _measure(level, _bare_level(level, dark, small.shape), number[labels])
 
@@ -84,7 +84,7 @@ def _bare_level(level: FloatArray, dark: IntArray, shape: tuple[int, int]) -> Fl
 
 
 def _measure(level: FloatArray, bare: FloatArray, labels: IntArray) -> Blobs:
-    """Centroids, ink and depth of labelled spots (1, 2, …) that look like ellipses."""
+    """Centroids and ink of labelled spots (1, 2, …) that look like ellipses."""
     width = labels.shape[1]
     count = int(labels.max()) + 1
     wide = cv2.dilate(labels, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7)))
@@ -112,6 +112,4 @@ def _measure(level: FloatArray, bare: FloatArray, labels: IntArray) -> Blobs:
         solid = area / (4 * np.pi * np.sqrt(determinant))
         short = (xx + yy) / 2 - np.sqrt(np.maximum((xx + yy) ** 2 / 4 - determinant, 0))
     good = (solid > 0.85) & (solid < 1.15) & (short > 0.3) & (ink > 4)
-    return Blobs(centres, ink, depth)[good]
-
-
+    return Blobs(centres, ink)[good]

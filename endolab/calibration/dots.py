@@ -10,13 +10,27 @@ from itertools import product
 import numpy as np
 
 from endolab.calibration.blobs import Blobs, find_blobs
-from endolab.calibration.lattice import find_lattices, grow, local_fit, steps, surroundings, cross
+from endolab.calibration.lattice import cross, find_lattices, fitting, grow, steps
 from endolab.calibration.targets import CircleGrid, DotGrid
-from endolab.operators import BoolArray, FloatArray, IntArray
+from endolab.operators import FloatArray, IntArray
+
+LEAST_DOTS = 20  # to tell the code by
+PAD = 2  # columns and rows beside the sheet in which false spots may lie
+MOST_WRONG = 0.1  # share of the bits
+SURETY = 5.0  # logarithm of the odds against a match by chance
+MOST_OFF = 0.8  # of a dot's size, where 1 is halfway to the other size
+LEAST_SEEN = 0.75  # share of an asymmetric grid's circles
+Found = tuple[IntArray, FloatArray, str]  # ids, pixels, and the reason why there are none
+
+
+def _places(owner: IntArray, blobs: Blobs) -> FloatArray:
+    """Where the blobs of a lattice are, (h, w, 2), px; nan where there is none."""
+    return np.where(owner[..., None] >= 0, blobs.centres[owner], np.nan)
+
 
 def _cells(owner: IntArray, blobs: Blobs) -> FloatArray:
     """Area of a lattice's cells, px²."""
-    return _cross(*_steps(np.where(owner[..., None] >= 0, blobs.centres[owner], np.nan)))
+    return cross(*steps(_places(owner, blobs)))
 
 
 def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> FloatArray:
@@ -69,6 +83,39 @@ _TURNS = [
 ]
 
 
+def _placements(
+    places: IntArray, value: FloatArray, table: FloatArray
+) -> tuple[list[tuple[float, int, int, int]], int]:
+    """Try all turns, shears and shifts of a piece of a lattice over a table; never mirrored.
+
+    Returns the best two shifts of each turn, best first, as the sum of products, the turn and the
+    shift; and how many were tried. A piece must lie within the table.
+    """
+    found: list[tuple[float, int, int, int]] = []
+    trials = 0
+    for number, turn in enumerate(_TURNS):
+        spot = places @ turn.T
+        low = spot.min(axis=0)
+        spot = spot - low
+        spare = np.array(table.shape) - spot.max(axis=0)
+        if spare.min() <= 0:
+            continue
+        i, j = np.indices(spare).reshape(2, -1)
+        trials += len(i)
+        score = table[spot[:, 0] + i[:, None], spot[:, 1] + j[:, None]] @ value
+        found += [
+            (float(score[best]), number, int(i[best] - low[0]), int(j[best] - low[1]))
+            for best in np.argsort(-score)[:2]
+        ]
+    return sorted(found, reverse=True), trials
+
+
+def _placed(shape: tuple[int, int], placement: tuple[float, int, int, int]) -> IntArray:
+    """Row and column in the table for each place of the lattice, (h, w, 2)."""
+    _, number, row, column = placement
+    return np.moveaxis(np.indices(shape), 0, -1) @ _TURNS[number].T + [row, column]
+
+
 def match_code(size: FloatArray, code: IntArray) -> IntArray | None:
     """Say where on the sheet a piece of the lattice lies.
 
@@ -84,58 +131,31 @@ def match_code(size: FloatArray, code: IntArray) -> IntArray | None:
     (h, w, 2) int array or None
         Row and column on the sheet for each place; None where no match is clear.
     """
-    places = np.argwhere(np.isfinite(size))
-    value = size[np.isfinite(size)]
-    bit = np.sign(value) * np.minimum(np.abs(value), 1)
-    rows, columns = code.shape
-    pad = 2
-    padded = np.pad(2.0 * code - 1, pad)
-    found: list[tuple[float, int, int, int]] = []
-    trials = 0
-    for number, turn in enumerate(_TURNS):
-        spot = places @ turn.T
-        low = spot.min(axis=0)
-        spot = spot - low
-        spare = np.array(padded.shape) - spot.max(axis=0)
-        if spare.min() <= 0:
-            continue
-        i, j = np.indices(spare).reshape(2, -1)
-        trials += len(i)
-        score = padded[spot[:, 0] + i[:, None], spot[:, 1] + j[:, None]] @ bit
-        for best in np.argsort(-score)[:2]:
-            offset = np.array([i[best], j[best]]) - low - pad
-            found.append((float(score[best]), number, int(offset[0]), int(offset[1])))
+    value = np.clip(size[np.isfinite(size)], -1, 1)
+    found, trials = _placements(np.argwhere(np.isfinite(size)), value, np.pad(2.0 * code - 1, PAD))
     if not found:
         return None
-    found.sort(reverse=True)
-    total = np.abs(bit).sum()
-    best_score = found[0][0]
-    # Chance of so few errors for random bits, times the placements tried (Chernoff's bound).
-    wrong = np.clip((1 - best_score / total) / 2, 1e-9, 0.5)
-    rarity = total * (np.log(2) + wrong * np.log(wrong) + (1 - wrong) * np.log(1 - wrong))
+    total = np.abs(value).sum()
+    best = found[0][0]
     second = found[1][0] if len(found) > 1 else -np.inf
-    if wrong > 0.1 or rarity < np.log(trials) + 5 or best_score - second < 3:
+    # Chance of so few errors for random bits, times the placements tried (Chernoff's bound).
+    wrong = np.clip((1 - best / total) / 2, 1e-9, 0.5)
+    rarity = total * (np.log(2) + wrong * np.log(wrong) + (1 - wrong) * np.log(1 - wrong))
+    if wrong > MOST_WRONG or rarity < np.log(trials) + SURETY or best - second < 3:
         return None
-    _, number, row, column = found[0]
-    return np.moveaxis(np.indices(size.shape), 0, -1) @ _TURNS[number].T + [row, column]
+    return _placed(size.shape, found[0]) - PAD
 
 
-def _sound(sheet: IntArray, blobs: Blobs, panel: IntArray, code: IntArray, gap: float) -> BoolArray:
-    """Which dots lie where their neighbours place them and are as large as the code says."""
-    grid = np.where(sheet[..., None] >= 0, blobs.centres[sheet], np.nan)
-    miss, cell = _local_fit(grid, panel)
-    row, column = np.indices(sheet.shape).reshape(2, -1)
-    known = np.where(np.isfinite(miss) & (sheet >= 0), miss, np.nan)[..., None]
-    nearby = _windows(known, row, column)[:, 1:-1, 1:-1].reshape(len(row), -1)
-    nearby[:, 0] = np.where(np.isfinite(nearby).any(axis=1), nearby[:, 0], 0.0)
-    usual = np.nanmedian(nearby, axis=1).reshape(sheet.shape)
-    with np.errstate(invalid="ignore"):
-        pixel = 1 / np.sqrt(cell)
-        fits = np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1)) < 0.8
-    return (sheet >= 0) & fits & (miss <= np.minimum(3 * usual + 0.3 * pixel, 0.12))
+def _cover(target: DotGrid | CircleGrid, cell: float) -> tuple[float, float]:
+    """Least and largest share of its cell that a dot may seem to cover.
+
+    Ink is not quite black, and near the rim of a lattice its cell is not quite known.
+    """
+    areas = np.pi * target.radii**2 / cell
+    return 0.35 * float(areas.min()), 2.2 * float(areas.max())
 
 
-def detect_dots(image: FloatArray, target: DotGrid) -> tuple[IntArray, FloatArray, str]:
+def detect_dots(image: FloatArray, target: DotGrid) -> Found:
     """Find the dots of a coded grid.
 
     Parameters
@@ -153,34 +173,83 @@ def detect_dots(image: FloatArray, target: DotGrid) -> tuple[IntArray, FloatArra
     str
         Why none, if none.
     """
-    none = np.zeros(0, int), np.zeros((0, 2))
     blobs = find_blobs(image)
-    if len(blobs.centres) < LEAST_DOTS:
-        return *none, f"too few dark spots ({len(blobs.centres)})"
+    if len(blobs) < LEAST_DOTS:
+        return nothing(f"too few dark spots ({len(blobs)})")
     gap = 2 * np.log(target.large / target.small)
-    size = 2 * (target.columns + target.rows) + 5
-    # Of a cell; ink is not quite black, and the cell not quite known.
-    share = tuple(np.pi * (radius / target.spacing) ** 2 for radius in (target.small, target.large))
-    share = (0.35 * share[0], 2.2 * share[1])
-    pieces = find_lattices(blobs, share, size)
+    cover = _cover(target, target.spacing**2)
+    pieces = find_lattices(blobs, cover, 2 * (target.columns + target.rows) + 5)
     if not pieces:
-        return *none, "the dark spots form no grid"
+        return nothing("the dark spots form no grid")
     code = target.code
     sheet = np.full(code.shape, -1)
     for piece in pieces:
         spot = match_code(read_bits(piece, blobs, _cells(piece, blobs), gap), code)
-        if spot is None:
-            continue
-        on = (piece >= 0) & np.all((spot >= 0) & (spot < code.shape), axis=-1)
-        free = on & (sheet[tuple(np.where(on[..., None], spot, 0).reshape(-1, 2).T)].reshape(on.shape) < 0)
-        sheet[tuple(spot[free].T)] = piece[free]
+        if spot is not None:
+            on = (piece >= 0) & np.all((spot >= 0) & (spot < code.shape), axis=-1)
+            sheet[tuple(spot[on].T)] = piece[on]
     if np.all(sheet < 0):
-        return *none, "the code of the dots does not match"
-    sheet = grow(sheet, blobs, share, 0.25)
+        return nothing("the code of the dots does not match")
+    sheet = grow(sheet, blobs, cover, 0.25)
     panel = target.panel_of(target.points).reshape(code.shape)
     for _ in range(2):
-        sheet = np.where(_sound(sheet, blobs, panel, code, gap), sheet, -1)
-    if np.all(sheet < 0):
-        return *none, "the dots do not lie on a smooth sheet"
-    ids = np.flatnonzero(sheet.ravel() >= 0)
+        fits, cell = fitting(_places(sheet, blobs), panel)
+        with np.errstate(invalid="ignore"):
+            fits &= np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1)) < MOST_OFF
+        sheet = np.where(fits, sheet, -1)
+        if (sheet >= 0).sum() < LEAST_DOTS:
+            return nothing("the dots do not lie on a smooth sheet")
+    ids = np.flatnonzero(sheet >= 0)
     return ids, blobs.centres[sheet.ravel()[ids]], ""
+
+
+def nothing(reason: str) -> Found:
+    """Give no features, and the reason."""
+    return np.zeros(0, int), np.zeros((0, 2)), reason
+
+
+def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
+    """Find an asymmetric grid of circles; parameters and results as of `detect_dots`.
+
+    Its circles form a square lattice that is turned by 45°, so a piece of a lattice need only be
+    laid on the grid's outline. All but a few must be in view, or their order cannot be known.
+    """
+    blobs = find_blobs(image)
+    count = len(target.points)
+    if len(blobs) < LEAST_SEEN * count:
+        return nothing(f"too few dark spots ({len(blobs)})")
+    x, y = np.round(target.points[:, :2] / target.spacing).astype(int).T
+    spot = np.column_stack([(y - x) // 2, (x + y) // 2])
+    spot -= spot.min(axis=0)
+    number = np.full(spot.max(axis=0) + 1, -1)
+    number[tuple(spot.T)] = np.arange(count)
+    outline = np.pad(np.where(number >= 0, 1.0, -1.0), PAD, constant_values=-1.0)
+    same_turned = np.array_equal(outline, outline[::-1, ::-1])
+    best = np.full(number.shape, -1)
+    for piece in find_lattices(blobs, _cover(target, 2 * target.spacing**2), 2 * sum(outline.shape) + 5):
+        found, _ = _placements(np.argwhere(piece >= 0), np.ones((piece >= 0).sum()), outline)
+        if same_turned:  # of two opposite orders take the one whose rows run to the right
+            found = [one for one in found if _runs_right(one[1], piece, blobs)]
+        if not found or (len(found) > 1 and found[0][0] - found[1][0] < 4):
+            continue
+        at = _placed(piece.shape, found[0]) - PAD
+        on = (piece >= 0) & np.all((at >= 0) & (at < number.shape), axis=-1)
+        sheet = np.full(number.shape, -1)
+        sheet[tuple(at[on].T)] = piece[on]
+        sheet[number < 0] = -1
+        fits, _ = fitting(_places(sheet, blobs), np.zeros(number.shape, int))
+        sheet = np.where(fits, sheet, -1)
+        if (sheet >= 0).sum() > (best >= 0).sum():
+            best = sheet
+    if (best >= 0).sum() < LEAST_SEEN * count:
+        return nothing("the dark spots form no such grid, or too little of it is in view")
+    ids = number[best >= 0]
+    order = np.argsort(ids)
+    return ids[order], blobs.centres[best[best >= 0]][order], ""
+
+
+def _runs_right(turn: int, piece: IntArray, blobs: Blobs) -> bool:
+    """Whether the target's x axis would point to the right in the picture."""
+    places = np.argwhere(piece >= 0)
+    across = (places @ _TURNS[turn].T) @ [-1, 1]
+    return bool(np.cov(across, blobs.centres[piece[piece >= 0], 0])[0, 1] > 0)

@@ -13,10 +13,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from endolab.calibration.blobs import Blobs
-from endolab.operators import FloatArray, IntArray
+from endolab.operators import BoolArray, FloatArray, IntArray
 
 LEAST_SPOTS = 12  # of a piece of a lattice
 MOST_PIECES = 6
+SLACK = 0.3  # px that a feature may lie off, beyond what is usual
+MOST_MISS = 0.12  # lattice steps
 _AROUND = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
 
 
@@ -37,8 +39,8 @@ def _mean(values: FloatArray) -> FloatArray:
         return np.where(known, values, 0).sum(axis=1) / known.sum(axis=1)
 
 
-def _steps(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Local steps in the picture along a row and along a column of the lattice, (h, w, 2)."""
+def steps(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Give the local steps in the picture along a row and along a column of the lattice, (h, w, 2)."""
     shape = grid.shape
     along = [_shift(grid, 0, 1) - grid, grid - _shift(grid, 0, -1)]
     down = [_shift(grid, 1, 0) - grid, grid - _shift(grid, -1, 0)]
@@ -48,15 +50,16 @@ def _steps(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _in_cells(vector: FloatArray, along: FloatArray, down: FloatArray) -> FloatArray:
     """Express vectors of the picture in lattice steps."""
-    return np.stack([_cross(vector, down), _cross(along, vector)], axis=-1) / _cross(along, down)[..., None]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.stack([cross(vector, down), cross(along, vector)], axis=-1) / cross(along, down)[..., None]
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Area that pairs of vectors span."""
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Give the area that pairs of vectors span."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def grow(owner: IntArray, blobs: Blobs, share: tuple[float, float], tolerance: float) -> IntArray:
+def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: float) -> IntArray:
     """Grow a lattice: predict each next dot from its neighbours and take the blob that lies there.
 
     Parameters
@@ -64,7 +67,7 @@ def grow(owner: IntArray, blobs: Blobs, share: tuple[float, float], tolerance: f
     owner : (h, w) int array
         Which blob is at each place of the lattice; -1 where none.
     blobs : Blobs
-    share : two floats
+    cover : two floats
         Least and largest share of its cell that a dot may cover.
     tolerance : float
         How far a blob may lie from where it is expected, in lattice steps.
@@ -80,7 +83,9 @@ def grow(owner: IntArray, blobs: Blobs, share: tuple[float, float], tolerance: f
     limit = tolerance / 3
     for _ in range(3 * sum(owner.shape)):
         taken = owner >= 0
-        near_taken = cv2.boxFilter(taken.astype(np.float32), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        near_taken = cv2.boxFilter(
+            taken.astype(np.float32), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT
+        )
         row, column = np.nonzero(~taken & (near_taken > 1.5))
         if not len(row):
             break
@@ -95,8 +100,8 @@ def grow(owner: IntArray, blobs: Blobs, share: tuple[float, float], tolerance: f
         distance = np.hypot(offset[..., 0], offset[..., 1])
         best = distance.argmin(axis=1)
         which, distance = (a[np.arange(len(row)), best] for a in (which, distance))
-        covered = blobs.ink[which] / np.abs(_cross(along, down))
-        close = (distance < limit) & ~np.isin(which, owner) & (covered > share[0]) & (covered < share[1])
+        covered = blobs.ink[which] / np.abs(cross(along, down))
+        close = (distance < limit) & ~np.isin(which, owner) & (covered > cover[0]) & (covered < cover[1])
         order = np.flatnonzero(close)[np.argsort(distance[close], kind="stable")]
         order = order[np.unique(which[order], return_index=True)[1]]
         owner[row[order], column[order]] = which[order]
@@ -136,13 +141,13 @@ def _predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return _mean(np.concatenate([ahead, beside], axis=1)), _mean(along), _mean(down)
 
 
-def find_lattices(blobs: Blobs, share: tuple[float, float], size: int) -> list[IntArray]:
+def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[IntArray]:
     """Find the pieces of a lattice among blobs.
 
     Parameters
     ----------
     blobs : Blobs
-    share : two floats
+    cover : two floats
         Least and largest share of its cell that a dot may cover.
     size : int
         Side of the square in which each piece is laid out.
@@ -167,24 +172,22 @@ def find_lattices(blobs: Blobs, share: tuple[float, float], size: int) -> list[I
     every = np.arange(len(centres))
     first = paired.argmax(axis=1)
     a = vectors[every, first]
-    cross = _cross(a[:, None], vectors)
-    second = (paired & (cross > 0.7 * length * length[every, first][:, None])).argmax(axis=1)
+    area = cross(a[:, None], vectors)
+    second = (paired & (area > 0.7 * length * length[every, first][:, None])).argmax(axis=1)
     b = vectors[every, second]
-    usable = paired[every, first] & paired[every, second] & (cross[every, second] > 0)
-    covered = blobs.ink / np.where(usable, cross[every, second], 1.0)
-    usable &= (covered > share[0]) & (covered < share[1])
+    usable = paired[every, first] & paired[every, second] & (area[every, second] > 0)
+    covered = blobs.ink / np.where(usable, area[every, second], 1.0)
+    usable &= (covered > cover[0]) & (covered < cover[1])
     around = np.stack([j * a + i * b for i, j in _AROUND], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        offset = _in_cells(
-            vectors[:, None] - around[:, :, None], a[:, None, None], b[:, None, None]
-        )
+        offset = _in_cells(vectors[:, None] - around[:, :, None], a[:, None, None], b[:, None, None])
     distance = np.where(usable[:, None, None], np.linalg.norm(offset, axis=-1), np.inf)
     found = distance.min(axis=2) < 0.3
     neighbour = which[every[:, None], distance.argmin(axis=2)]
     score = found.sum(axis=1) - np.where(found, distance.min(axis=2), 0).sum(axis=1) / 8
     free = np.ones(len(centres), bool)
     for seed in np.argsort(-score, kind="stable"):
-        if score[seed] < 6 or len(pieces) == 6:
+        if score[seed] < 6 or len(pieces) == MOST_PIECES:
             break
         taken = neighbour[seed][found[seed]]
         if not (free[seed] and free[taken].all()):
@@ -198,16 +201,16 @@ def find_lattices(blobs: Blobs, share: tuple[float, float], size: int) -> list[I
         free_now = np.flatnonzero(free)
         back = np.full(len(centres) + 1, -1)
         back[free_now] = np.arange(len(free_now))
-        grown = grow(back[owner], blobs[free_now], share, 0.3)
+        grown = grow(back[owner], blobs[free_now], cover, 0.3)
         owner = np.where(grown >= 0, free_now[grown], -1)
         free[owner[owner >= 0]] = False
-        if (owner >= 0).sum() >= LEAST_DOTS:
+        if (owner >= 0).sum() >= LEAST_SPOTS:
             pieces.append(owner)
     return pieces
 
 
-def _local_fit(grid: FloatArray, panel: IntArray) -> tuple[FloatArray, FloatArray]:
-    """How far each dot lies from where its neighbours place it, and how large its cell is.
+def local_fit(grid: FloatArray, panel: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Tell how far each dot lies from where its neighbours place it, and how large its cell is.
 
     A quadratic is fitted, robustly, to the dots of the same panel within two steps.
 
@@ -226,7 +229,8 @@ def _local_fit(grid: FloatArray, panel: IntArray) -> tuple[FloatArray, FloatArra
     """
     row, column = np.indices(panel.shape).reshape(2, -1)
     spots, same = (
-        _windows(a, row, column)[:, 1:-1, 1:-1].reshape(len(row), 25, -1) for a in (grid, panel[..., None] + 0.0)
+        _windows(a, row, column)[:, 1:-1, 1:-1].reshape(len(row), 25, -1)
+        for a in (grid, panel[..., None] + 0.0)
     )
     i, j = (a[1:-1, 1:-1].ravel() for a in (_ROW, _COLUMN))
     design = np.column_stack([np.ones(25), i, j, i * i, i * j, j * j])
@@ -237,13 +241,41 @@ def _local_fit(grid: FloatArray, panel: IntArray) -> tuple[FloatArray, FloatArra
     miss = np.zeros(panel.shape)
     for _ in range(4):
         trust = 1 / (1 + (np.where(np.isfinite(miss), miss, 0) / 0.05) ** 2)
-        weight = nearness * np.nan_to_num(_windows(trust[..., None], row, column)[:, 1:-1, 1:-1].reshape(-1, 25))
+        weight = nearness * np.nan_to_num(
+            _windows(trust[..., None], row, column)[:, 1:-1, 1:-1].reshape(-1, 25)
+        )
         normal = np.tensordot(weight, products, 1) + np.diag([1e-9] * 3 + [1e-3] * 3)
         fit = np.linalg.solve(normal, design.T @ (weight[..., None] * spots))
         fit = fit.reshape(*panel.shape, 6, 2)
         off = _in_cells(grid - fit[..., 0, :], fit[..., 2, :], fit[..., 1, :])
         miss = np.hypot(off[..., 0], off[..., 1])
     enough = known.sum(axis=1).reshape(panel.shape) >= 6
-    return np.where(enough & np.isfinite(miss), miss, np.inf), _cross(fit[..., 2, :], fit[..., 1, :])
+    return np.where(enough & np.isfinite(miss), miss, np.inf), cross(fit[..., 2, :], fit[..., 1, :])
 
 
+def fitting(grid: FloatArray, panel: IntArray) -> tuple[BoolArray, FloatArray]:
+    """Tell which features of a sheet lie where their neighbours place them.
+
+    Parameters
+    ----------
+    grid : (h, w, 2) float array
+        Where each is seen, px; nan where it is not.
+    panel : (h, w) int array
+        Of the sheet; a fit does not cross a fold.
+
+    Returns
+    -------
+    (h, w) bool array
+        False for those that lie off by much more than is usual nearby.
+    (h, w) float array
+        Area of the lattice's cell, px².
+    """
+    miss, cell = local_fit(grid, panel)
+    row, column = np.indices(panel.shape).reshape(2, -1)
+    known = np.where(np.isfinite(miss), miss, np.nan)[..., None]
+    nearby = _windows(known, row, column)[:, 1:-1, 1:-1].reshape(len(row), -1)
+    nearby[~np.isfinite(nearby).any(axis=1)] = 0.0
+    usual = np.nanmedian(nearby, axis=1).reshape(panel.shape)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slack = SLACK / np.sqrt(cell)
+        return miss <= np.minimum(3 * usual + slack, MOST_MISS), cell

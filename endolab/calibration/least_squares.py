@@ -26,6 +26,7 @@ from endolab.penalties import huber
 HUBER = 1.5  # standard deviations where the parabola becomes a line
 CUT = 3.5  # standard deviations beyond which a residual is an outlier
 TOLERANCE = 1e-4  # a step is the last if it moves no unknown by more of its standard error
+NEAR = 1.0  # the same for the first stage, which only has to come near
 ROUNDS = 20  # of freezing σ and the outliers, at most
 SMALLEST = 1e-4  # σ is never less: no measurement is better, be it pixels or stored values
 
@@ -187,7 +188,7 @@ def _descend(
     model: Model, last: FitIterate, choice: _Round, max_iterations: int
 ) -> Generator[FitIterate, None, tuple[FitIterate, Status]]:
     """Minimise the cost of one round by Levenberg-Marquardt steps."""
-    damping, tolerance = 1e-10, TOLERANCE if choice.stage == "final" else 100 * TOLERANCE
+    damping, tolerance = 1e-10, TOLERANCE if choice.stage == "final" else NEAR
     while last.k < max_iterations:
         lin = model.linearise(last.unknowns)
         arrow = Arrow(lin, choice.weight(lin.residual), model.group)

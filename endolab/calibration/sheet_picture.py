@@ -121,14 +121,14 @@ def stored(
     linear: NDArray[Any], gamma: float, noise: float, bits: int, rng: np.random.Generator
 ) -> FloatArray:
     """Response, noise (grey levels), saturation and rounding."""
-    level = linear ** (1 / gamma)
+    level = np.maximum(linear, 0) ** (1 / gamma)  # a blur may leave rounding errors below 0
     if noise:
         level += rng.standard_normal(level.shape, level.dtype) * level.dtype.type(noise / 255)
     most = 2**bits - 1
     return np.round(np.clip(level, 0, 1) * most).astype(np.float64) / most
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=4)
 def rays_of(camera: Camera, sub: int) -> Float32Array:
     """Unit rays of sub × sub places in every pixel, (sub H, sub W, 3)."""
     fine = camera.resize(sub * camera.width, sub * camera.height)
