@@ -166,7 +166,7 @@ class _Recording:
                 ),
             )
             self._log(f"world/sheet/{panel}", sheet, static=True)
-        for name, colour in (("gain", OUTLIER), ("distance", START), ("residual", NOW)):
+        for name, (colour, _) in _curves(session).items():
             style = rr.SeriesLines(colors=colour, names=name, widths=2)
             self._log(f"plots/{name}", style, static=True)
         if session.light is not None:
@@ -284,6 +284,16 @@ class _Recording:
         self._log("brdf/now", rr.LineStrips2D([line], colors=NOW, radii=rr.Radius.ui_points(2.0)))
 
 
+def _curves(session: Session) -> dict[str, tuple[tuple[int, ...], str]]:
+    """Colours and titles of the curves over the frames."""
+    curves: dict[str, tuple[tuple[int, ...], str]] = {
+        "gain": (OUTLIER, "Gain [mm²]"),
+        "distance": (START, "Distance [mm]"),
+        "residual": (NOW, "Residual [grey levels]"),
+    }
+    return curves if session.light is not None else {"distance": curves["distance"]}
+
+
 def _located(session: Session) -> list[Pose]:
     return [pose for poses in session.poses.values() for pose in poses if pose is not None]
 
@@ -353,11 +363,7 @@ def _blueprint(centre: FloatArray, distance: float, session: Session) -> rrb.Blu
                 rrb.Horizontal(
                     *(
                         rrb.TimeSeriesView(origin=f"/plots/{entity}", name=name)
-                        for entity, name in (
-                            ("gain", "Gain [mm²]"),
-                            ("distance", "Distance [mm]"),
-                            ("residual", "Residual [grey levels]"),
-                        )
+                        for entity, (_, name) in _curves(session).items()
                     )
                 ),
                 row_shares=[2, 1],

@@ -40,6 +40,7 @@ img { max-width: 100%; background: white; border-radius: 6px; }
 table { border-collapse: collapse; margin: .8rem 0; }
 th, td { padding: .15rem .8rem .15rem 0; text-align: left; border-bottom: 1px solid #8885; }
 td { font-variant-numeric: tabular-nums; }
+pre { white-space: pre-wrap; }
 .note { opacity: .75; }
 .verdict { border-left: .4rem solid #009e73; background: #009e731c; padding: .1rem 1rem; margin: 1rem 0; }
 .refused { border-color: #d55e00; background: #d55e0022; }
@@ -96,7 +97,7 @@ def _brdf(light: PhotometricFit) -> str:
         (f"f{j}", f"{angle:.1f}°", "1 (pinned)" if error == 0 else plus_minus(value, error))
         for j, (angle, value, error) in enumerate(nodes)
     ]
-    return _table(["node", "incidence θ", "relative f_r ± s.e."], rows)
+    return _table(["node", "incidence θ", "relative to the pinned node ± s.e."], rows)
 
 
 def _light_section(light: PhotometricFit) -> str:
@@ -104,7 +105,7 @@ def _light_section(light: PhotometricFit) -> str:
     parts = [
         "<h2>Light</h2>",
         f'<p><img src="light.png" alt="{escape(_ALT)}"></p>',
-        f'<p class="note">I = (cos<sup>k</sup>α / d² · f_r(θ) · cos θ · g)<sup>1/γ</sup>.{spot} '
+        f'<p class="note">I = (cos<sup>k</sup>α / d² · f<sub>r</sub>(θ) · cos θ · g)<sup>1/γ</sup>.{spot} '
         "The BRDF is that of the calibration sheet: replace it by that of what is to be seen.</p>",
         '<div class="side"><div>',
         _values(light_values(light)),

@@ -296,7 +296,8 @@ def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames
     # A bin of one sample must not make the others small.
     size = 100 * np.abs(scores.error[known])
     ends = size + 100 * scores.standard_error[known]
-    reach = max(size.max(initial=0.1), min(ends.max(initial=0.1), 4 * float(np.median(ends))))
+    usual = 4 * float(np.quantile(ends, 0.25)) if len(ends) else 0.0
+    reach = max(size.max(initial=0.1), min(ends.max(initial=0.1), usual))
     ax.set(xlim=(0, edges[-1]), ylim=(-1.25 * reach, 1.25 * reach), xticks=range(0, int(edges[-1]) + 1, 15))
     for x, count in zip(middle[known], scores.count[known], strict=True):
         box = {"fc": "white", "ec": "none", "pad": 1.0}

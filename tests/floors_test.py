@@ -13,7 +13,9 @@ FLOORS = [
     "rays cameras lights brdf photometry surface scenes rendering",
     "iteration preprocess depth calibration",
     "reconstruction evaluation",
-    "endoscope sections sheets files datasets recording viewer plots widgets cli __init__ __main__",
+    "endoscope sections sheets files video sightings datasets recording viewer plots light_plots widgets cli "
+    "cli_calibration calibration_plots calibration_facts calibration_report calibration_recording "
+    "__init__ __main__",
 ]
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names.split()}
 UPSTAIRS_ONLY = {

@@ -56,8 +56,8 @@ def test_the_noise_and_the_wrong_points_are_found(twenty, fitted):
     for view, true, inliers in zip(fitted.views, twenty[1], fitted.inliers, strict=True):
         apart = PAPER.project(true.transform(SHEET.points[view.ids])) - view.pixels
         assert not inliers[np.linalg.norm(apart, axis=1) > 6].any()  # a neighbour's id
-    kept = np.mean(np.concatenate(fitted.inliers))
-    assert 0.97 < kept < 1
+    assert fitted.agreement == np.mean(np.concatenate(fitted.inliers))
+    assert 0.97 < fitted.agreement < 1
 
 
 def test_residuals_are_measured_less_predicted(fitted):
@@ -85,7 +85,7 @@ def test_standard_errors_are_honest():
 
 
 def test_a_field_beyond_90_degrees_off_the_axis():
-    views, poses = make_views(WIDE, SHEET, 20, np.random.default_rng(4))
+    views, _ = make_views(WIDE, SHEET, 20, np.random.default_rng(4))
     found = calibrate_camera(views, SHEET, WIDE.width, WIDE.height)
     assert found.status is Status.CONVERGED
     assert found.max_angle_seen > np.radians(93)
@@ -112,7 +112,8 @@ def test_other_lenses_need_no_guess_either(camera):
     off = camera_vector(found.camera) - camera_vector(camera)
     assert np.all(np.abs(off) < 4.5 * np.array(list(found.standard_errors.values())))
     seen = min(found.max_angle_seen, np.radians(70))
-    assert map_error(found.camera, camera, 0.8 * seen).max() < 0.2
+    # In a narrow field a shift of the centre and a turn of all poses are nearly the same.
+    assert map_error(found.camera, camera, 0.8 * seen).max() < (0.8 if camera.width == 1920 else 0.2)
 
 
 def test_clean_corners_give_what_opencv_gives():
@@ -149,7 +150,7 @@ def test_views_that_are_wrong_are_named_and_dropped(twenty):
     views[9] = View("short", 0, views[9].ids[:7], views[9].pixels[:7])
     found = calibrate_camera(views, SHEET, *SIZE)
     assert set(found.dropped) == {"scrambled", "mirrored", "shaken", "short"}
-    assert "px" in found.dropped["scrambled"]
+    assert found.dropped["scrambled"] == "its points do not lie to each other as the target's do"
     assert "px" in found.dropped["shaken"]
     assert "mirrored" in found.dropped["mirrored"]
     assert found.dropped["short"] == "a pose needs 8 points at least, got 7"
@@ -169,7 +170,9 @@ def test_exact_points_are_fitted_exactly():
     views, _ = make_views(PAPER, CORNERS, 6, np.random.default_rng(7), noise=0, wrong=0)
     found = calibrate_camera(views, CORNERS, *SIZE)
     assert found.status is Status.CONVERGED
-    assert all(inliers.all() for inliers in found.inliers)
+    assert found.agreement == 1
+    assert found.rmse < 1e-4
+    assert found.sigma == 0.03  # no detector is better
     assert camera_vector(found.camera) == pytest.approx(camera_vector(PAPER), abs=1e-3)
 
 
@@ -179,7 +182,9 @@ def test_too_few_views_are_refused(twenty):
     with pytest.raises(ValueError, match="got 0"):
         calibrate_camera([], SHEET, *SIZE)
     short = [View(f"f{i}", 0, view.ids[:6], view.pixels[:6]) for i, view in enumerate(twenty[0][:4])]
-    with pytest.raises(ValueError, match="no view .*f0: a pose needs 8 points at least, got 6"):
+    with pytest.raises(
+        ValueError, match=r"most views are of no use: f0: a pose needs 8 points at least, got 6"
+    ):
         calibrate_camera(short, SHEET, *SIZE)
 
 
@@ -214,7 +219,7 @@ def test_mirrored_points_are_refused(twenty):
 def test_bad_arguments_are_named(twenty):
     with pytest.raises(ValueError, match="start must be of 640x480 px, got 1440x1080"):
         calibrate_camera(twenty[0], SHEET, 640, 480, start=PAPER)
-    with pytest.raises(ValueError, match="fixed must name some of fx, .* got k5"):
+    with pytest.raises(ValueError, match=r"fixed must name some of fx, .* got k5"):
         calibrate_camera(twenty[0], SHEET, *SIZE, fixed=["k5"])
     with pytest.raises(ValueError, match="needs a view at least"):
         calibrate_camera([], SHEET, *SIZE, start=PAPER)
@@ -272,13 +277,13 @@ def test_poses_are_found_and_wrong_points_with_them(camera):
 def test_a_pose_that_half_the_points_deny_is_refused(twenty):
     view = twenty[0][0]
     scrambled = replace(view, ids=np.random.default_rng(0).permutation(view.ids))
-    with pytest.raises(ValueError, match="points agree with one pose|mirrored"):
+    with pytest.raises(ValueError, match="do not lie to each other as"):
         find_pose(scrambled, SHEET, PAPER)
 
 
 def test_points_on_one_line_tell_no_pose():
     points = np.column_stack([np.arange(10.0), np.zeros(10), np.zeros(10)])
-    rays = points + [0, 0, 30]
+    rays = points + np.array([0, 0, 30])
     with pytest.raises(ValueError, match="on one line"):
         pose_from_rays(rays / np.linalg.norm(rays, axis=1, keepdims=True), points)
 

@@ -321,6 +321,15 @@ def test_sigma_makes_up_for_the_unknowns(rng):
     assert np.sqrt(np.mean(np.square(sigma))) == pytest.approx(1, abs=0.12)
 
 
+def test_sigma_is_never_below_what_measurements_are_good_for(rng):
+    model = Decays(rng, noise=0.01)
+    fine, coarse = fit(model, model.start()), fit(model, model.start(), smallest=0.04)
+    assert coarse.iterate.sigma == 0.04
+    assert coarse.iterate.used.all()
+    ratio = np.sqrt(coarse.covariance.common / fine.covariance.common)
+    assert ratio == pytest.approx(0.04 / fine.iterate.sigma, rel=0.03)
+
+
 def test_sigma_of_nothing_is_refused():
     with pytest.raises(ValueError, match="no measurement is left"):
         robust_sigma(np.zeros((3, 1)), np.zeros(3, bool), 0)

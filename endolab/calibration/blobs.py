@@ -10,7 +10,10 @@ import numpy as np
 from endolab.operators import BoolArray, FloatArray, IntArray
 
 LEAST_WHITE = 0.03  # stored value; what is darker than this is no lit paper
-LEAST_DARKNESS = 0.3  # of a spot, against the paper around it
+LARGEST = 0.11  # size of a spot over the picture's width
+GREY = 0.6  # darkness of a grey spot over that of a black one, at most
+LEAST_DARKNESS = 0.2  # of a spot, against the paper around it
+GREY_DARKNESS = 0.3  # the same where there is grey, too
 
 
 @dataclass(frozen=True)
@@ -36,41 +39,54 @@ class Blobs:
         return Blobs(self.centres[which], self.ink[which])
 
 
-def find_blobs(image: FloatArray) -> Blobs:
+def shrunk(image: FloatArray) -> FloatArray:
+    """Average the pixels of a picture, (H, W), to one of about 360 columns."""
+    height, width = image.shape
+    shrink = max(1, round(width / 360))
+    return cv2.resize(image, (width // shrink, height // shrink), interpolation=cv2.INTER_AREA)
+
+
+def white_of(small: FloatArray) -> FloatArray:
+    """Brightness of the bare paper at each place of a picture, made up where there is ink."""
+    side = 2 * round(LARGEST / 2 * small.shape[1]) + 1
+    # Closing keeps what is bright and fills what is dark and narrower than the window.
+    white = cv2.morphologyEx(small, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
+    return cv2.GaussianBlur(white, (0, 0), side / 6)
+
+
+def find_blobs(image: FloatArray, greys: bool = False) -> Blobs:
     """Find dark round spots on lit paper.
 
     Parameters
     ----------
     image : (H, W) float32 array
         Stored values in [0, 1].
+    greys : bool
+        Whether there are grey spots, which are to be left out; faint black ones are then lost.
 
     Returns
     -------
     Blobs
     """
     height, width = image.shape
-    shrink = max(1, round(width / 360))
-    small = cv2.resize(image, (width // shrink, height // shrink), interpolation=cv2.INTER_AREA)
-    side = 2 * round(0.055 * small.shape[1]) + 1
+    small = shrunk(image)
     # Small glints would pass for white: nothing may be much brighter than the median around it.
-    median = cv2.medianBlur(cv2.convertScaleAbs(small, alpha=255), side // 4 * 2 + 1)
-    small = np.minimum(small, np.maximum(median, 5) * np.float32(1.25 / 255))
-    # Closing keeps what is bright and fills what is dark and narrower than the window.
-    white = cv2.morphologyEx(small, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
-    white = cv2.GaussianBlur(white, (0, 0), side / 6)
+    median = cv2.medianBlur(cv2.convertScaleAbs(small, alpha=255), small.shape[1] // 40 * 2 + 1)
+    white = white_of(np.minimum(small, np.maximum(median, 5) * np.float32(1.25 / 255)))
+    shrink = width / small.shape[1]
     level = cv2.multiply(image, cv2.resize(1 / np.maximum(white, LEAST_WHITE), (width, height)))
-    dark = cv2.compare(cv2.GaussianBlur(level, (0, 0), 1.0), 1 - LEAST_DARKNESS, cv2.CMP_LT)
+    dark = cv2.compare(cv2.GaussianBlur(level, (0, 0), 1.0), 1 - (GREY_DARKNESS if greys else LEAST_DARKNESS), cv2.CMP_LT)
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(dark, connectivity=4, ltype=cv2.CV_16U)
     left, top, wide, high, area = stats.T
     whole = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
-    good = whole & (area >= 9) & (np.maximum(wide, high) <= side * shrink)
+    good = whole & (area >= 9) & (np.maximum(wide, high) <= LARGEST * width)
     row, column = (np.nan_to_num(centroids[:, ::-1].T) / shrink).astype(int)
     good &= white[np.minimum(row, white.shape[0] - 1), np.minimum(column, white.shape[1] - 1)] > LEAST_WHITE
     good[0] = False
     if not good.any():
         return Blobs(np.zeros((0, 2)), np.zeros(0))
     number = np.where(good, np.cumsum(good), 0).astype(np.uint16)
-    return _measure(level, _bare_level(level, dark, small.shape), number[labels])
+    return _measure(level, _bare_level(level, dark, small.shape), number[labels], greys)
 
 
 def _bare_level(level: FloatArray, dark: IntArray, shape: tuple[int, int]) -> FloatArray:
@@ -83,7 +99,7 @@ def _bare_level(level: FloatArray, dark: IntArray, shape: tuple[int, int]) -> Fl
     return cv2.resize((light + 0.01) / (weight + 0.01), level.shape[::-1])
 
 
-def _measure(level: FloatArray, bare: FloatArray, labels: IntArray) -> Blobs:
+def _measure(level: FloatArray, bare: FloatArray, labels: IntArray, greys: bool) -> Blobs:
     """Centroids and ink of labelled spots (1, 2, …) that look like ellipses."""
     width = labels.shape[1]
     count = int(labels.max()) + 1
@@ -112,4 +128,6 @@ def _measure(level: FloatArray, bare: FloatArray, labels: IntArray) -> Blobs:
         solid = area / (4 * np.pi * np.sqrt(determinant))
         short = (xx + yy) / 2 - np.sqrt(np.maximum((xx + yy) ** 2 / 4 - determinant, 0))
     good = (solid > 0.85) & (solid < 1.15) & (short > 0.3) & (ink > 4)
+    if greys and good.any():
+        good &= depth > GREY * np.quantile(depth[good], 0.8)
     return Blobs(centres, ink)[good]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from endolab.calibration.blobs import LEAST_WHITE, shrunk, white_of
 from endolab.calibration.dots import Found, detect_circles, detect_dots, nothing
 from endolab.calibration.lattice import cross, fitting, steps
 from endolab.calibration.targets import Charuco, Chessboard, CircleGrid, DotGrid, Target
@@ -38,7 +40,7 @@ class Detection:
     reason: str = ""
 
 
-def detect(image: NDArray, target: Target) -> Detection:
+def detect(image: NDArray[Any], target: Target) -> Detection:
     """Find a target's features in a picture.
 
     Neither a camera nor a guess is needed. Dots and circles are ordered by local prediction and
@@ -77,7 +79,7 @@ def detect(image: NDArray, target: Target) -> Detection:
     raise ValueError(f"target must be of a known kind, got {type(target).__name__}")
 
 
-def _grey(image: NDArray) -> FloatArray:
+def _grey(image: NDArray[Any]) -> NDArray[Any]:
     """Average the colours, to float32 in [0, 1]."""
     image = np.asarray(image)
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
@@ -87,22 +89,26 @@ def _grey(image: NDArray) -> FloatArray:
         raise ValueError(f"image must be uint8, uint16 or float in [0, 1], got {image.dtype}")
     grey = image.astype(np.float32)
     if grey.ndim == 3:
-        grey = cv2.transform(grey, np.full((1, 3), 1 / 3, np.float32))
-    if most > 1:
-        grey *= np.float32(1 / most)
+        grey = np.asarray(cv2.transform(grey, np.full((1, 3), 1 / 3, np.float32)), dtype=np.float32)
+    grey *= np.float32(1 / most)
     if not np.all(np.isfinite(grey)) or grey.min() < -0.01 or grey.max() > 1.01:
         raise ValueError("image must hold finite values in [0, 1] where it is float")
     return grey
 
 
-def _bytes(grey: FloatArray) -> NDArray[np.uint8]:
-    """Give the picture as OpenCV's detectors want it."""
-    return np.clip(np.round(grey * 255), 0, 255).astype(np.uint8)
+def _evened(grey: FloatArray) -> NDArray[np.uint8]:
+    """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
+    white = cv2.resize(white_of(shrunk(grey)), grey.shape[::-1])
+    level = grey / np.maximum(white, LEAST_WHITE)
+    return np.asarray(cv2.convertScaleAbs(level, alpha=220), dtype=np.uint8)
 
 
 def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
     """Find the corners of a ChArUco board."""
-    corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board).detectBoard(_bytes(grey))
+    options = cv2.aruco.CharucoParameters()
+    options.minMarkers = 1  # next to a corner; a corner that is wrong for it is left out below
+    picture = cv2.convertScaleAbs(grey, alpha=255)
+    corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(picture)
     if markers is None or len(markers) == 0:
         return nothing("no markers")
     if ids is None or len(ids) == 0:
@@ -119,24 +125,24 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
 
 def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     """Find the inner corners of a chessboard; all of them or none."""
-    picture = _bytes(grey)
+    picture = _evened(grey)
     scale = max(1, round(FINE / picture.shape[1]))
     if scale > 1:
-        picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+        size = (scale * picture.shape[1], scale * picture.shape[0])
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC)  # type: ignore[assignment]
     pattern = (target.columns - 1, target.rows - 1)
-    found, corners = cv2.findChessboardCornersSB(
-        picture, pattern, flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
-    )
+    # The two find about as many, but not the same; the first says no more quickly.
+    found, corners = cv2.findChessboardCornersSB(picture, pattern, flags=cv2.CALIB_CB_EXHAUSTIVE)
     if not found:
-        found, corners = cv2.findChessboardCorners(
-            picture, pattern, flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
-        )
-        if not found:
-            return nothing("no chessboard of this size, or not all of it is in view")
-        grid = corners.reshape(pattern[1], pattern[0], 2)
-        half = max(int(0.3 * np.nanmin([np.hypot(*np.moveaxis(step, -1, 0)) for step in steps(grid)])), 2)
-        stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)
-        corners = cv2.cornerSubPix(picture, corners, (half, half), (-1, -1), stop)
+        flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
+        found, corners = cv2.findChessboardCorners(picture, pattern, flags=flags)
+    if not found:
+        return nothing("no chessboard of this size, or not all of it is in view")
+    along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
+    shortest = min(np.hypot(step[..., 0], step[..., 1]).min() for step in (along, down))
+    half = int(np.clip(0.3 * shortest, 2, 8))
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)
+    corners = cv2.cornerSubPix(picture, corners, (half, half), (-1, -1), stop)
     grid = corners.reshape(pattern[1], pattern[0], 2).astype(np.float64)
     grid = (grid + 0.5) / scale - 0.5
     grid = _ordered(grid, grey)

@@ -173,7 +173,7 @@ def detect_dots(image: FloatArray, target: DotGrid) -> Found:
     str
         Why none, if none.
     """
-    blobs = find_blobs(image)
+    blobs = find_blobs(image, greys=target.greys is not None)
     if len(blobs) < LEAST_DOTS:
         return nothing(f"too few dark spots ({len(blobs)})")
     gap = 2 * np.log(target.large / target.small)
@@ -230,14 +230,18 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
         found, _ = _placements(np.argwhere(piece >= 0), np.ones((piece >= 0).sum()), outline)
         if same_turned:  # of two opposite orders take the one whose rows run to the right
             found = [one for one in found if _runs_right(one[1], piece, blobs)]
-        if not found or (len(found) > 1 and found[0][0] - found[1][0] < 4):
+        if not found:
+            continue
+        # Turned by 180° and shifted, all but the ends of a grid look the same.
+        stray = (piece >= 0).sum() > found[0][0]
+        if len(found) > 1 and found[0][0] - found[1][0] < (4 if stray else 2):
             continue
         at = _placed(piece.shape, found[0]) - PAD
         on = (piece >= 0) & np.all((at >= 0) & (at < number.shape), axis=-1)
         sheet = np.full(number.shape, -1)
         sheet[tuple(at[on].T)] = piece[on]
         sheet[number < 0] = -1
-        fits, _ = fitting(_places(sheet, blobs), np.zeros(number.shape, int))
+        fits, _ = fitting(_places(sheet, blobs), np.zeros(number.shape, int), least=4)
         sheet = np.where(fits, sheet, -1)
         if (sheet >= 0).sum() > (best >= 0).sum():
             best = sheet

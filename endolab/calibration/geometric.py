@@ -18,7 +18,7 @@ from endolab.calibration.planar import LEAST
 from endolab.calibration.poses import Pose
 from endolab.calibration.projection import NAMES, camera_of, camera_vector
 from endolab.calibration.targets import Target
-from endolab.calibration.views import Geometry, Reprojection, View, find_pose, linear_pose, views_of
+from endolab.calibration.views import FINEST, Geometry, Reprojection, View, find_pose, linear_pose, views_of
 from endolab.cameras import KannalaBrandt
 from endolab.iteration import Status
 from endolab.operators import BoolArray, FloatArray
@@ -52,7 +52,8 @@ class GeometricFit:
     inliers : tuple of (n,) bool arrays
         Points that count.
     sigma : float
-        Standard deviation of one coordinate, px.
+        Standard deviation of one coordinate, px; 0.03 at least, for what the detectors' own
+        systematic errors are.
     rmse : float
         Root mean square distance of the inliers, px, as ``cv2`` counts it: √2 σ or so.
     standard_errors : dict of str to float
@@ -83,6 +84,11 @@ class GeometricFit:
     max_angle_seen: float
     status: Status
     history: list[dict[str, float]] = field(default_factory=list)
+
+    @property
+    def agreement(self) -> float:
+        """Share of the points that count; below 0.95 or so, the lens is of another kind or the sheet bent."""
+        return float(np.mean(np.concatenate(self.inliers)))
 
 
 def _columns(names: Collection[str]) -> FloatArray:
@@ -125,15 +131,16 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
     some = views[:: -(-len(views) // SOME)]
     for focal in FOCAL_LENGTHS * width:
         camera = KannalaBrandt(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
-        kept, poses, _ = _first_poses(some, target, camera)
-        if not kept:
-            continue
-        model = Reprojection(kept, target, np.zeros((8, 0)), np.zeros(4), discs=False)
-        cost = float(np.median(model.medians(Geometry.of(camera_vector(camera), poses))))
-        if cost < least:
+        kept, poses, dropped = _first_poses(some, target, camera)
+        misses = np.full(len(some), np.inf)
+        if kept:
+            model = Reprojection(kept, target, np.zeros((8, 0)), np.zeros(4), discs=False)
+            misses[: len(kept)] = model.medians(Geometry.of(camera_vector(camera), poses))
+        # The lower median: half of the views may be useless.
+        if (cost := np.sort(misses)[(len(some) - 1) // 2]) < least:
             best, least = camera, cost
     if best is None:
-        raise ValueError("no view shows the target from the front: are the points mirrored?")
+        raise ValueError(f"most views are of no use: {_reasons(dropped)}")
     return best
 
 
@@ -198,7 +205,7 @@ def _fit_views(
         if not views:
             raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
         model = Reprojection(views, target, basis, usual)
-        found = fit(model, geometry, observers)
+        found = fit(model, geometry, observers, smallest=FINEST)
         fewer, geometry, more = _drop_disagreeing(found, model, views, target)
         if not more or found.status is Status.STOPPED:
             return found, views, dropped

@@ -17,11 +17,12 @@ few nodes would count as information, and would fix γ at a wrong value.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import median_filter
 
-from endolab.calibration.light_model import LightModel, LightUnknowns, hats
+from endolab.calibration.light_model import GREY, LightModel, LightUnknowns, hats
 from endolab.operators import FloatArray, IntArray
 
 RICH_NODES = 60  # of the BRDF, in the regression
@@ -30,6 +31,9 @@ RICH_NODES = 60  # of the BRDF, in the regression
 # for each sample, 0.007 of s. A fold of 3° gives 0.03 of it, tilts up to 5° give 0.02 of log cos α.
 LEAST_SIGNAL = {"gamma": 0.014, "k": 0.012}
 LARGEST_ERROR = {"gamma": 0.05, "k": 0.1}  # relative for γ
+JUMP, JUMP_WINDOW = 6.0, 11  # a jump of the gain, in medians of the steps of so many frames around
+HELD = 1e-3  # of its standard deviation, to which an unknown is held
+CLIPPED = 3.5  # standard deviations of the noise by which levels should stay inside the sensor's range
 POSE_ERROR = 0.001  # of the distances, for which the verdict says what it would do
 
 
@@ -57,12 +61,15 @@ class Strength:
         Standard error to expect; of log γ for γ.
     signal : float
         Root mean square of that part of its influence that no other unknown can imitate, as a
-        relative change of the light for a change of 1 in the unknown (in log γ for γ). What is
-        roughly known counts as known here.
+        relative change of the light for a change of 1 in the unknown (in log γ for γ). Reflectances
+        that are roughly known count as known here.
+    alone : float
+        The same with these reflectances free.
     """
 
     sd: float
     signal: float
+    alone: float
 
 
 def regress(
@@ -140,14 +147,18 @@ def strengths(model: LightModel, unknowns: LightUnknowns, sigma: float) -> dict[
     def left(target: FloatArray) -> Strength:
         known = np.concatenate(columns, axis=1)
         squares = float(weight @ regress(known, target, weight, model.group)[1] ** 2)
-        information = squares
+        information = alone = squares
         if roughly:
+            free = np.column_stack([known, *(here for here, _ in roughly)])
             ridge = np.concatenate([np.zeros(known.shape[1]), [stiff for _, stiff in roughly]])
-            known = np.column_stack([known, *(here for here, _ in roughly)])
-            solved, residual = regress(known, target, weight, model.group, ridge)
+            alone = float(weight @ regress(free, target, weight, model.group)[1] ** 2)
+            solved, residual = regress(free, target, weight, model.group, ridge)
             information = float(weight @ residual**2 + ridge @ solved**2)
         tiny = np.finfo(float).tiny
-        return Strength(sigma / np.sqrt(max(information, tiny)), np.sqrt(squares / max(weight.sum(), tiny)))
+        total = max(weight.sum(), tiny)
+        return Strength(
+            sigma / np.sqrt(max(information, tiny)), np.sqrt(squares / total), np.sqrt(alone / total)
+        )
 
     found = {"k": left(geometry.log_cos_psi)}
     if not isinstance(model.gamma, float):
@@ -202,12 +213,51 @@ def refuse(model: LightModel, found: dict[str, Strength]) -> None:
         )
 
 
+def held(model: LightModel, found: dict[str, Strength]) -> LightModel:
+    """Hold what is roughly known at its value where the samples cannot tell it.
+
+    Left to the fit, such an unknown would follow the error of interpolating the BRDF between few
+    nodes, and would seem to be known. `widened` gives the uncertainty back.
+
+    Parameters
+    ----------
+    model : LightModel
+    found : dict of Strength
+
+    Returns
+    -------
+    LightModel
+        With prior standard deviations that are `HELD` times theirs.
+    """
+    gamma, reflectance = model.gamma, model.reflectance
+    if not isinstance(gamma, float):
+        if isinstance(gamma, tuple) and found["gamma"].signal < LEAST_SIGNAL["gamma"]:
+            gamma = (gamma[0], HELD * gamma[1])
+        if found["gamma"].alone < LEAST_SIGNAL["gamma"]:
+            reflectance = tuple((r[0], HELD * r[1]) if isinstance(r, tuple) else r for r in reflectance)
+    return replace(model, gamma=gamma, reflectance=reflectance)
+
+
+def widened(covariance: FloatArray, model: LightModel, stiff: LightModel) -> FloatArray:
+    """Add to a covariance, (p, p), what the unknowns that were held may vary, and others with them."""
+    result = covariance.copy()
+    priors = [("gamma", model.gamma, stiff.gamma, 1.0)]
+    for m, pair in enumerate(zip(model.reflectance, stiff.reflectance, strict=True), start=1):
+        priors.append((f"reflectance {m}", *pair, pair[0][0] if isinstance(pair[0], tuple) else 1.0))
+    for name, true, used, unit in priors:
+        if isinstance(true, tuple) and true != used:
+            column = model.names.index(name)
+            along = covariance[:, column] / covariance[column, column]  # d(all)/d(held)
+            result += ((true[1] / unit) ** 2 - covariance[column, column]) * np.outer(along, along)
+    return result
+
+
 def _angle(radians: float) -> str:
     return f"{np.rad2deg(radians):.0f}°"
 
 
 def gain_jumps(frames: IntArray, gains: FloatArray) -> list[tuple[int, float]]:
-    """Find where the gain changes at once, far more than it does otherwise.
+    """Find where the gain changes at once, far more than around that.
 
     Parameters
     ----------
@@ -220,11 +270,13 @@ def gain_jumps(frames: IntArray, gains: FloatArray) -> list[tuple[int, float]]:
     list of (frame, ratio)
         Largest first.
     """
-    steps = np.diff(np.log(gains))
-    if len(steps) < 5:
+    if len(gains) < JUMP_WINDOW:
         return []
-    usual = 1.4826 * np.median(np.abs(steps - np.median(steps)))
-    jumps = np.flatnonzero(np.abs(steps) > max(8 * usual, np.log(1.3)))
+    # Gains follow the sheet, at times fast but smoothly; a jump stands out from the steps beside it.
+    steps = np.diff(np.log(gains))
+    excess = np.abs(steps - median_filter(steps, size=5, mode="nearest"))
+    usual = median_filter(excess, size=JUMP_WINDOW, mode="nearest")
+    jumps = np.flatnonzero(excess > np.maximum(JUMP * usual, np.log(1.3)))
     jumps = jumps[np.argsort(-np.abs(steps[jumps]))]
     return [(int(frames[i + 1]), float(np.exp(steps[i]))) for i in jumps]
 
@@ -234,6 +286,7 @@ def describe(
     unknowns: LightUnknowns,
     expected: dict[str, Strength],
     errors: dict[str, float],
+    sigma: float,
     used_range: dict[str, tuple[float, float]],
     jumps: Sequence[tuple[int, float]],
 ) -> list[str]:
@@ -250,13 +303,15 @@ def describe(
         )
         found.append(f"k = {k:.4f} ± {errors['k']:.4f}, if γ is {gamma:g}.")
     elif model.gamma is None:
-        sources = ["known reflectances"] * any(isinstance(r, (float, tuple)) for r in model.reflectance)
-        sources += ["the distance under a locked gain"] * locked
-        sources += ["the distance within each frame"] * (not locked)
-        found.append(f"γ = {gamma:.4f} ± {errors['gamma']:.4f} is measured, by {' and '.join(sources)}.")
+        if any(known is not None for known in model.reflectance):
+            source = "the reflectances that are known"
+        else:
+            source = "the distance under a locked gain" if locked else "the distance within each frame"
+        found.append(f"γ = {gamma:.4f} ± {errors['gamma']:.4f} is measured, by {source}.")
         bias = (2 * POSE_ERROR / expected["gamma"].signal) ** 2 * gamma
         found.append(
-            f"Random errors of {100 * POSE_ERROR:g} % in the distances would raise γ by {bias:.2g}, and k with it."
+            f"Random errors of {100 * POSE_ERROR:g} % in the distances would raise γ by {bias:.2g}, "
+            "and k with it."
         )
         found.append(f"k = {k:.4f} ± {errors['k']:.4f} is measured; {ratio}.")
     else:
@@ -279,8 +334,8 @@ def describe(
     if not lambertian:
         low, high = used_range["theta"]
         found.append(
-            f"The BRDF was seen from {_angle(low)} to {_angle(high)} and is constant beyond; its scale and that "
-            "of the gains cannot be told apart."
+            f"The BRDF was seen from {_angle(low)} to {_angle(high)} and is constant beyond; its scale "
+            "and that of the gains cannot be told apart."
         )
     for material in model.loose_materials:
         name = f"reflectance {material}"
@@ -293,6 +348,13 @@ def describe(
             f"{v:.2f} ± {errors[f'light {a}']:.2f}" for v, a in zip(unknowns.light, "xyz", strict=False)
         )
         found.append(f"The virtual light is at ({place}) mm.")
+    room = GREY * min(model.levels[0], 1 - model.levels[1])
+    if room < CLIPPED * sigma:
+        found.append(
+            f"The residuals, of {sigma:.1f} grey levels, reach out of the sensor's range from the levels "
+            f"that were used, {GREY * model.levels[0]:.0f} to {GREY * model.levels[1]:.0f}, which biases "
+            f"the result: keep {CLIPPED * sigma:.0f} inside 0 and 255."
+        )
     if locked:
         found.append("One gain was fitted for all frames.")
     for frame, jump in jumps[:3]:

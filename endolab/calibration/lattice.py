@@ -209,7 +209,7 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
     return pieces
 
 
-def local_fit(grid: FloatArray, panel: IntArray) -> tuple[FloatArray, FloatArray]:
+def local_fit(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[FloatArray, FloatArray]:
     """Tell how far each dot lies from where its neighbours place it, and how large its cell is.
 
     A quadratic is fitted, robustly, to the dots of the same panel within two steps.
@@ -219,6 +219,8 @@ def local_fit(grid: FloatArray, panel: IntArray) -> tuple[FloatArray, FloatArray
     grid : (h, w, 2) float array
         Where each dot of the sheet is seen, px; nan where it is not.
     panel : (h, w) int array
+    least : int
+        Neighbours that are needed.
 
     Returns
     -------
@@ -249,11 +251,11 @@ def local_fit(grid: FloatArray, panel: IntArray) -> tuple[FloatArray, FloatArray
         fit = fit.reshape(*panel.shape, 6, 2)
         off = _in_cells(grid - fit[..., 0, :], fit[..., 2, :], fit[..., 1, :])
         miss = np.hypot(off[..., 0], off[..., 1])
-    enough = known.sum(axis=1).reshape(panel.shape) >= 6
+    enough = known.sum(axis=1).reshape(panel.shape) >= least
     return np.where(enough & np.isfinite(miss), miss, np.inf), cross(fit[..., 2, :], fit[..., 1, :])
 
 
-def fitting(grid: FloatArray, panel: IntArray) -> tuple[BoolArray, FloatArray]:
+def fitting(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[BoolArray, FloatArray]:
     """Tell which features of a sheet lie where their neighbours place them.
 
     Parameters
@@ -262,6 +264,8 @@ def fitting(grid: FloatArray, panel: IntArray) -> tuple[BoolArray, FloatArray]:
         Where each is seen, px; nan where it is not.
     panel : (h, w) int array
         Of the sheet; a fit does not cross a fold.
+    least : int
+        Neighbours that are needed to tell.
 
     Returns
     -------
@@ -270,7 +274,7 @@ def fitting(grid: FloatArray, panel: IntArray) -> tuple[BoolArray, FloatArray]:
     (h, w) float array
         Area of the lattice's cell, px².
     """
-    miss, cell = local_fit(grid, panel)
+    miss, cell = local_fit(grid, panel, least)
     row, column = np.indices(panel.shape).reshape(2, -1)
     known = np.where(np.isfinite(miss), miss, np.nan)[..., None]
     nearby = _windows(known, row, column)[:, 1:-1, 1:-1].reshape(len(row), -1)

@@ -28,7 +28,7 @@ CUT = 3.5  # standard deviations beyond which a residual is an outlier
 TOLERANCE = 1e-4  # a step is the last if it moves no unknown by more of its standard error
 NEAR = 1.0  # the same for the first stage, which only has to come near
 ROUNDS = 20  # of freezing σ and the outliers, at most
-SMALLEST = 1e-4  # σ is never less: no measurement is better, be it pixels or stored values
+SMALLEST = 1e-4  # σ is never less, be it of pixels or stored values: rounding would count
 
 
 class Model(Protocol):
@@ -40,7 +40,10 @@ class Model(Protocol):
         Group of each measurement, in ascending order, without gaps from 0.
     """
 
-    group: IntArray
+    @property
+    def group(self) -> IntArray:
+        """See above."""
+        ...
 
     def linearise(self, unknowns: Any) -> Linearised:
         """Residuals and derivatives at the unknowns."""
@@ -106,7 +109,7 @@ class Fit:
     history: list[dict[str, float]] = field(default_factory=list)
 
 
-def robust_sigma(residual: FloatArray, used: BoolArray, unknowns: int) -> float:
+def robust_sigma(residual: FloatArray, used: BoolArray, unknowns: int, smallest: float = SMALLEST) -> float:
     """Estimate σ of one number of a residual, from measurements that may hold outliers.
 
     Parameters
@@ -115,12 +118,14 @@ def robust_sigma(residual: FloatArray, used: BoolArray, unknowns: int) -> float:
     used : (n,) bool array
     unknowns : int
         Number of unknowns that were fitted to them.
+    smallest : float
+        σ is never less.
 
     Returns
     -------
     float
         The standard deviation of the residuals below `CUT` σ, corrected for the tail that this
-        leaves out and for the number of unknowns; `SMALLEST` at least.
+        leaves out and for the number of unknowns.
 
     Raises
     ------
@@ -136,13 +141,13 @@ def robust_sigma(residual: FloatArray, used: BoolArray, unknowns: int) -> float:
     for _ in range(30):
         inner = size < CUT * sigma
         count = m * inner.sum()
-        if sigma <= SMALLEST or count <= unknowns:
+        if sigma <= smallest or count <= unknowns:
             break
         new = float(np.sqrt(np.sum(size[inner] ** 2) / (count - unknowns) / kept))
         if abs(new - sigma) < 1e-9 * sigma:
             break
         sigma = new
-    return max(sigma, SMALLEST)
+    return max(sigma, smallest)
 
 
 @dataclass(frozen=True)
@@ -167,10 +172,10 @@ class _Round:
             weight = weight * np.minimum(1.0, HUBER * self.sigma / np.maximum(size, SMALLEST))
         return weight
 
-    def next(self, model: Model, unknowns: Any, residual: FloatArray, count: int) -> _Round:
+    def next(self, model: Model, unknowns: Any, residual: FloatArray, count: int, smallest: float) -> _Round:
         """Choose anew at what this round has found."""
         used = model.usable(unknowns)
-        sigma = robust_sigma(residual, used, count)
+        sigma = robust_sigma(residual, used, count, smallest)
         if self.stage == "final":
             # A measurement on the border would go in and out for ever: who is in stays a little longer.
             limit = np.where(self.used, 1.01, 1.0) * CUT * sigma
@@ -223,7 +228,9 @@ def _descend(
     return last, Status.MAX_ITERATIONS
 
 
-def iterate_fit(model: Model, start: Any, max_iterations: int = 200) -> Generator[FitIterate, None, Status]:
+def iterate_fit(
+    model: Model, start: Any, max_iterations: int = 200, smallest: float = SMALLEST
+) -> Generator[FitIterate, None, Status]:
     """Fit a model, step by step.
 
     Parameters
@@ -233,6 +240,8 @@ def iterate_fit(model: Model, start: Any, max_iterations: int = 200) -> Generato
         Its unknowns to begin with.
     max_iterations : int
         Steps after the start, in all.
+    smallest : float
+        σ is never taken to be less: what the measurements are good for at best.
 
     Yields
     ------
@@ -254,7 +263,7 @@ def iterate_fit(model: Model, start: Any, max_iterations: int = 200) -> Generato
     nobody = np.zeros(len(model.group), bool)
     stages: tuple[Literal["huber", "final"], ...] = ("huber", "final")
     for stage in stages:
-        choice = _Round(stage, -1, nobody, 0.0).next(model, unknowns, residual, count)
+        choice = _Round(stage, -1, nobody, 0.0).next(model, unknowns, residual, count, smallest)
         seen: list[_Round] = []
         while True:
             cost = choice.cost(*model.residual(unknowns))
@@ -266,7 +275,7 @@ def iterate_fit(model: Model, start: Any, max_iterations: int = 200) -> Generato
             unknowns, residual, k = last.unknowns, last.residual, last.k
             if status is Status.MAX_ITERATIONS:
                 return status
-            again = choice.next(model, unknowns, residual, count)
+            again = choice.next(model, unknowns, residual, count, smallest)
             # A measurement on the border may come and go for ever: a choice that recurs is the last.
             seen.append(choice)
             if any(again.same(one) for one in seen):
@@ -288,6 +297,7 @@ def fit(
     start: Any,
     observers: Iterable[Callable[[FitIterate], bool | None]] = (),
     max_iterations: int = 200,
+    smallest: float = SMALLEST,
 ) -> Fit:
     """Fit a model to its end.
 
@@ -300,13 +310,15 @@ def fit(
         Each is shown every iterate; True stops the fit.
     max_iterations : int
         Steps after the start.
+    smallest : float
+        σ is never taken to be less: what the measurements are good for at best.
 
     Returns
     -------
     Fit
         Also after a keyboard interrupt: the last iterate, of status STOPPED.
     """
-    steps = iterate_fit(model, start, max_iterations)
+    steps = iterate_fit(model, start, max_iterations, smallest)
     watching, history = list(observers), []
     last: FitIterate | None = None
     status = Status.STOPPED

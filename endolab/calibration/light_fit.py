@@ -56,7 +56,8 @@ class PhotometricFit:
     frames : (m,) int array
         Numbers of the frames.
     gains, gain_errors : (m,) float arrays
-        g of each and its standard error; inf where no sample of the frame could be used.
+        g of each and its standard error; inf where no sample of the frame could be used. Where γ
+        or a reflectance is only known beforehand, the error is that at its given value.
     reflectance : (materials,) float array
         Relative to material 0.
     names : list of str
@@ -139,7 +140,9 @@ class PhotometricFit:
     ) -> HeldOut:
         """Score the calibration on frames that it has not seen.
 
-        Only the gain of each frame is fitted to it, as it has to be. The error of μ′ at α is the
+        Only the gain of each frame (one for all, if it is locked) is fitted to it, as it has to
+        be; an error that all samples of
+        a frame share stays unseen. The error of μ′ at α is the
         factor, less 1, by which the linear light of the samples in a bin exceeds the model's. It
         is the least-squares factor of their grey levels to the power γ: a mean of measured light
         itself would be biased by noise, which γ bends.

@@ -26,8 +26,8 @@ from endolab.operators import BoolArray, FloatArray, IntArray
 GREY = 255.0  # grey levels of a stored value of 1
 LEVELS = (12 / 255, 240 / 255)  # predicted stored values that noise of 3 grey levels cannot clip
 FIRST_GAMMA = 2.2  # where the fit of a γ that is not known begins
-DENSER = 1.3  # exponent that brings the nodes closer together near θ = 0
-LEAST_SUPPORT = 8  # samples beside a node of the BRDF, or the node is left out
+DENSER = 1.15  # exponent that brings the nodes closer together near θ = 0
+LEAST_SUPPORT = 40  # samples between two nodes of the BRDF, or one of them is left out
 
 
 @dataclass(frozen=True)
@@ -94,12 +94,9 @@ class Geometry:
 
 def hats(nodes: FloatArray, theta: FloatArray) -> FloatArray:
     """Return the interpolation between nodes as a matrix, (n, nodes); constant beyond them."""
-    matrix = np.zeros((len(theta), len(nodes)))
-    row = np.arange(len(theta))
     if len(nodes) == 1:
-        matrix[:] = 1.0
-        return matrix
-    below = interval(nodes, theta)
+        return np.ones((len(theta), 1))
+    matrix, row, below = np.zeros((len(theta), len(nodes))), np.arange(len(theta)), interval(nodes, theta)
     share = np.clip((theta - nodes[below]) / np.diff(nodes)[below], 0.0, 1.0)
     matrix[row, below], matrix[row, below + 1] = 1 - share, share
     return matrix
@@ -124,7 +121,7 @@ def place_nodes(theta: FloatArray, count: int) -> FloatArray:
     -------
     (nodes,) float array
         From the least to the largest angle, closer together near the least, where paper has its
-        sheen; one beside which there are next to no samples is left out.
+        sheen; with too few samples between two of them, one is left out.
     """
     low, high = float(theta.min()), float(theta.max())
     nodes = low + (high - low) * np.linspace(0, 1, count) ** DENSER
@@ -141,7 +138,7 @@ def place_nodes(theta: FloatArray, count: int) -> FloatArray:
 
 def grouped_sums(values: FloatArray, group: IntArray, groups: int) -> FloatArray:
     """Sum over each group, (groups,)."""
-    return np.bincount(group, values, groups)
+    return np.bincount(group, values, groups).astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -206,24 +203,33 @@ class LightModel:
         """Return the samples as seen from the light, and how f is interpolated there, (n, nodes)."""
         return self._seen_from(unknowns.light) if self.free_light else self._centred
 
-    def _log_linear(self, unknowns: LightUnknowns, geometry: Geometry, f: FloatArray) -> FloatArray:
-        """L, the logarithm of the linear light, (n,)."""
+    def _shine(
+        self, unknowns: LightUnknowns, geometry: Geometry, f: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """L, the logarithm of the linear light, and the grey level, (n,) each."""
         shade = unknowns.log_reflectance[self.samples.material] + unknowns.log_gain[self.group]
-        return unknowns.k * geometry.log_cos_psi + geometry.falloff + np.log(f) + shade
+        logarithm = unknowns.k * geometry.log_cos_psi + geometry.falloff + np.log(f) + shade
+        # A wild step must not overflow.
+        return logarithm, GREY * np.exp(np.minimum(logarithm / unknowns.gamma, 50.0)) * geometry.valid
 
     def predict(self, unknowns: LightUnknowns) -> FloatArray:
         """Grey level of each sample, (n,); 0 where no light can come from."""
         geometry, hat = self.geometry(unknowns)
-        logarithm = self._log_linear(unknowns, geometry, hat @ np.exp(unknowns.log_brdf))
-        return GREY * np.exp(logarithm / unknowns.gamma) * geometry.valid
+        return self._shine(unknowns, geometry, hat @ np.exp(unknowns.log_brdf))[1]
 
-    def _prior(self, unknowns: LightUnknowns) -> FloatArray:
-        known = [(unknowns.gamma, self.gamma)] if isinstance(self.gamma, tuple) else []
-        found = [(unknowns.gamma - mean) / sd for _, (mean, sd) in known]
+    @cached_property
+    def _priors(self) -> list[tuple[int, int, float, float]]:
+        """Column, material (0 stands for γ), mean and sd of what is roughly known, in its logarithm but γ."""
+        found = [(1, 0, *self.gamma)] if isinstance(self.gamma, tuple) else []
         for material, value in enumerate(self.reflectance, start=1):
             if isinstance(value, tuple):
-                found.append((unknowns.log_reflectance[material] - np.log(value[0])) * value[0] / value[1])
-        return np.array(found)
+                column = self.names.index(f"reflectance {material}")
+                found.append((column, material, float(np.log(value[0])), value[1] / value[0]))
+        return found
+
+    def _prior(self, unknowns: LightUnknowns) -> FloatArray:
+        logs, gamma = unknowns.log_reflectance, unknowns.gamma
+        return np.array([((logs[m] if m else gamma) - mean) / sd for _, m, mean, sd in self._priors])
 
     def residual(self, unknowns: LightUnknowns) -> tuple[FloatArray, FloatArray]:
         """Measured minus predicted grey levels, (n, 1), and what the priors say."""
@@ -244,8 +250,7 @@ class LightModel:
         geometry, hat = self.geometry(unknowns)
         values = np.exp(unknowns.log_brdf)
         f = hat @ values
-        logarithm = self._log_linear(unknowns, geometry, f)
-        level = GREY * np.exp(logarithm / unknowns.gamma) * geometry.valid
+        logarithm, level = self._shine(unknowns, geometry, f)
         slope = level / unknowns.gamma  # ∂I/∂L
         by_common = np.empty((len(f), len(names)))  # of L, first
         by_common[:, 0] = geometry.log_cos_psi
@@ -262,18 +267,13 @@ class LightModel:
         if self.free_light:
             by_common[:, column:] = self._by_light(unknowns, geometry, f)
         by_common *= -slope[:, None]
-        prior = self._prior(unknowns)
-        by_prior = np.zeros((len(prior), len(names)))
-        row_of = 0
-        if isinstance(self.gamma, tuple):
-            by_prior[0, 1] = 1 / self.gamma[1]
-            row_of = 1
-        for material, value in enumerate(self.reflectance, start=1):
-            if isinstance(value, tuple):
-                by_prior[row_of, names.index(f"reflectance {material}")] = value[0] / value[1]
-                row_of += 1
+        by_prior = np.zeros((len(self._priors), len(names)))
+        for row, (column, _, _, sd) in enumerate(self._priors):
+            by_prior[row, column] = 1 / sd
         residual = GREY * self.samples.level - level
-        return Linearised(residual[:, None], by_common[:, None], -slope[:, None, None], prior, by_prior)
+        return Linearised(
+            residual[:, None], by_common[:, None], -slope[:, None, None], self._prior(unknowns), by_prior
+        )
 
     def _by_light(self, unknowns: LightUnknowns, geometry: Geometry, f: FloatArray) -> FloatArray:
         """∂L by the light's position and tilt, (n, 5)."""

@@ -20,14 +20,17 @@ from dataclasses import replace
 import numpy as np
 
 from endolab.brdf import BRDF, Lambertian, TabulatedBRDF
+from endolab.calibration.arrow import Covariance
 from endolab.calibration.identifiability import (
     NotIdentifiableError,
     Strength,
     describe,
     gain_jumps,
+    held,
     refuse,
     regress,
     strengths,
+    widened,
 )
 from endolab.calibration.least_squares import Fit, FitIterate, fit
 from endolab.calibration.light_fit import PhotometricFit
@@ -43,12 +46,13 @@ from endolab.calibration.light_model import (
     place_nodes,
 )
 from endolab.calibration.samples import Samples
+from endolab.iteration import Status
 from endolab.lights import SpotLight
-from endolab.operators import IntArray
+from endolab.operators import FloatArray, IntArray
 from endolab.photometry import Photometry
 
 GAMMA_BOUNDS = (0.5, 5.0)
-LIGHT_ERRORS = (5.0, 0.2)  # largest standard errors of a free light: mm, and of its tilt
+LIGHT_ERRORS = (2.0, 0.1)  # largest standard errors of a free light: mm, and of its tilt
 
 
 def _checked_gamma(gamma: float | tuple[float, float] | str) -> float | tuple[float, float] | None:
@@ -64,7 +68,8 @@ def _checked_gamma(gamma: float | tuple[float, float] | str) -> float | tuple[fl
         or (len(known) == 2 and not 0 < known[1] < np.inf)
     ):
         raise ValueError(
-            f"gamma must lie between {low:g} and {high:g}, alone or with a positive standard deviation, got {gamma}"
+            f"gamma must lie between {low:g} and {high:g}, alone or with a positive standard deviation, "
+            f"got {gamma}"
         )
     return known[0] if len(known) == 1 else (known[0], known[1])
 
@@ -174,7 +179,7 @@ def calibrate_light(
         the result's k is the exponent of that light.
     levels : (low, high)
         Stored values between which a sample's *predicted* value must lie for it to count; choose
-        them 4 standard deviations of the noise inside the sensor's range.
+        them 4 standard deviations of the noise inside the sensor's range, which is 0 to 1.
     paper_albedo : float
         π f_r of the surface at the best-seen node: fixes the scale of the gains.
     observers : iterable of callables
@@ -228,7 +233,11 @@ def calibrate_light(
     )
     expected = strengths(model, begin, sigma)
     refuse(model, expected)
-    return _result(model, frames, expected, fit(model, begin, observers, max_iterations))
+    stiff = held(model, expected)
+    found = fit(stiff, begin, observers, max_iterations)
+    covariance = widened(found.covariance.common, model, stiff)
+    found = replace(found, covariance=Covariance(covariance, found.covariance.own))
+    return _result(model, frames, expected, found)
 
 
 def _posed(
@@ -254,7 +263,8 @@ def _posed(
         if np.ptp(theta) < 1e-3:
             raise NotIdentifiableError(
                 "brdf",
-                f"the BRDF cannot be told from samples that all lie at an incidence of {np.rad2deg(theta[0]):.1f}°; "
+                "the BRDF cannot be told from samples that all lie at one incidence angle, "
+                f"{np.rad2deg(theta[0]):.1f}°; "
                 'tilt the sheet, or assume that it is matt (brdf="lambertian")',
             )
         chosen = place_nodes(theta, nodes)
@@ -264,78 +274,100 @@ def _posed(
     return (model, *_start(model, albedo))
 
 
-def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], found: Fit) -> PhotometricFit:
-    """Check a fit for unknowns at their bounds and put it into words."""
-    last, samples = found.iterate, model.samples
-    unknowns: LightUnknowns = last.unknowns
-    names, covariance = model.names, found.covariance.common
-    deviation = np.sqrt(np.diag(covariance))
-    spread = dict(zip(names, deviation, strict=True))
-    k, gamma = unknowns.k, unknowns.gamma
+def _check_bounds(model: LightModel, unknowns: LightUnknowns, spread: dict[str, float]) -> None:
+    """Refuse a fit that has run away."""
     low, high = GAMMA_BOUNDS
-    if k < 0:
+    if unknowns.k < 0:
         raise NotIdentifiableError(
-            "k", f"k ran to {k:.3f} ± {spread['k']:.3f}, below 0: these samples show no fall-off off the axis"
+            "k",
+            f"k ran to {unknowns.k:.3f} ± {spread['k']:.3f}, below 0: these samples show no fall-off off "
+            "the axis",
         )
-    if not low < gamma < high:
+    if not low < unknowns.gamma < high:
         raise NotIdentifiableError(
             "gamma",
-            f"gamma ran to {gamma:.2f}, out of {low:g} to {high:g}; check the distances, or give gamma",
+            f"gamma ran to {unknowns.gamma:.2f}, out of {low:g} to {high:g}; check the distances, or give "
+            "gamma",
         )
-    if model.free_light:
-        worst = max(spread[f"light {axis}"] for axis in "xyz")
-        tilt = max(spread["light tilt x"], spread["light tilt y"])
-        if worst > LIGHT_ERRORS[0] or tilt > LIGHT_ERRORS[1]:
-            raise NotIdentifiableError(
-                "light",
-                f"the light's place and direction cannot be told from these samples: their standard errors are "
-                f"{worst:.2g} mm and {np.rad2deg(tilt):.2g}°; vary the distance and the tilt, or take the light "
-                'as centred (light="centred")',
-            )
-    f, reflectance = np.exp(unknowns.log_brdf), np.exp(unknowns.log_reflectance)
+    if not model.free_light:
+        return
+    place = max(spread[f"light {axis}"] for axis in "xyz")
+    tilt = max(spread["light tilt x"], spread["light tilt y"])
+    if place > LIGHT_ERRORS[0] or tilt > LIGHT_ERRORS[1]:
+        raise NotIdentifiableError(
+            "light",
+            "the light's place and direction cannot be told from these samples: their standard errors "
+            f"are {place:.2g} mm and {np.rad2deg(tilt):.2g}°; vary the distance and the tilt, or take "
+            'the light as centred (light="centred")',
+        )
+
+
+def _standard_errors(
+    unknowns: LightUnknowns, spread: dict[str, float], covariance: FloatArray
+) -> dict[str, float]:
+    """Standard errors of the values themselves, by those of the unknowns; 0 for what was given."""
+    slope = np.zeros(len(spread))  # of k/γ
+    slope[0] = 1 / unknowns.gamma
+    if "gamma" in spread:
+        slope[1] = -unknowns.k / unknowns.gamma**2
     errors = {"k": spread["k"], "gamma": spread.get("gamma", 0.0)}
-    relative = np.zeros(len(names))
-    relative[0] = 1 / k if k > 0 else np.inf
-    if "gamma" in names:
-        relative[1] = -1 / gamma
-    errors["k/gamma"] = (
-        float(k / gamma * np.sqrt(relative @ covariance @ relative)) if k > 0 else spread["k"] / gamma
-    )
-    errors |= {f"brdf {j}": f[j] * spread.get(f"brdf {j}", 0.0) for j in range(len(f))}
-    errors |= {
-        f"reflectance {m}": reflectance[m] * spread.get(f"reflectance {m}", 0.0)
-        for m in range(1, len(reflectance))
-    }
-    errors |= {name: spread[name] for name in names if name.startswith("light")}
-    surface: BRDF = (
-        TabulatedBRDF(tuple(model.nodes), tuple(f)) if len(f) > 1 else Lambertian(float(np.pi * f[0]))
-    )
-    gains = np.exp(unknowns.log_gain)
+    errors["k/gamma"] = np.sqrt(slope @ covariance @ slope)
+    for name, logs in (("brdf", unknowns.log_brdf), ("reflectance", unknowns.log_reflectance)):
+        for i, value in enumerate(np.exp(logs)):
+            errors[f"{name} {i}"] = value * spread.get(f"{name} {i}", 0.0)
+    errors |= {name: error for name, error in spread.items() if name.startswith("light")}
+    return {name: float(error) for name, error in errors.items()}
+
+
+def _range(values: FloatArray) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
+
+
+def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], found: Fit) -> PhotometricFit:
+    """Check a fit and put it into words."""
+    last, used, samples = found.iterate, found.iterate.used, model.samples
+    unknowns: LightUnknowns = last.unknowns
+    covariance = found.covariance.common
+    deviation = np.sqrt(np.diag(covariance))
+    spread = dict(zip(model.names, deviation.tolist(), strict=True))
+    _check_bounds(model, unknowns, spread)
+    errors = _standard_errors(unknowns, spread, covariance)
+    f, gains = np.exp(unknowns.log_brdf), np.exp(unknowns.log_gain)
     gain_errors = gains * np.sqrt(found.covariance.own[:, 0, 0])
     locked = len(gains) == 1 and len(frames) > 1
-    tilt_x, tilt_y = unknowns.light[3:]
-    lights = (SpotLight(tuple(unknowns.light[:3]), (tilt_x, tilt_y, 1.0), k),) if model.free_light else ()
-    photometry = Photometry(0.0 if lights else k, gamma, float(gains[0]) if locked else None, surface, lights)
-    used = last.used
-    residuals = last.residual[:, 0]
-    alpha = np.arccos(np.minimum(samples.cos_alpha[used], 1.0))
+    surface: BRDF = Lambertian(float(np.pi * f[0]))
+    if len(f) > 1:
+        surface = TabulatedBRDF(tuple(model.nodes), tuple(f))
+    place, tilt = unknowns.light[:3].tolist(), unknowns.light[3:].tolist()
+    lights = (SpotLight(tuple(place), (*tilt, 1.0), unknowns.k),) if model.free_light else ()
     ranges = {
-        "alpha": (float(alpha.min()), float(alpha.max())),
-        "theta": tuple(np.quantile(model.geometry(unknowns)[0].theta[used], [0, 1]).tolist()),
-        "distance": tuple(np.quantile(samples.distance[used], [0, 1]).tolist()),
+        "alpha": _range(np.arccos(np.minimum(samples.cos_alpha[used], 1.0))),
+        "theta": _range(model.geometry(unknowns)[0].theta[used]),
+        "distance": _range(samples.distance[used]),
     }
-    jumps = [] if locked else gain_jumps(frames, gains)
+    known = np.isfinite(gain_errors)
+    jumps = [] if locked else gain_jumps(frames[known], gains[known])
+    verdict = describe(model, unknowns, expected, errors, last.sigma, ranges, jumps)
+    if found.status is not Status.CONVERGED:
+        verdict.insert(0, f"The fit did not end as it should: {found.status.value}")
+    residuals = last.residual[:, 0]
     return PhotometricFit(
-        photometry=photometry,
+        photometry=Photometry(
+            0.0 if lights else unknowns.k,
+            unknowns.gamma,
+            float(gains[0]) if locked else None,
+            surface,
+            lights,
+        ),
         frames=frames,
         gains=np.repeat(gains, len(frames)) if locked else gains,
         gain_errors=np.repeat(gain_errors, len(frames)) if locked else gain_errors,
-        reflectance=reflectance,
-        names=names,
+        reflectance=np.exp(unknowns.log_reflectance),
+        names=model.names,
         covariance=covariance,
         correlation=covariance / np.outer(deviation, deviation),
-        standard_errors={name: float(value) for name, value in errors.items()},
-        ratio=k / gamma,
+        standard_errors=errors,
+        ratio=unknowns.k / unknowns.gamma,
         residuals=residuals,
         used=used,
         sigma=last.sigma,
@@ -343,7 +375,7 @@ def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], 
         alpha_range=ranges["alpha"],
         theta_range=ranges["theta"],
         distance_range=ranges["distance"],
-        verdict=describe(model, unknowns, expected, errors, ranges, jumps),
+        verdict=verdict,
         status=found.status,
         history=found.history,
     )

@@ -7,9 +7,10 @@ import numpy as np
 from endolab.calibration.poses import Pose
 from endolab.operators import FloatArray
 
-SUBSETS = 60  # with 30 % wrong points, one set in eight is right
-SUBSET = 6  # points; four would do, but noise would rule
+SUBSETS = 50  # with 30 % wrong points, one set in six is right
+SUBSET = 5  # points; four would do, but noise would rule
 LEAST = 8  # points of a view that count as evidence
+DISORDER = 0.25  # of the rays' spread: a median miss beyond it is no view of a plane, whatever the lens
 
 
 def _equations(rays: FloatArray, plane: FloatArray) -> FloatArray:
@@ -55,7 +56,8 @@ def pose_from_rays(rays: FloatArray, points: FloatArray) -> Pose:
     Raises
     ------
     ValueError
-        If the points do not tell a pose, or it would show the paper from behind.
+        If there are too few points, they lie on a line or in disorder, or the pose would show the
+        paper from behind.
 
     Notes
     -----
@@ -67,8 +69,8 @@ def pose_from_rays(rays: FloatArray, points: FloatArray) -> Pose:
         raise ValueError(f"a pose needs {LEAST} points at least, got {len(rays)}")
     middle = points[:, :2].mean(axis=0)
     centred = points[:, :2] - middle
-    spread = np.linalg.svd(centred, compute_uv=False)
-    if spread[1] < 1e-6 * spread[0] or spread[0] == 0:
+    extent = np.linalg.svd(centred, compute_uv=False)
+    if extent[1] <= 1e-6 * extent[0]:
         raise ValueError("its points lie on one line")
     size = float(np.sqrt(np.mean(centred**2)))
     plane = np.column_stack([centred / size, np.ones(len(points))])
@@ -83,6 +85,9 @@ def pose_from_rays(rays: FloatArray, points: FloatArray) -> Pose:
         homography = _solve(equations[good].reshape(1, -1, 9))
         misses, sign = _misses(homography, rays, plane)
         miss = misses[0]
+    spread = np.median(np.linalg.norm(rays - rays.mean(axis=0), axis=1))
+    if np.median(miss) > DISORDER * spread:
+        raise ValueError("its points do not lie to each other as the target's do")
     homography = sign[0] * homography[0] / np.array([size, size, 1.0])
     if np.linalg.det(homography) <= 0:
         raise ValueError("its points are mirrored: the paper would be seen from behind")

@@ -15,6 +15,7 @@ from endolab.cameras import Camera
 from endolab.operators import BoolArray, FloatArray, IntArray
 
 WINDOWS = (1, 3, 5, 7, 9)  # px, sides of the squares whose light is averaged
+RIM = 1.5  # px between a window and the rim of the ink: half of rounding, the rest of blur
 GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
 
 
@@ -165,13 +166,15 @@ def sample_sheet(
         if pose is None or not here.any():
             continue
         centre = np.column_stack([spots[here, :2], np.zeros(here.sum())])
-        rim = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * spots[here, 2, None, None]
+        edges = np.array([[[1, 0, 0]], [[0, 1, 0]]]) * spots[here, 2, None]
         pixel = camera.project(pose.transform(centre))
-        reach = np.linalg.norm(
-            camera.project(pose.transform(centre[:, None] + rim)) - pixel[:, None], axis=-1
-        )
-        # The window's corner, and a pixel of blur, must lie on bare paper in the narrowest direction.
-        half = (reach.min(axis=1) - 1.0) / np.sqrt(2)
+        axes = camera.project(pose.transform(centre + edges)) - pixel
+        # The window's corner, the rounding to a pixel and its blur must all lie on bare paper,
+        # in the narrowest direction: the short axis of the ellipse that these two axes span.
+        square = np.sum(axes**2, axis=(0, 2)) / 2
+        area = axes[0, :, 0] * axes[1, :, 1] - axes[0, :, 1] * axes[1, :, 0]
+        short = np.sqrt(np.maximum(square - np.sqrt(np.maximum(square**2 - area**2, 0)), 0))
+        half = (short - RIM) / np.sqrt(2)
         with np.errstate(invalid="ignore"):
             nearest = np.round(pixel)
             size = np.searchsorted((np.array(WINDOWS) - 1) / 2 + 0.5, half, side="right") - 1

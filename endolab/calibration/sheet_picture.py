@@ -29,7 +29,8 @@ GAIN_RANGE = 3.0  # largest gain over smallest, as in the paper
 LAG = 1 / 60  # of the video, that the gain needs to follow
 BACKGROUND = Lambertian(0.03)  # a dark cloth ...
 BEHIND = 20.0  # ... this far behind the sheet, mm
-STEP = 0.025  # of the finest raster of the sheet, mm
+STEP = 0.025  # of the finest raster of the sheet, mm ...
+CELLS = 6000  # ... which has at most so many along a side
 LEVELS = 5  # rasters, each half as fine as the one before
 SUB = 2  # rays a pixel, in each direction
 TILE = 120  # px
@@ -139,13 +140,19 @@ def rays_of(camera: Camera, sub: int) -> Float32Array:
     return rays
 
 
+def _step(target: Target) -> float:
+    """Side of the cells of the finest raster, mm."""
+    return max(STEP, max(target.sheet[2:]) / CELLS)
+
+
 @lru_cache(maxsize=2)
 def _rasters(target: Target, black: float) -> tuple[Float32Array, ...]:
-    """Reflectance of the sheet averaged over cells of STEP, 2 STEP, … mm, from its upper left corner."""
+    """Reflectance of the sheet averaged over cells of one step, two, four …, from its upper left corner."""
     left, top, width, height = target.sheet
-    coarse = STEP * 2 ** (LEVELS - 1)
+    step = _step(target)
+    coarse = step * 2 ** (LEVELS - 1)
     shape = [int(np.ceil(length / coarse)) * 2 ** (LEVELS - 1) for length in (height, width)]
-    levels = [1 - darkness(target.ink, (left, top), shape, STEP, black)]
+    levels = [1 - darkness(target.ink, (left, top), shape, step, black)]
     for _ in range(LEVELS - 1):
         rows, columns = levels[-1].shape
         levels.append(levels[-1].reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3)))
@@ -163,7 +170,7 @@ def _paper(
     right = left + width
     if target.fold_x is not None:
         left, right = ((left, target.fold_x), (target.fold_x, right))[panel]
-    rays, levels = rays_of(camera, SUB), _rasters(target, black)
+    rays, levels, step = rays_of(camera, SUB), _rasters(target, black), _step(target)
     for row in range(0, camera.height, TILE):
         for column in range(0, camera.width, TILE):
             tile = slice(row, row + TILE), slice(column, column + TILE)
@@ -175,12 +182,12 @@ def _paper(
             if not inside.any():
                 continue
             # The raster whose cells are as large as the tile's pixels are on the paper.
-            both = inside[1:, 1:] & inside[:-1, :-1]
+            both = inside[1:, 1:] & inside[:-1, 1:] & inside[1:, :-1]
             dx, dy = (np.diff(part, axis=0)[:, 1:][both] for part in (x, y))
             ex, ey = (np.diff(part, axis=1)[1:][both] for part in (x, y))
-            cell = np.sqrt(np.median(np.abs(dx * ey - dy * ex))) if both.any() else STEP
-            level = int(np.clip(np.round(np.log2(cell / STEP)), 0, LEVELS - 1))
-            pitch = np.float32(STEP * 2**level)
+            cell = np.sqrt(np.median(np.abs(dx * ey - dy * ex))) if both.any() else step
+            level = int(np.clip(np.round(np.log2(cell / step)), 0, LEVELS - 1))
+            pitch = np.float32(step * 2**level)
             across, down = (
                 np.where(inside, (part - np.float32(start)) / pitch - np.float32(0.5), 0).astype(np.float32)
                 for part, start in ((x, target.sheet[0]), (y, top))
@@ -196,7 +203,7 @@ def _paper(
 def _spots(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Float32Array:
     """Blots of 2 to 5 px that cover a share of the picture, as their opacity in [0, 1]."""
     blots = np.zeros(shape, np.uint8)
-    for _ in range(int(share * blots.size / (np.pi * 3.5**2)) + (share > 0)):
+    for _ in range(int(share * blots.size / (np.pi * 4.3**2)) + (share > 0)):
         place = [int(rng.integers(side)) for side in shape[::-1]]
         cv2.circle(blots, place, int(rng.integers(2, 6)), 255, -1, cv2.LINE_AA)
     return blots.astype(np.float32) * np.float32(1 / 255)

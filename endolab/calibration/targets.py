@@ -276,11 +276,11 @@ class CircleGrid(Target):
     kind: ClassVar[str] = "circles"
 
     def __post_init__(self) -> None:
+        if self.fold is not None:
+            raise ValueError("an asymmetric circle grid cannot be folded: it is seen whole or not at all")
         super().__post_init__()
         if not 0 < self.radius < self.spacing / np.sqrt(2):
             raise ValueError(f"radius must be positive and below spacing / √2, got {self.radius}")
-        if self.fold is not None:
-            raise ValueError("an asymmetric circle grid cannot be folded: it is seen whole or not at all")
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
@@ -308,9 +308,9 @@ class Chessboard(Target):
         return None if self.fold is None else (self.fold - 1) * self.spacing
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.fold is not None:
             raise ValueError("a chessboard cannot be folded: it is found whole; use dots or ChArUco")
+        super().__post_init__()
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102

@@ -15,6 +15,7 @@ from endolab.operators import BoolArray, FloatArray, IntArray
 
 TILT = np.deg2rad(55)
 REACH = np.deg2rad(40)
+WHOLE = ("circles", "chessboard")  # kinds of target that are found whole or not at all
 
 
 def folded(target: Target, pose: Pose, fold: float) -> tuple[Pose, ...]:
@@ -46,10 +47,10 @@ def folded(target: Target, pose: Pose, fold: float) -> tuple[Pose, ...]:
 def _wander(count: int, columns: int, rng: np.random.Generator) -> FloatArray:
     """Return smooth random motions, (count, columns), that spend their time evenly over [-1, 1]."""
     time = np.linspace(0, 1, count)[:, None]
-    slow, fast = rng.uniform(2.0, 4.5, columns), rng.uniform(3.0, 7.0, columns)
+    slow, fast = rng.uniform(1.5, 3.5, columns), rng.uniform(2.0, 5.0, columns)
     start, other = rng.uniform(0, 2 * np.pi, (2, columns))
     phase = 2 * np.pi * slow * time + start + 0.6 * np.sin(2 * np.pi * fast * time + other)
-    wave: FloatArray = np.arcsin(0.99 * np.sin(phase)) * (2 / np.pi)  # a triangle wave with round corners
+    wave: FloatArray = np.arcsin(0.99 * np.sin(phase)) / np.arcsin(0.99)  # a triangle wave with round corners
     return wave
 
 
@@ -93,7 +94,7 @@ def trajectory(
     distance: tuple[float, float] = (25.0, 100.0),
     tilt: float = TILT,
     reach: float = REACH,
-    seen: float = 0.25,
+    seen: float | None = None,
     seed: int = 0,
 ) -> list[tuple[Pose, ...]]:
     """Move a sheet by hand in front of a camera.
@@ -112,9 +113,9 @@ def trajectory(
         Largest angle between the sheet's normal and the axis, rad; 0 keeps it frontal.
     reach : float
         Largest angle between the sheet's middle and the axis, rad.
-    seen : float
+    seen : float, optional
         Least share of the features within the picture; the sheet comes towards the axis, then
-        goes away, until it is reached. 1 for targets that are found whole only.
+        goes away, until it is reached. By default 0.25; 1 for targets that are found whole only.
     seed : int
 
     Returns
@@ -137,6 +138,8 @@ def trajectory(
             raise ValueError(f"{name} must be from 0 to {most:g} rad, got {value}")
     if fold and target.fold_x is None:
         raise ValueError("fold needs a target that has a fold; this one is flat")
+    if seen is None:
+        seen = 1.0 if target.kind in WHOLE else 0.25
     if not 0 <= seen <= 1:
         raise ValueError(f"seen must be a share from 0 to 1, got {seen}")
     wander = _wander(count, 6, np.random.default_rng([seed, 0]))
@@ -158,14 +161,18 @@ def trajectory(
             poses.append(folded(target, Pose(rotation, centre - rotation @ middle), fold))
         return poses
 
-    pull, open_frames = np.zeros(count), np.arange(count)
-    for step in np.linspace(0, 2, 41):
-        pull[open_frames] = step
-        points, normals = on_sheet(target, place(open_frames, pull[open_frames]), target.points)
-        open_frames = open_frames[in_view(camera, points, normals).mean(axis=1) < seen]
-        if not len(open_frames):
-            break
+    def settle(pull: FloatArray) -> FloatArray:
+        """Pull the frames that show too little, step by step."""
+        short = np.arange(count)
+        while len(short):
+            points, normals = on_sheet(target, place(short, pull[short]), target.points)
+            enough = in_view(camera, points, normals).mean(axis=1) >= seen
+            short = short[~enough & (pull[short] < 2)]
+            pull[short] += 0.05
+        return pull
+
+    pull = settle(np.zeros(count))
     # The steps would show as jerks: smooth them, on the safe side.
     wide = max(count // 30, 1)
-    pull = gaussian_filter1d(maximum_filter1d(pull, 2 * (wide // 2) + 1), wide / 4)
+    pull = settle(gaussian_filter1d(maximum_filter1d(pull, 2 * (wide // 2) + 1), wide / 8))
     return place(np.arange(count), pull)

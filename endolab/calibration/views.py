@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from endolab.calibration.arrow import Linearised
+from endolab.calibration.detection import Detection
 from endolab.calibration.least_squares import fit
 from endolab.calibration.planar import LEAST, pose_from_rays
 from endolab.calibration.poses import Pose
@@ -18,11 +18,10 @@ from endolab.calibration.targets import Target
 from endolab.cameras import KannalaBrandt
 from endolab.operators import BoolArray, FloatArray, IntArray
 
-if TYPE_CHECKING:
-    from endolab.calibration.detection import Detection
-
 # Lenses' coefficients are well below these; where the views say nothing, this is what is known.
 USUAL_K = np.array([1.0, 0.5, 0.25, 0.125])
+
+FINEST = 0.03  # px; detectors have systematic errors of that size, whatever the noise
 
 
 @dataclass(frozen=True)
@@ -185,7 +184,7 @@ def find_pose(view: View, target: Target, camera: KannalaBrandt) -> tuple[Pose, 
     """
     pose = linear_pose(view, target, camera)
     model = Reprojection([view], target, np.zeros((8, 0)), np.array(camera.k))
-    found = fit(model, Geometry.of(camera_vector(camera), [pose]))
+    found = fit(model, Geometry.of(camera_vector(camera), [pose]), smallest=FINEST)
     inliers = found.iterate.used
     if inliers.sum() < max(LEAST, len(inliers) / 2):
         raise ValueError(f"only {inliers.sum()} of its {len(inliers)} points agree with one pose")
