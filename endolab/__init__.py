@@ -13,6 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from endolab.brdf import Glossy, Lambertian, TabulatedBRDF
+    from endolab.calibration.geometric import calibrate_camera
+    from endolab.calibration.photometric import calibrate_light
+    from endolab.calibration.samples import Samples
+    from endolab.calibration.session import calibrate
+    from endolab.calibration.targets import TARGETS
+    from endolab.calibration_report import to_calibration
     from endolab.cameras import KannalaBrandt, Pinhole, Scaramuzza
     from endolab.endoscope import Calibration
     from endolab.files import read_frame, save_result
@@ -24,9 +30,16 @@ if TYPE_CHECKING:
     from endolab.recording import record
     from endolab.rendering import render
     from endolab.scenes import SCENES, Bowl, Colon, Plane, Tube
+    from endolab.video import open_frames
 
 _HOME = {
     "brdf": ("Glossy", "Lambertian", "TabulatedBRDF"),
+    "calibration.geometric": ("calibrate_camera",),
+    "calibration.photometric": ("calibrate_light",),
+    "calibration.samples": ("Samples",),
+    "calibration.session": ("calibrate",),
+    "calibration.targets": ("TARGETS",),
+    "calibration_report": ("to_calibration",),
     "cameras": ("KannalaBrandt", "Pinhole", "Scaramuzza"),
     "endoscope": ("Calibration",),
     "files": ("read_frame", "save_result"),
@@ -38,12 +51,14 @@ _HOME = {
     "recording": ("record",),
     "rendering": ("render",),
     "scenes": ("SCENES", "Bowl", "Colon", "Plane", "Tube"),
+    "video": ("open_frames",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __version__ = "0.1.0"
 __all__ = [
     "SCENES",
+    "TARGETS",
     "Bowl",
     "Calibration",
     "Colon",
@@ -56,18 +71,24 @@ __all__ = [
     "Pinhole",
     "Plane",
     "Result",
+    "Samples",
     "Scaramuzza",
     "SpotLight",
     "Status",
     "TabulatedBRDF",
     "Tube",
+    "calibrate",
+    "calibrate_camera",
+    "calibrate_light",
     "iterate",
+    "open_frames",
     "read_frame",
     "reconstruct",
     "record",
     "render",
     "run",
     "save_result",
+    "to_calibration",
 ]
 
 

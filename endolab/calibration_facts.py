@@ -16,6 +16,7 @@ from endolab.cameras import KannalaBrandt
 from endolab.endoscope import Calibration
 from endolab.light_plots import counted, exponent
 
+AGREEMENT = 0.85  # share of points that must fit the camera, or the report warns
 LISTED = 8  # names of frames that a line holds
 LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a word
 
@@ -226,6 +227,11 @@ def _camera_lines(session: Session) -> list[str]:
         f"in {counted(facts['views'], 'view')}, {counted(facts['outliers'], 'outlier')}; "
         f"seen to {facts['max_angle_deg']:.0f}° off the axis",
     ]
+    if geometry.agreement < AGREEMENT:
+        lines.append(
+            f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: "
+            "the lens is of another kind, or the sheet was not flat"
+        )
     if geometry.dropped:
         lines.append(f"left out of the camera: {counted(len(geometry.dropped), 'view')}")
         lines += [f"  {line}" for line in by_reason(geometry.dropped)]

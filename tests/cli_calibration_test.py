@@ -45,7 +45,7 @@ def work(tmp_path_factory):
     folder = tmp_path_factory.mktemp("work")
     done = call(
         *("simulate", "sheet", "--out", folder / "v", "--frames", FRAMES, "--width", 640),
-        *("--target", "vicalib_folded", "--noise", 3, "--video"),
+        *("--target", "vicalib_folded", "--noise", 1, "--video"),
     )
     assert done == 0
     done = calibrate(

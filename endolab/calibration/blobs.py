@@ -12,7 +12,7 @@ from endolab.operators import BoolArray, FloatArray, IntArray
 LEAST_WHITE = 0.03  # stored value; what is darker than this is no lit paper
 LARGEST = 0.11  # size of a spot over the picture's width
 GREY = 0.6  # darkness of a grey spot over that of a black one, at most
-LEAST_DARKNESS = 0.2  # of a spot, against the paper around it
+LEAST_DARKNESS = 0.25  # of a spot, against the paper around it
 GREY_DARKNESS = 0.3  # the same where there is grey, too
 
 
@@ -75,8 +75,10 @@ def find_blobs(image: FloatArray, greys: bool = False) -> Blobs:
     white = white_of(np.minimum(small, np.maximum(median, 5) * np.float32(1.25 / 255)))
     shrink = width / small.shape[1]
     level = cv2.multiply(image, cv2.resize(1 / np.maximum(white, LEAST_WHITE), (width, height)))
-    dark = cv2.compare(cv2.GaussianBlur(level, (0, 0), 1.0), 1 - (GREY_DARKNESS if greys else LEAST_DARKNESS), cv2.CMP_LT)
-    _, labels, stats, centroids = cv2.connectedComponentsWithStats(dark, connectivity=4, ltype=cv2.CV_16U)
+    dark = cv2.compare(
+        cv2.GaussianBlur(level, (0, 0), 1.0), 1 - (GREY_DARKNESS if greys else LEAST_DARKNESS), cv2.CMP_LT
+    )
+    _, labels, stats, centroids = cv2.connectedComponentsWithStats(dark, connectivity=4, ltype=cv2.CV_32S)
     left, top, wide, high, area = stats.T
     whole = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
     good = whole & (area >= 9) & (np.maximum(wide, high) <= LARGEST * width)

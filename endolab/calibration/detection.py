@@ -116,7 +116,9 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
     shape = (target.rows - 1, target.columns - 1)
     grid = np.full((*shape, 2), np.nan)
     grid.reshape(-1, 2)[ids.ravel()] = corners.reshape(-1, 2)
-    fits, _ = fitting(grid, target.panel_of(target.points).reshape(shape))
+    for _ in range(2):  # what is left out hides others at first
+        fits, _cell = fitting(grid, target.panel_of(target.points).reshape(shape))
+        grid[~fits] = np.nan
     kept = np.flatnonzero(fits)
     if len(kept) < LEAST_CORNERS:
         return nothing(f"too few corners ({len(kept)})")

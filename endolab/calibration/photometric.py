@@ -311,7 +311,7 @@ def _standard_errors(
     if "gamma" in spread:
         slope[1] = -unknowns.k / unknowns.gamma**2
     errors = {"k": spread["k"], "gamma": spread.get("gamma", 0.0)}
-    errors["k/gamma"] = np.sqrt(slope @ covariance @ slope)
+    errors["k/gamma"] = float(np.sqrt(slope @ covariance @ slope))
     for name, logs in (("brdf", unknowns.log_brdf), ("reflectance", unknowns.log_reflectance)):
         for i, value in enumerate(np.exp(logs)):
             errors[f"{name} {i}"] = value * spread.get(f"{name} {i}", 0.0)
@@ -335,9 +335,10 @@ def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], 
     f, gains = np.exp(unknowns.log_brdf), np.exp(unknowns.log_gain)
     gain_errors = gains * np.sqrt(found.covariance.own[:, 0, 0])
     locked = len(gains) == 1 and len(frames) > 1
-    surface: BRDF = Lambertian(float(np.pi * f[0]))
-    if len(f) > 1:
-        surface = TabulatedBRDF(tuple(model.nodes), tuple(f))
+    tabulated = len(f) > 1
+    surface: BRDF = (
+        TabulatedBRDF(tuple(model.nodes), tuple(f)) if tabulated else Lambertian(float(np.pi * f[0]))
+    )
     place, tilt = unknowns.light[:3].tolist(), unknowns.light[3:].tolist()
     lights = (SpotLight(tuple(place), (*tilt, 1.0), unknowns.k),) if model.free_light else ()
     ranges = {

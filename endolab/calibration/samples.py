@@ -14,7 +14,7 @@ from endolab.calibration.targets import Target
 from endolab.cameras import Camera
 from endolab.operators import BoolArray, FloatArray, IntArray
 
-WINDOWS = (1, 3, 5, 7, 9)  # px, sides of the squares whose light is averaged
+LARGE = 960  # px; in pictures as wide as this the light of 3x3 pixels is averaged
 RIM = 1.5  # px between a window and the rim of the ink: half of rounding, the rest of blur
 GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
 
@@ -128,6 +128,7 @@ def sample_sheet(
     frame: int = 0,
     gamma: float = 2.2,
     most: int = 100,
+    window: int | None = None,
     places: FloatArray | None = None,
 ) -> Samples:
     """Read the brightness of the paper in one frame.
@@ -147,6 +148,9 @@ def sample_sheet(
         will do, since the light hardly changes within a window.
     most : int
         Samples to keep, spread at random over the sheet.
+    window : int, optional
+        Side of the square whose light is averaged, px, odd. It is the same for all samples, so
+        that all have the same noise; by default 3 in a large picture, else 1.
     places : (n, 3) float array, optional
         `target.white_places()`, if at hand.
 
@@ -158,9 +162,9 @@ def sample_sheet(
     spots, material = sample_places(target, places)
     panel = target.panel_of(spots)
     found = []
-    linear = image.astype(np.float32) ** gamma
-    means = [linear if side == 1 else cv2.blur(linear, (side, side)) for side in WINDOWS]
     height, width = image.shape
+    side = (3 if width >= LARGE else 1) if window is None else window
+    linear = cv2.blur(image.astype(np.float32) ** gamma, (side, side))
     for number, pose in enumerate(poses):
         here = panel == number
         if pose is None or not here.any():
@@ -174,17 +178,14 @@ def sample_sheet(
         square = np.sum(axes**2, axis=(0, 2)) / 2
         area = axes[0, :, 0] * axes[1, :, 1] - axes[0, :, 1] * axes[1, :, 0]
         short = np.sqrt(np.maximum(square - np.sqrt(np.maximum(square**2 - area**2, 0)), 0))
-        half = (short - RIM) / np.sqrt(2)
         with np.errstate(invalid="ignore"):
             nearest = np.round(pixel)
-            size = np.searchsorted((np.array(WINDOWS) - 1) / 2 + 0.5, half, side="right") - 1
-            border = (np.array(WINDOWS)[np.clip(size, 0, None)] - 1) / 2
-            inside = np.all(
-                (nearest >= border[:, None]) & (nearest < [width, height] - border[:, None]), axis=1
+            good = short >= RIM + np.sqrt(2) * side / 2
+            good &= np.all(
+                (nearest >= side // 2) & (nearest < [width - side // 2, height - side // 2]), axis=1
             )
-        good = inside & (size >= 0)
         column, row = nearest[good].astype(int).T
-        light = np.stack(means)[size[good], row, column].astype(np.float64)
+        light = linear[row, column].astype(np.float64)
         rays = camera.unproject(nearest[good])
         depth = (pose.translation @ pose.normal) / (rays @ pose.normal)
         found.append(
