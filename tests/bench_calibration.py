@@ -1,7 +1,8 @@
 """The photometric calibration as tables, all or some by name: `bench_calibration.py recovery`.
 
 Not a test: it asserts nothing and depends on the machine. `--seeds N` before the names sets how
-many simulated videos each row is measured on (20).
+many simulated videos each row is measured on (20). With OPENBLAS_NUM_THREADS=1 it runs alike on
+a busy machine.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Outcomes:
 
     def of(self, name: str) -> np.ndarray:
         """Error of k, gamma or k/gamma."""
-        found = [(f.photometry.k, f.photometry.gamma, f.ratio) for f in self.fits]
+        found = [(f.k, f.photometry.gamma, f.ratio) for f in self.fits]
         true = np.array([K, GAMMA, K / GAMMA])
         return (np.array(found).reshape(-1, 3) - true)[:, ["k", "gamma", "k/gamma"].index(name)]
 
@@ -217,7 +218,7 @@ def lights() -> None:
     rows = []
     for light in ("centred", "free"):
         out = repeat("vicalib_big", {"light": truth}, {"light": light})
-        k = [f.photometry.k or f.photometry.lights[0].exponent for f in out.fits]
+        k = [f.k for f in out.fits]
         place = [f.photometry.lights[0].position for f in out.fits if f.photometry.lights]
         where = ", ".join(f"{v:.2f}" for v in np.mean(place, axis=0)) if place else ""
         rows.append(

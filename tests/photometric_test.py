@@ -31,10 +31,6 @@ def with_levels(samples, level):
     return Samples(samples.frame, level, samples.points, samples.normals, samples.material)
 
 
-def k_of(fit):
-    return fit.photometry.k
-
-
 # Model ---------------------------------------------------------------------------------
 
 
@@ -112,8 +108,8 @@ def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
     samples, gains = video(count=200, seed=3)
     fit = calibrate_light(samples)
     assert fit.status is Status.CONVERGED
-    assert abs(k_of(fit) - 2.5) < 0.01
-    assert fit.ratio == k_of(fit) / 2.2
+    assert abs(fit.k - 2.5) < 0.01
+    assert fit.ratio == fit.k / 2.2
     assert abs(fit.sigma - np.hypot(3, 12**-0.5)) < 0.05
     assert abs(fit.mean) < 0.03
     theta = np.linspace(0.1, 1.2, 50)
@@ -128,7 +124,7 @@ def test_a_folded_sheet_gives_gamma_too():
     samples, _ = video("vicalib_folded", 200, fold=np.deg2rad(30), seed=1)
     fit = calibrate_light(samples, gamma="free")
     assert abs(fit.photometry.gamma - 2.2) < 0.02
-    assert abs(k_of(fit) - 2.5) < 0.03
+    assert abs(fit.k - 2.5) < 0.03
     assert abs(fit.ratio - 2.5 / 2.2) < 0.006
 
 
@@ -137,7 +133,7 @@ def test_a_gamma_far_from_the_usual_one_is_found(gamma):
     samples, _ = video("vicalib_folded", 80, replace(TRUTH, gamma=gamma), fold=np.deg2rad(60), seed=2)
     fit = calibrate_light(samples, gamma="free")
     assert abs(fit.photometry.gamma / gamma - 1) < 0.02
-    assert abs(k_of(fit) - 2.5) < 0.06
+    assert abs(fit.k - 2.5) < 0.06
 
 
 def test_without_noise_nothing_is_left():
@@ -145,7 +141,7 @@ def test_without_noise_nothing_is_left():
     samples, _ = video("vicalib_folded", 30, matt, fold=0.5, noise=0.0, bits=16, outliers=0.0)
     for options in ({}, {"gamma": "free"}, {"brdf": "lambertian", "gamma": "free"}):
         fit = calibrate_light(samples, **options)
-        assert abs(k_of(fit) - 2.5) < 1e-3
+        assert abs(fit.k - 2.5) < 1e-3
         assert abs(fit.photometry.gamma - 2.2) < 1e-3
         assert fit.sigma < 0.01
 
@@ -158,7 +154,7 @@ def test_standard_errors_are_honest():
         errors = fit.standard_errors
         draws.append(
             [
-                (k_of(fit) - 2.5) / errors["k"],
+                (fit.k - 2.5) / errors["k"],
                 (fit.photometry.gamma - 2.2) / errors["gamma"],
                 (fit.ratio - 2.5 / 2.2) / errors["k/gamma"],
             ]
@@ -172,7 +168,7 @@ def test_outliers_change_next_to_nothing():
     wild = np.random.default_rng(5).random(len(clean)) < 0.1
     level = np.where(wild, np.random.default_rng(6).random(len(clean)), clean.level)
     fits = [calibrate_light(with_levels(clean, level)), calibrate_light(clean)]
-    assert abs(k_of(fits[0]) - k_of(fits[1])) < 2 * fits[1].standard_errors["k"]
+    assert abs(fits[0].k - fits[1].k) < 2 * fits[1].standard_errors["k"]
     assert abs(fits[0].sigma / fits[1].sigma - 1) < 0.03
     assert not fits[0].used[wild & (np.abs(level - clean.level) > 0.1)].any()
 
@@ -187,7 +183,7 @@ def test_saturation_is_told_by_the_predicted_level():
             calibrate_light(measured, levels=(1e-3, 2.0)),
             calibrate_light(samples, levels=(1e-3, 2.0)),
         ]
-        errors.append([k_of(fit) - 2.5 for fit in fits])
+        errors.append([fit.k - 2.5 for fit in fits])
     by_predicted, by_measured, by_none = np.mean(errors, axis=0)
     assert abs(by_predicted) < 0.006
     assert by_measured < -0.009
@@ -211,7 +207,7 @@ def test_units_of_length_only_scale_the_gains(flat, flat_fit):
     metres = Samples(flat.frame, flat.level, flat.points / 1000, flat.normals, flat.material)
     fit = calibrate_light(metres)
     np.testing.assert_allclose(fit.gains, flat_fit.gains / 1e6, rtol=1e-6)
-    np.testing.assert_allclose(k_of(fit), k_of(flat_fit), rtol=1e-7)
+    np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
 
 
 def test_the_paper_albedo_sets_the_scale_of_brdf_and_gains(flat, flat_fit):
@@ -232,7 +228,7 @@ def test_numbers_and_order_of_frames_play_no_part(flat, flat_fit):
         *(getattr(flat, name)[::-1] for name in ("level", "points", "normals", "material")),
     )
     fit = calibrate_light(other)
-    np.testing.assert_allclose(k_of(fit), k_of(flat_fit), rtol=1e-7)
+    np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
     np.testing.assert_allclose(fit.gains[::-1], flat_fit.gains, rtol=1e-6)
     np.testing.assert_array_equal(fit.frames[::-1], 1000 - 7 * flat_fit.frames)
 
@@ -285,7 +281,7 @@ def test_a_locked_gain_is_one_number_and_gives_gamma():
     samples, _ = video(count=80, locked=True)
     fit = calibrate_light(samples, gamma="free", gain="locked")
     assert abs(fit.photometry.gamma - 2.2) < 0.01
-    assert abs(k_of(fit) - 2.5) < 0.02
+    assert abs(fit.k - 2.5) < 0.02
     np.testing.assert_array_equal(fit.gains, np.full(len(fit.frames), fit.photometry.gain))
     np.testing.assert_allclose(GREY * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9)
     assert "One gain was fitted for all frames." in fit.verdict
@@ -315,7 +311,8 @@ def test_a_light_beside_the_camera_is_found():
     assert free.sigma < 3.1 < centred.sigma
     (found,) = free.photometry.lights
     assert free.photometry.k == 0
-    assert abs(found.exponent - 2.5) < 0.05
+    assert free.k == found.exponent
+    assert abs(free.k - 2.5) < 0.05
     np.testing.assert_allclose(found.position, light.position, atol=0.3)
     np.testing.assert_allclose(found.direction, light.direction, atol=0.01)
     errors = np.array([free.standard_errors[f"light {axis}"] for axis in "xyz"])
@@ -331,14 +328,14 @@ def test_three_lights_look_much_like_one():
     samples, _ = video(count=100, light=Photometry(1.5, 2.2, 1.0, PAPER_SHEET, lights))
     centred, free = calibrate_light(samples), calibrate_light(samples, light="free")
     assert free.sigma < centred.sigma < 4.5
-    assert abs(k_of(centred) - 2.5) < 0.1
+    assert abs(centred.k - 2.5) < 0.1
 
 
 def test_a_matt_fit_of_a_sheet_with_sheen_is_biased():
     samples, _ = video(count=100, tilt=np.deg2rad(20))
-    assert abs(k_of(calibrate_light(samples)) - 2.5) < 0.03
+    assert abs(calibrate_light(samples).k - 2.5) < 0.03
     matt = calibrate_light(samples, brdf="lambertian")
-    assert k_of(matt) > 2.6
+    assert matt.k > 2.6
     assert matt.sigma > 3.3
     assert matt.photometry.brdf == Lambertian(1.0)
 
@@ -351,7 +348,7 @@ def test_held_out_frames_are_predicted(flat_fit):
     assert abs(score.sigma - 3.01) < 0.1
     assert np.all(np.abs(score.error[1:6]) < 0.01)
     # A wrong fall-off shows: k is 0.2 too large, so μ′ is cos^-0.2 α too small.
-    wrong = replace(flat_fit, photometry=replace(flat_fit.photometry, k=k_of(flat_fit) + 0.2))
+    wrong = replace(flat_fit, photometry=replace(flat_fit.photometry, k=flat_fit.k + 0.2))
     tilted = wrong.held_out(other, np.deg2rad([0, 15, 50, 60]))
     step = np.log1p(tilted.error[2]) - np.log1p(tilted.error[0])
     assert 0.04 < step < -0.2 * np.log(np.cos(np.deg2rad(60)))
@@ -365,7 +362,7 @@ def test_observers_see_the_unknowns_and_may_stop(flat):
     assert fit.status is Status.STOPPED
     assert [step.k for step in seen] == [0, 1]
     unknowns = seen[-1].unknowns
-    assert (unknowns.k, unknowns.gamma) == (k_of(fit), 2.2)
+    assert (unknowns.k, unknowns.gamma) == (fit.k, 2.2)
     np.testing.assert_array_equal(np.exp(unknowns.log_brdf), fit.photometry.brdf.values)
     np.testing.assert_array_equal(np.exp(unknowns.log_gain), fit.gains)
     assert calibrate_light(flat, max_iterations=1).status is Status.MAX_ITERATIONS
@@ -409,7 +406,7 @@ def test_a_frame_without_usable_samples_has_a_gain_of_no_weight(flat, flat_fit):
     level = np.where(flat.frame == 7, 1.0, flat.level)
     fit = calibrate_light(with_levels(flat, level))
     np.testing.assert_array_equal(np.isinf(fit.gain_errors), fit.frames == 7)
-    assert abs(k_of(fit) - k_of(flat_fit)) < 3 * flat_fit.standard_errors["k"]
+    assert abs(fit.k - flat_fit.k) < 3 * flat_fit.standard_errors["k"]
 
 
 # Known geometry ------------------------------------------------------------------------
@@ -435,7 +432,7 @@ def test_a_known_surface_gives_everything_by_the_same_call(rng):
         paper_albedo=0.7,
     )
     assert abs(fit.photometry.gamma - 2.2) < 0.02
-    assert abs(k_of(fit) - 2.5) < 0.04
+    assert abs(fit.k - 2.5) < 0.04
     np.testing.assert_allclose(fit.reflectance, albedo / 0.7, rtol=0.01)
     np.testing.assert_allclose(fit.gains, [2500, 4000], rtol=0.03)
 
@@ -464,7 +461,7 @@ def test_the_phantom_frames_agree_on_gain_and_response(data):
         )
     for fit in fits:
         assert 2.6 < fit.photometry.gamma < 3.6
-        assert 0.2 < k_of(fit) < 1.2
+        assert 0.2 < fit.k < 1.2
         assert fit.sigma < 16
         assert fit.reflectance[2] < fit.reflectance[1] < 0.4  # a red wall
     assert abs(fits[0].gains[0] / fits[1].gains[0] - 1) < 0.1

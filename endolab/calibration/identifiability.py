@@ -28,8 +28,9 @@ from endolab.operators import FloatArray, IntArray
 RICH_NODES = 60  # of the BRDF, in the regression
 # The part of s, and of log cos α, that only γ, or k, can explain: root mean square. Errors of the
 # poses make up some of it where there is none: 0.3 % of the distance and 0.1° of the normal, apart
-# for each sample, 0.007 of s. A fold of 3° gives 0.03 of it, tilts up to 5° give 0.02 of log cos α.
-LEAST_SIGNAL = {"gamma": 0.014, "k": 0.012}
+# for each sample, 0.009 of s. A fold of 3° gives 0.02 to 0.05 of it, tilts up to 5° give 0.02 of
+# log cos α.
+LEAST_SIGNAL = {"gamma": 0.018, "k": 0.012}
 LARGEST_ERROR = {"gamma": 0.05, "k": 0.1}  # relative for γ
 JUMP, JUMP_WINDOW = 6.0, 11  # a jump of the gain, in medians of the steps of so many frames around
 HELD = 1e-3  # of its standard deviation, to which an unknown is held

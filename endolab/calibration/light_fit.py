@@ -106,6 +106,12 @@ class PhotometricFit:
     status: Status
     history: list[dict[str, float]] = field(repr=False)
 
+    @property
+    def k(self) -> float:
+        """Joint exponent of light and vignetting; that of the virtual light, if this was free."""
+        lights = self.photometry.lights
+        return lights[0].exponent if lights else self.photometry.k
+
     def _shape(self, samples: Samples) -> FloatArray:
         """Stored values at a gain of 1."""
         one = replace(self.photometry, gain=1.0)
