@@ -47,6 +47,8 @@ lint: $(READY) ## check style, format and types
 bench: $(READY) ## measure speed
 	$(BIN)/python tests/bench.py
 	$(BIN)/python tests/bench_solvers.py
+	$(BIN)/python tests/bench_calibration.py
+	$(BIN)/python tests/bench_session.py
 
 lock: | $(BIN)/python ## renew requirements.lock from pyproject.toml
 	$(PIP) install --quiet uv

@@ -127,7 +127,7 @@ def sample_sheet(
     *,
     frame: int = 0,
     gamma: float = 2.2,
-    most: int = 100,
+    most: int = 200,
     window: int | None = None,
     places: FloatArray | None = None,
 ) -> Samples:
