@@ -49,6 +49,7 @@ bench: $(READY) ## measure speed
 	$(BIN)/python tests/bench_solvers.py
 	$(BIN)/python tests/bench_calibration.py
 	$(BIN)/python tests/bench_session.py
+	$(BIN)/python tests/bench_targets.py
 
 lock: | $(BIN)/python ## renew requirements.lock from pyproject.toml
 	$(PIP) install --quiet uv

@@ -19,7 +19,7 @@ from bench import table
 from endolab import datasets
 from endolab.calibration.identifiability import NotIdentifiableError
 from endolab.calibration.photometric import PhotometricFit, calibrate_light
-from endolab.calibration.samples import Samples
+from endolab.calibration.samples import Samples, sample_depth
 from endolab.calibration.simulate import PAPER_SHEET, simulate_samples
 from endolab.calibration.targets import TARGETS
 from endolab.lights import SpotLight
@@ -30,6 +30,7 @@ CAMERA = datasets.calibration("paper").camera
 TRUTH = Photometry(K, GAMMA, 1.0, PAPER_SHEET)
 EDGES = np.deg2rad([0, 5, 15, 25, 35, 45, 55, 65])  # of held-out errors
 SEEDS = 20
+PHANTOM_LEVELS = (45 / 255, 210 / 255)  # its texture is ± 13 grey levels
 
 
 @dataclass
@@ -255,7 +256,32 @@ def speed() -> None:
     table("Speed", ("set-up", "frames", "samples", "ms, median of 7", "least", "steps"), rows)
 
 
-TABLES = {one.__name__: one for one in (recovery, ways, lambertian, frames, lights, speed)}
+def phantom() -> None:
+    """C3VD: frames of a silicone phantom with known depth, colours as materials."""
+    folder = datasets.data_folder() / "c3vd_trans_t1_a"
+    rows = []
+    for rim in (55, 75):
+        shots = [datasets.c3vd(folder, index) for index in (1, 6)]
+        parts = []
+        for number, shot in enumerate(shots):
+            field = shot.calibration.camera.field
+            mask = shot.frame.mask & (field.cos_alpha > np.cos(np.deg2rad(rim)))
+            parts.append(sample_depth(shot.frame.image, shot.distance, field, mask, frame=number, most=6000))
+        sets = {"frame 1": parts[0], "frame 6": parts[1], "both": Samples.concatenate(parts)}
+        for name, samples in sets.items():
+            for gamma in ("free", 2.2):
+                found = calibrate_light(
+                    samples, gamma=gamma, brdf="lambertian", reflectance=(None, None), levels=PHANTOM_LEVELS
+                )
+                error, gains = found.standard_errors, ", ".join(f"{gain:.0f}" for gain in found.gains)
+                row = [f"{name}, < {rim}°", f"{found.k:.3f} ± {error['k']:.3f}"]
+                row += [f"{found.photometry.gamma:.3f} ± {error['gamma']:.3f}", gains]
+                row += [f"{ratio:.3f}" for ratio in found.reflectance[1:]]
+                rows.append([*row, f"{found.sigma:.1f}"])
+    table("C3VD, matt", ("frames", "k", "γ", "gain · red", "green/red", "blue/red", "σ grey"), rows)
+
+
+TABLES = {one.__name__: one for one in (recovery, ways, lambertian, frames, lights, speed, phantom)}
 
 
 def main(arguments: Iterable[str]) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from endolab.brdf import Lambertian
-from endolab.calibration.samples import Samples, sample_places, sample_sheet, sample_surface
+from endolab.calibration.samples import Samples, sample_depth, sample_places, sample_sheet, sample_surface
 from endolab.calibration.simulate import PAPER_SHEET, render_sheet, trajectory
 from endolab.calibration.targets import TARGETS
 from endolab.cameras import KannalaBrandt
@@ -192,3 +192,22 @@ def test_frames_must_ascend():
     good = some(10)
     with pytest.raises(ValueError, match="frame must be in ascending order"):
         replace(good, frame=good.frame[::-1].copy() + np.arange(10)[::-1])
+
+
+def test_a_depth_map_gives_points_and_normals_away_from_its_edges():
+    camera = CAMERA.resize(240, 180)
+    frame = render(SCENES["colon"], camera, Photometry(k=2.0, gamma=2.2, brdf=Lambertian(0.6)))
+    stored = np.round(frame.distance / 0.002) * 0.002
+    mask = frame.mask & (np.arange(240) > 60)
+    samples = sample_depth(frame.image, stored, camera.field, mask, smooth=1.0, most=10**6)
+    pixels = np.round(camera.project(samples.points)).astype(int)
+    assert np.all(pixels[:, 0] > 60 + 3)
+    true = frame.normals[pixels[:, 1], pixels[:, 0]]
+    angle = np.rad2deg(np.arccos(np.clip(np.sum(samples.normals * true, axis=1), -1, 1)))
+    assert np.median(angle) < 1
+    assert np.quantile(angle, 0.95) < 12  # on the folds that nearly hide what is behind
+    step = np.abs(np.log(samples.distance / frame.distance[pixels[:, 1], pixels[:, 0]]))
+    assert np.median(step) < 1e-3
+    assert 3000 < len(samples) < mask.sum()
+    unknown = np.full(stored.shape, np.nan)
+    assert len(sample_depth(frame.image, unknown, camera.field, mask)) == 0

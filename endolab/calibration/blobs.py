@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from endolab.operators import BoolArray, FloatArray, IntArray
+from endolab.operators import BoolArray
+
+Numbers = NDArray[Any]  # OpenCV works in float32 and uint8, too
 
 LEAST_WHITE = 0.03  # stored value; what is darker than this is no lit paper
 LARGEST = 0.11  # size of a spot over the picture's width
@@ -28,25 +32,25 @@ class Blobs:
         Area of full darkness that the spot amounts to, px².
     """
 
-    centres: FloatArray
-    ink: FloatArray
+    centres: Numbers
+    ink: Numbers
 
     def __len__(self) -> int:
         return len(self.ink)
 
-    def __getitem__(self, which: BoolArray | IntArray) -> Blobs:
+    def __getitem__(self, which: BoolArray | Numbers) -> Blobs:
         """Return some of them."""
         return Blobs(self.centres[which], self.ink[which])
 
 
-def shrunk(image: FloatArray) -> FloatArray:
+def shrunk(image: Numbers) -> Numbers:
     """Average the pixels of a picture, (H, W), to one of about 360 columns."""
     height, width = image.shape
     shrink = max(1, round(width / 360))
     return cv2.resize(image, (width // shrink, height // shrink), interpolation=cv2.INTER_AREA)
 
 
-def white_of(small: FloatArray) -> FloatArray:
+def white_of(small: Numbers) -> Numbers:
     """Brightness of the bare paper at each place of a picture, made up where there is ink."""
     side = 2 * round(LARGEST / 2 * small.shape[1]) + 1
     # Closing keeps what is bright and fills what is dark and narrower than the window.
@@ -54,7 +58,7 @@ def white_of(small: FloatArray) -> FloatArray:
     return cv2.GaussianBlur(white, (0, 0), side / 6)
 
 
-def find_blobs(image: FloatArray, greys: bool = False) -> Blobs:
+def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     """Find dark round spots on lit paper.
 
     Parameters
@@ -75,9 +79,8 @@ def find_blobs(image: FloatArray, greys: bool = False) -> Blobs:
     white = white_of(np.minimum(small, np.maximum(median, 5) * np.float32(1.25 / 255)))
     shrink = width / small.shape[1]
     level = cv2.multiply(image, cv2.resize(1 / np.maximum(white, LEAST_WHITE), (width, height)))
-    dark = cv2.compare(
-        cv2.GaussianBlur(level, (0, 0), 1.0), 1 - (GREY_DARKNESS if greys else LEAST_DARKNESS), cv2.CMP_LT
-    )
+    least = GREY_DARKNESS if greys else LEAST_DARKNESS
+    dark = (cv2.GaussianBlur(level, (0, 0), 1.0) < 1 - least).astype(np.uint8)
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(dark, connectivity=4, ltype=cv2.CV_32S)
     left, top, wide, high, area = stats.T
     whole = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
@@ -91,7 +94,7 @@ def find_blobs(image: FloatArray, greys: bool = False) -> Blobs:
     return _measure(level, _bare_level(level, dark, small.shape), number[labels], greys)
 
 
-def _bare_level(level: FloatArray, dark: IntArray, shape: tuple[int, int]) -> FloatArray:
+def _bare_level(level: Numbers, dark: Numbers, shape: tuple[int, int]) -> Numbers:
     """Mean level of the bare paper nearby, (H, W): closing, swayed by noise, does not make it 1."""
     size = shape[::-1]
     small = cv2.resize(level, size, interpolation=cv2.INTER_AREA)
@@ -101,7 +104,7 @@ def _bare_level(level: FloatArray, dark: IntArray, shape: tuple[int, int]) -> Fl
     return cv2.resize((light + 0.01) / (weight + 0.01), level.shape[::-1])
 
 
-def _measure(level: FloatArray, bare: FloatArray, labels: IntArray, greys: bool) -> Blobs:
+def _measure(level: Numbers, bare: Numbers, labels: Numbers, greys: bool) -> Blobs:
     """Centroids and ink of labelled spots (1, 2, …) that look like ellipses."""
     width = labels.shape[1]
     count = int(labels.max()) + 1
@@ -112,7 +115,7 @@ def _measure(level: FloatArray, bare: FloatArray, labels: IntArray, greys: bool)
     y, x = np.divmod(place, width)
     weight = 1 - (level.ravel()[place] / bare.ravel()[place]).astype(float)
 
-    def total(values: FloatArray) -> FloatArray:
+    def total(values: Numbers) -> Numbers:
         return np.bincount(number, values, count)[1:]
 
     ink = total(weight)

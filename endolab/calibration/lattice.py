@@ -94,7 +94,8 @@ def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: f
         sought = np.isfinite(guess + along + down).all(axis=-1)
         if not sought.any():
             break
-        row, column, guess, along, down = (a[sought] for a in (row, column, guess, along, down))
+        row, column = row[sought], column[sought]
+        guess, along, down = guess[sought], along[sought], down[sought]
         which = tree.query(guess, k=near)[1].reshape(len(row), -1)
         offset = _in_cells(centres[which] - guess[:, None], along[:, None], down[:, None])
         distance = np.hypot(offset[..., 0], offset[..., 1])
@@ -232,7 +233,7 @@ def local_fit(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[FloatA
     row, column = np.indices(panel.shape).reshape(2, -1)
     spots, same = (
         _windows(a, row, column)[:, 1:-1, 1:-1].reshape(len(row), 25, -1)
-        for a in (grid, panel[..., None] + 0.0)
+        for a in (grid, panel[..., None].astype(np.float64))
     )
     i, j = (a[1:-1, 1:-1].ravel() for a in (_ROW, _COLUMN))
     design = np.column_stack([np.ones(25), i, j, i * i, i * j, j * j])

@@ -8,14 +8,19 @@ from typing import Self
 
 import cv2
 import numpy as np
+from scipy import ndimage
 
 from endolab.calibration.poses import Pose
 from endolab.calibration.targets import Target
 from endolab.cameras import Camera
 from endolab.operators import BoolArray, FloatArray, IntArray
+from endolab.rays import RayField
+from endolab.surface import normals as normals_of
+from endolab.surface import points as points_of
 
 LARGE = 960  # px; in pictures as wide as this the light of 3x3 pixels is averaged
 RIM = 1.5  # px between a window and the rim of the ink: half of rounding, the rest of blur
+EDGE = 0.04  # relative step of distance within 3x3 pixels that makes them an edge
 GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
 
 
@@ -251,3 +256,45 @@ def sample_surface(
         for channel in range(channels.shape[-1])
     ]
     return Samples.concatenate(parts)
+
+
+def sample_depth(
+    image: FloatArray,
+    distance: FloatArray,
+    field: RayField,
+    mask: BoolArray,
+    *,
+    smooth: float = 2.0,
+    frame: int = 0,
+    most: int = 3000,
+) -> Samples:
+    """Read the brightness of a surface whose depth map is known; its normals are computed.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values in [0, 1].
+    distance : (H, W) float array
+        Euclidean distance from the optical centre, mm; nan where unknown.
+    field : RayField
+        Of the camera.
+    mask : (H, W) bool array
+        Where to sample. Places near its rim, near unknown distances and near edges of the
+        surface are left out.
+    smooth : float
+        Standard deviation of a Gaussian over the logarithm of the distance, px, which takes the
+        steps out of a depth map that was stored in whole numbers.
+    frame, most
+        As for `sample_surface`.
+
+    Returns
+    -------
+    Samples
+    """
+    known = mask & field.valid & np.isfinite(distance) & (distance > 0)
+    v = np.log(np.where(known, distance, 1.0))
+    jump = known & (ndimage.maximum_filter(v, 3) - ndimage.minimum_filter(v, 3) > EDGE)
+    reach = int(np.ceil(3 * smooth)) + 1
+    inner = ndimage.binary_erosion(known & ~jump, np.ones((3, 3)), iterations=reach)
+    v = np.where(known, ndimage.gaussian_filter(v, smooth), np.nan)
+    return sample_surface(image, points_of(v, field), normals_of(v, field), inner, frame=frame, most=most)
