@@ -194,7 +194,7 @@ def show_reprojection(
 def show_reprojection_histogram(
     geometry: GeometricFit, ax: Axes | None = None, *, title: str = "Reprojection"
 ) -> Axes:
-    """Show how the coordinates of the residuals are spread, with the Gaussian of the fit's σ.
+    """Show how the coordinates of the inliers' residuals are spread, with a Gaussian as wide.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def show_reprojection_histogram(
     ax = new_axes(ax)
     _, residuals, inliers = _points_of(geometry)
     values = residuals[inliers].ravel()
-    histogram(ax, values, 0.0, geometry.sigma, f"{counted(int(inliers.sum()), 'point')}, u and v")
+    histogram(ax, values, 0.0, float(np.std(values)), f"{counted(int(inliers.sum()), 'point')}, u and v")
     return decorate(
         ax, f"{title}: RMSE {geometry.rmse:.3f} px", "measured - predicted [px]", "density [1/px]"
     )
@@ -221,6 +221,7 @@ def show_coverage(geometry: GeometricFit, ax: Axes | None = None, *, title: str 
     ax, border = _picture_axes(ax, f"{title}: to {seen:.0f}° off the axis", camera.width, camera.height)
     ax.plot(*pixels[inliers].T, ".", color=BLUE, ms=3, alpha=0.5, mew=0)
     turn = np.linspace(0, 2 * np.pi, 241)
+    labelled = np.full(2, -np.inf)
     angles = [*range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10)]
     for angle in [*angles, seen]:
         out = np.sin(np.deg2rad(angle))
@@ -240,7 +241,9 @@ def show_coverage(geometry: GeometricFit, ax: Axes | None = None, *, title: str 
         # Along a diagonal, where the picture is widest.
         place = ring[np.argmin(np.abs(turn - np.arctan2(camera.height, camera.width)))]
         inside = (place > 12).all() and (place < [camera.width - 12, camera.height - 12]).all()
-        if not reached and inside:
+        apart = np.linalg.norm(place - labelled) > 0.06 * camera.width
+        if not reached and inside and apart:
+            labelled = place
             box = {"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}
             ax.text(place[0], place[1], f"{angle}°", ha="center", va="center", size="small", bbox=box)
     ax.legend(frameon=False, loc="upper right")

@@ -175,7 +175,7 @@ def detect_dots(image: FloatArray, target: DotGrid) -> Found:
     """
     blobs = find_blobs(image, greys=target.greys is not None)
     if len(blobs) < LEAST_DOTS:
-        return nothing(f"too few dark spots ({len(blobs)})")
+        return nothing("too few dark spots")
     gap = 2 * np.log(target.large / target.small)
     cover = _cover(target, target.spacing**2)
     pieces = find_lattices(blobs, cover, 2 * (target.columns + target.rows) + 5)
@@ -217,7 +217,7 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
     blobs = find_blobs(image)
     count = len(target.points)
     if len(blobs) < LEAST_SEEN * count:
-        return nothing(f"too few dark spots ({len(blobs)})")
+        return nothing("too few dark spots")
     x, y = np.round(target.points[:, :2] / target.spacing).astype(int).T
     spot = np.column_stack([(y - x) // 2, (x + y) // 2])
     spot -= spot.min(axis=0)
