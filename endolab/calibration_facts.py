@@ -14,11 +14,10 @@ from endolab.calibration.projection import NAMES, camera_vector
 from endolab.calibration.session import Session, describe
 from endolab.cameras import KannalaBrandt
 from endolab.endoscope import Calibration
-from endolab.light_plots import counted, exponent
+from endolab.light_plots import LEAST_SCORED, counted, exponent
 
 AGREEMENT = 0.85  # share of points that must fit the camera, or the report warns
 LISTED = 8  # names of frames that a line holds
-LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a word
 
 
 # Facts ----------------------------------------------------------------------------------

@@ -6,6 +6,8 @@ As in `plots`, every function draws into the axes ``ax`` it is given, or into ne
 
 from __future__ import annotations
 
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,6 +22,7 @@ from endolab.plots import LINES, OTHERS, show_picture
 
 VERMILION, SKY, BLUE = LINES["estimate"], LINES["start"], OTHERS[3]
 UNSEEN = "0.88"
+LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a word
 
 
 def new_axes(ax: Axes | None) -> Axes:
@@ -293,16 +296,19 @@ def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames
         lw=1.8,
         capsize=3,
     )
-    # A bin of one sample must not make the others small.
-    size = 100 * np.abs(scores.error[known])
-    ends = size + 100 * scores.standard_error[known]
+    # A bin of a few samples must not make the others small.
+    sure = known & (scores.count >= min(LEAST_SCORED, scores.count.max(initial=0)))
+    size = 100 * np.abs(scores.error[sure])
+    ends = size + 100 * scores.standard_error[sure]
     usual = 4 * float(np.quantile(ends, 0.25)) if len(ends) else 0.0
     reach = max(size.max(initial=0.1), min(ends.max(initial=0.1), usual))
     ax.set(xlim=(0, edges[-1]), ylim=(-1.25 * reach, 1.25 * reach), xticks=range(0, int(edges[-1]) + 1, 15))
+    below = ax.get_xaxis_transform()
+    how: dict[str, Any] = {"va": "bottom", "color": "0.3", "size": "small", "transform": below}
     for x, count in zip(middle[known], scores.count[known], strict=True):
         box = {"fc": "white", "ec": "none", "pad": 1.0}
-        ax.text(x, -1.2 * reach, f"{count}", ha="center", va="bottom", color="0.3", size="small", bbox=box)
-    ax.text(edges[-1] * 0.99, -1.2 * reach, "samples", ha="right", va="bottom", color="0.3", size="small")
+        ax.text(x, 0.02, f"{count}", ha="center", bbox=box, **how)
+    ax.text(edges[-1] * 0.99, 0.09, "samples", ha="right", **how)
     return decorate(ax, title, "angle α off the axis [°]", "measured/modelled light - 1 [%]")
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from endolab.calibration.arrow import Arrow
+from endolab.calibration.arrow import ROWS, Arrow, product
 from endolab.calibration.least_squares import CUT, Linearised, fit, iterate_fit, robust_sigma
 from endolab.iteration import Status
 
@@ -342,3 +342,10 @@ def test_a_measurement_on_the_border_does_not_keep_the_rounds_going():
         model = Decays(rng)
         model.y[::40] += (CUT + 0.02 * rng.normal(size=model.y[::40].shape)) * 0.01 / np.sqrt(2)
         assert fit(model, model.start()).status is Status.CONVERGED
+
+
+@pytest.mark.parametrize("rows", [0, 1, ROWS, 3 * ROWS + 17])
+@pytest.mark.parametrize("columns", [0, 1, 5])
+def test_the_product_by_pieces_is_the_product(rng, rows, columns):
+    a, b = rng.normal(size=(rows, columns)), rng.normal(size=(rows, 3))
+    np.testing.assert_allclose(product(a, b), a.T @ b, atol=1e-10)

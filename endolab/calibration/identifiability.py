@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import median_filter
 
+from endolab.calibration.arrow import product
 from endolab.calibration.light_model import GREY, LightModel, LightUnknowns, hats
 from endolab.operators import FloatArray, IntArray
 
@@ -104,12 +105,12 @@ def regress(
     weighted = columns * weight[:, None]
     sums = np.add.reduceat(weighted, first, axis=0)
     mean = np.add.reduceat(weight * target, first) / total
-    normal = columns.T @ weighted - sums.T @ (sums / total[:, None])
-    right = weighted.T @ target - sums.T @ mean
+    normal = product(columns, weighted) - sums.T @ (sums / total[:, None])
+    right = product(weighted, target[:, None])[:, 0] - sums.T @ mean
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     normal[np.diag_indices_from(normal)] += ridge
     solved = np.linalg.lstsq(normal * scale * scale[:, None], right * scale, rcond=1e-13)[0] * scale
-    residual = target - columns @ solved
+    residual = target - np.einsum("np,p->n", columns, solved)
     residual -= (np.add.reduceat(weight * residual, first) / total)[group]
     return solved, residual
 
