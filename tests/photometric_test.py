@@ -271,7 +271,7 @@ def test_gain_jumps_are_followed_and_named():
     fit, before = calibrate_light(dimmed), calibrate_light(samples)
     np.testing.assert_allclose(fit.gains[30:] / before.gains[30:], 0.5, rtol=0.1)
     assert [sentence for sentence in fit.verdict if "jumps" in sentence] == [
-        f"The gain jumps by ×{fit.gains[30] / fit.gains[29]:.2g} at frame 30."
+        f"The gain jumps at frame 30 (×{fit.gains[30] / fit.gains[29]:.2g})."
     ]
     assert not any("jumps" in sentence for sentence in before.verdict)
 
