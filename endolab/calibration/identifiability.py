@@ -33,8 +33,8 @@ RICH_NODES = 60  # of the BRDF, in the regression
 # log cos α.
 LEAST_SIGNAL = {"gamma": 0.018, "k": 0.012}
 LARGEST_ERROR = {"gamma": 0.05, "k": 0.1}  # relative for γ
-JUMP, JUMPS_NAMED = 5
-JUMP_WINDOW = 6.0, 11  # a jump of the gain, in medians of the steps of so many frames around
+JUMPS_NAMED = 5
+JUMP, JUMP_WINDOW = 6.0, 11  # a jump of the gain, in medians of the steps of so many frames around
 HELD = 1e-3  # of its standard deviation, to which an unknown is held
 CLIPPED = 3.5  # standard deviations of the noise by which levels should stay inside the sensor's range
 POSE_ERROR = 0.001  # of the distances, for which the verdict says what it would do
