@@ -121,7 +121,7 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
         grid[~fits] = np.nan
     kept = np.flatnonzero(fits)
     if len(kept) < LEAST_CORNERS:
-        return nothing(f"too few corners ({len(kept)})")
+        return nothing("too few corners")
     return kept, grid.reshape(-1, 2)[kept], ""
 
 
