@@ -198,7 +198,7 @@ def test_frontal_frames_do_not_tell_the_camera(tmp_path, refused):
     frames = write_frames(tmp_path / "f", count=8, tilt=0.0)
     error = refused(frames, tmp_path / "c.json")
     assert "the focal length" in error
-    assert "largest tilt is 0.0°" in error
+    assert "the sheet's largest tilt is 0." in error
 
 
 def test_frontal_frames_with_a_known_camera_do_not_tell_k(work, tmp_path, refused):
