@@ -9,15 +9,14 @@ PIP   := $(BIN)/python -m pip --disable-pip-version-check
 READY := $(VENV)/.ready
 
 FRAME  := $(DATA)/c3vd_trans_t1_a/0001_color.png
-NBVAL  := -p tests.notebook_timeouts --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
-LABCONFIG := {"buildCheck": false, "buildAvailable": false}
-OVERRIDES := {"@jupyterlab/apputils-extension:notification": {"fetchNews": "false", "checkForUpdates": false}}
+NBVAL  := -p tests.notebook_timeouts -p tests.notebook_solutions
+NBVAL  += --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
 
 .DEFAULT_GOAL := help
-.PHONY: help lab demo test lint bench lock clean
+.PHONY: help lab demo test test-browser html lint bench lock clean
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-6s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 
 lab: $(READY) ## open JupyterLab on the notebooks
 	$(BIN)/endolab lab
@@ -33,11 +32,18 @@ demo: $(READY) ## simulate a frame of a colon, reconstruct it, and compare it wi
 	@ls demo/frame.png demo/result/overview.png
 	@if [ -f "$(FRAME)" ]; then ls demo/real/overview.png; fi
 
-test: $(READY) ## run the tests, then every notebook
+test: $(READY) ## run the tests, then every notebook with the solutions of its exercises
 	@unset MPLBACKEND; status=0; \
 	$(BIN)/python -m pytest || status=1; \
 	$(BIN)/python -m pytest $(NBVAL) notebooks || status=1; \
 	exit $$status
+
+test-browser: $(READY) ## run the browser's tests alone; they leave screenshots in build/screenshots
+	$(BIN)/python -m pytest tests/browser
+
+html: $(READY) ## render every notebook to a static page: build/html/index.html
+	@unset MPLBACKEND; $(BIN)/python -m endolab.pages notebooks build/html
+	@echo 'Look at build/html/index.html'
 
 lint: $(READY) ## check style, format and types
 	$(BIN)/ruff check .
@@ -68,10 +74,7 @@ $(READY): requirements.lock pyproject.toml | $(BIN)/python
 	$(PIP) install --quiet uv && $(BIN)/uv pip install --python $(BIN)/python -r requirements.lock \
 	  || $(PIP) install -r requirements.lock
 	$(PIP) install --quiet --no-deps --no-build-isolation -e .
-	mkdir -p $(VENV)/etc/jupyter/labconfig $(VENV)/share/jupyter/lab/settings
-	echo '$(LABCONFIG)' > $(VENV)/etc/jupyter/labconfig/page_config.json
-	echo '$(OVERRIDES)' > $(VENV)/share/jupyter/lab/settings/overrides.json
-	$(BIN)/python -m ipykernel install --sys-prefix --name endolab --display-name endolab
+	$(BIN)/python -m endolab.lab $(VENV)
 	@touch $@
 
 $(BIN)/python:

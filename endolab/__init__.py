@@ -20,17 +20,21 @@ if TYPE_CHECKING:
     from endolab.calibration.targets import TARGETS
     from endolab.calibration_report import to_calibration
     from endolab.cameras import KannalaBrandt, Pinhole, Scaramuzza
+    from endolab.embed import show
     from endolab.endoscope import Calibration
     from endolab.files import read_frame, save_result
     from endolab.iteration import Iterate, Result, Status, run
     from endolab.lights import SpotLight
+    from endolab.meshes import Mesh, mesh_of, write_mesh
     from endolab.photometry import Photometry
     from endolab.preprocess import Frame
     from endolab.reconstruction import iterate, reconstruct
-    from endolab.recording import record
+    from endolab.recording import Comparison, record
+    from endolab.recordings import read_recording
     from endolab.rendering import render
     from endolab.scenes import SCENES, Bowl, Colon, Plane, Tube
     from endolab.video import open_frames
+    from endolab.widgets import tuner
 
 _HOME = {
     "brdf": ("Glossy", "Lambertian", "TabulatedBRDF"),
@@ -41,17 +45,21 @@ _HOME = {
     "calibration.targets": ("TARGETS",),
     "calibration_report": ("to_calibration",),
     "cameras": ("KannalaBrandt", "Pinhole", "Scaramuzza"),
+    "embed": ("show",),
     "endoscope": ("Calibration",),
     "files": ("read_frame", "save_result"),
     "iteration": ("Iterate", "Result", "Status", "run"),
     "lights": ("SpotLight",),
+    "meshes": ("Mesh", "mesh_of", "write_mesh"),
     "photometry": ("Photometry",),
     "preprocess": ("Frame",),
     "reconstruction": ("iterate", "reconstruct"),
-    "recording": ("record",),
+    "recording": ("Comparison", "record"),
+    "recordings": ("read_recording",),
     "rendering": ("render",),
     "scenes": ("SCENES", "Bowl", "Colon", "Plane", "Tube"),
     "video": ("open_frames",),
+    "widgets": ("tuner",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
@@ -62,11 +70,13 @@ __all__ = [
     "Bowl",
     "Calibration",
     "Colon",
+    "Comparison",
     "Frame",
     "Glossy",
     "Iterate",
     "KannalaBrandt",
     "Lambertian",
+    "Mesh",
     "Photometry",
     "Pinhole",
     "Plane",
@@ -81,14 +91,19 @@ __all__ = [
     "calibrate_camera",
     "calibrate_light",
     "iterate",
+    "mesh_of",
     "open_frames",
     "read_frame",
+    "read_recording",
     "reconstruct",
     "record",
     "render",
     "run",
     "save_result",
+    "show",
     "to_calibration",
+    "tuner",
+    "write_mesh",
 ]
 
 

@@ -6,9 +6,6 @@ new ones, under ``title``, and returns the axes. The figures of the light are in
 
 from __future__ import annotations
 
-from typing import Any
-
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -20,13 +17,8 @@ from endolab.calibration.samples import Samples
 from endolab.calibration.session import Session
 from endolab.calibration.targets import Target
 from endolab.light_plots import (
-    BLUE,
-    SKY,
-    VERMILION,
     counted,
-    decorate,
     histogram,
-    new_axes,
     show_brdf,
     show_fall_off,
     show_gains,
@@ -36,7 +28,20 @@ from endolab.light_plots import (
     show_scores,
 )
 from endolab.operators import BoolArray, FloatArray, IntArray
-from endolab.plots import OTHERS, show_picture
+from endolab.plots import show_picture
+from endolab.style import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PAGE_SIZE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    decorate,
+    house,
+    new_axes,
+    round_length,
+)
 
 __all__ = [
     "best_frame",
@@ -58,11 +63,9 @@ __all__ = [
     "video_frames",
 ]
 
-GREEN, PURPLE, ORANGE = OTHERS[:3]
 ROWS = (SKY, VERMILION, GREEN, ORANGE, PURPLE, BLUE)  # of the target, over and over
 MOST_ARROWS = 800  # more hide each other
 LONGEST = 4.0  # standard deviations that an arrow shows
-STYLE: Any = {"font.size": 13, "axes.titlesize": 15, "axes.titleweight": "bold", "legend.fontsize": 12}
 
 
 def _picture_axes(ax: Axes | None, title: str, width: int, height: int) -> tuple[Axes, Rectangle]:
@@ -72,15 +75,9 @@ def _picture_axes(ax: Axes | None, title: str, width: int, height: int) -> tuple
     ax.add_patch(border)
     margin = 0.02 * width
     ax.set(xlim=(-margin, width + margin), ylim=(height + margin, -0.12 * height), aspect="equal")
-    ax.set(title=title, xlabel="column u [px]", ylabel="row v [px]")
+    decorate(ax, title, "column u [px]", "row v [px]", grid=False)
     ax.locator_params(nbins=4)
     return ax, border
-
-
-def _round(value: float) -> float:
-    """Round down to 1, 2 or 5 times a power of ten."""
-    power = 10 ** np.floor(np.log10(value))
-    return float(max(power * factor for factor in (1, 2, 5) if power * factor <= value * (1 + 1e-9)))
 
 
 def _rows(target: Target) -> tuple[IntArray, IntArray]:
@@ -89,6 +86,7 @@ def _rows(target: Target) -> tuple[IntArray, IntArray]:
     return place[:, 1], place[:, 0]
 
 
+@house()
 def show_detection(
     image: FloatArray,
     detection: Detection,
@@ -141,6 +139,7 @@ def _points_of(geometry: GeometricFit) -> tuple[FloatArray, FloatArray, BoolArra
     return pixels, np.concatenate(geometry.residuals), np.concatenate(geometry.inliers)
 
 
+@house()
 def show_reprojection(
     geometry: GeometricFit,
     ax: Axes | None = None,
@@ -165,7 +164,7 @@ def show_reprojection(
     pixels, residuals, inliers = _points_of(geometry)
     camera, sigma = geometry.camera, max(geometry.sigma, 1e-6)
     if magnify is None:
-        magnify = _round(0.02 * camera.width / sigma)
+        magnify = round_length(0.02 * camera.width / sigma)
     ax, border = _picture_axes(ax, f"{title}, × {magnify:g}", camera.width, camera.height)
     length = np.linalg.norm(residuals, axis=1, keepdims=True)
     shown = residuals * np.minimum(1, LONGEST * sigma / np.maximum(length, 1e-12))
@@ -185,12 +184,13 @@ def show_reprojection(
             zorder=order,
         )
         arrows.set_clip_path(border)
-    key = _round(0.08 * camera.width / magnify)
+    key = round_length(0.08 * camera.width / magnify)
     ax.quiverkey(arrows, 0.06, 0.95, key, f"{key:g} px", labelpos="E", color="black")
     ax.legend(frameon=False, loc="upper right", ncols=2, handlelength=1.2, columnspacing=1.0)
     return ax
 
 
+@house()
 def show_reprojection_histogram(
     geometry: GeometricFit, ax: Axes | None = None, *, title: str = "Reprojection"
 ) -> Axes:
@@ -209,6 +209,7 @@ def show_reprojection_histogram(
     )
 
 
+@house()
 def show_coverage(geometry: GeometricFit, ax: Axes | None = None, *, title: str = "Field covered") -> Axes:
     """Show where in the picture features were seen, with circles of equal angle off the axis.
 
@@ -305,7 +306,7 @@ def geometry_figure(session: Session, image: FloatArray, name: str | None = None
     if session.geometry is None:
         raise ValueError("session has no geometry to draw: its camera was given")
     name = best_frame(session) if name is None else name
-    with plt.rc_context(STYLE):
+    with house(PAGE_SIZE):
         figure = Figure(figsize=(16, 11.2), dpi=100, layout="constrained")
         ((found, arrows), (covered, spread)) = figure.subplots(2, 2)
         show_detection(image, session.detections[name], session.target, found)
@@ -340,7 +341,7 @@ def light_figure(session: Session, image: FloatArray, name: str | None = None) -
     if light is None:
         raise ValueError(f"session has no light to draw: {session.refused}")
     here = samples_of(session, best_frame(session) if name is None else name)
-    with plt.rc_context(STYLE):
+    with house(PAGE_SIZE):
         figure = Figure(figsize=(18, 10), dpi=100, layout="constrained")
         ((sampling, residuals, fall_off), (gains, brdf, scores)) = figure.subplots(2, 3)
         show_sampling(image, samples[here], session.camera, sampling, used=light.used[here])

@@ -12,9 +12,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from endolab import blueprints
 from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.light_fit import PhotometricFit
 from endolab.calibration.poses import Pose
@@ -171,7 +171,9 @@ class _Recording:
             self._log(f"plots/{name}", style, static=True)
         if session.light is not None:
             self._log_brdf_axes(session.light)
-        self.stream.send_blueprint(_blueprint(centre, distance, session))
+        titles = {name: title for name, (_, title) in _curves(session).items()}
+        layout = blueprints.calibration(centre, distance, titles, session.light is not None, FRAME)
+        self.stream.send_blueprint(layout)
 
     def _log_brdf_axes(self, light: PhotometricFit) -> None:
         theta, relative, _ = brdf_of(light)
@@ -329,49 +331,3 @@ def _diverging(values: FloatArray) -> NDArray[np.uint8]:
     nodes = np.linspace(-1, 1, len(BLUE_WHITE_RED))
     channels = [np.interp(values, nodes, channel) for channel in BLUE_WHITE_RED.T]
     return np.round(np.stack(channels, axis=-1)).astype(np.uint8)
-
-
-def _blueprint(centre: FloatArray, distance: float, session: Session) -> rrb.Blueprint:
-    """How the viewer opens: the frame, the sheet in space, the curves, and the fit behind a tab."""
-    target = centre / 2  # between the camera and where the sheet mostly is
-    eye = target + 2.0 * distance * np.array([-0.6, -0.4, -0.7])
-    fit: list[rrb.View | rrb.Container] = [
-        rrb.TimeSeriesView(origin="/fit", contents=["/fit/k", "/fit/gamma"], name="k and γ"),
-        rrb.TimeSeriesView(origin="/fit", contents=["/fit/sigma"], name="σ [grey levels]"),
-    ]
-    if session.light is not None:
-        fit.append(rrb.Spatial2DView(origin="/brdf", name="BRDF over θ [°]"))
-    fit.append(rrb.BarChartView(origin="/residuals", name="Residuals [grey levels]"))
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(
-                rrb.Spatial2DView(
-                    origin="/",
-                    contents=["/picture", "/picture/detected", "/picture/reprojection"],
-                    name="Detection",
-                ),
-                rrb.Spatial2DView(origin="/", contents=["/picture", "/picture/samples"], name="Brightness"),
-            ),
-            rrb.Vertical(
-                rrb.Spatial3DView(
-                    origin="/world",
-                    name="Sheet",
-                    eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=[0, -1, 0]),
-                    background=(45, 50, 58),
-                    line_grid=False,
-                ),
-                rrb.Horizontal(
-                    *(
-                        rrb.TimeSeriesView(origin=f"/plots/{entity}", name=name)
-                        for entity, (_, name) in _curves(session).items()
-                    )
-                ),
-                row_shares=[2, 1],
-            ),
-            rrb.Tabs(rrb.TextDocumentView(origin="/account", name="Account"), rrb.Vertical(*fit, name="Fit")),
-            column_shares=[1.2, 1.5, 1],
-        ),
-        rrb.TimePanel(state="collapsed", timeline=FRAME),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-    )

@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from html import escape
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -23,11 +22,12 @@ from endolab.calibration_facts import (
     plus_minus,
     to_calibration,
 )
-from endolab.calibration_plots import STYLE, best_frame, geometry_figure, light_figure, show_detection
+from endolab.calibration_plots import best_frame, geometry_figure, light_figure, show_detection
 from endolab.endoscope import camera_to_dict
 from endolab.files import PathLike, as_json, staged_folder, write_atomically
 from endolab.light_plots import brdf_of
 from endolab.operators import FloatArray
+from endolab.style import PAGE_SIZE, house
 from endolab.video import Frames
 
 __all__ = ["account", "evidence", "to_calibration", "write_report"]
@@ -180,7 +180,7 @@ def _png(figure: Figure) -> bytes:
 
 
 def _detection_figure(session: Session, image: FloatArray, name: str) -> Figure:
-    with plt.rc_context(STYLE):
+    with house(PAGE_SIZE):
         figure = Figure(figsize=(10, 8), dpi=100, layout="constrained")
         show_detection(image, session.detections[name], session.target, figure.subplots())
     return figure

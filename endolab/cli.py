@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import subprocess
 import sys
 import zipfile
 import zlib
@@ -92,6 +90,10 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
             **options,
         )
         save_result(result, folder)
+        if arguments.mesh:
+            from endolab.meshes import mesh_of, write_mesh
+
+            write_mesh(folder / "mesh.ply", mesh_of(result))
     near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
     print(f"{result.status.name}: {result.status.value}")
     count, first = result.iterations, result.history[0]["energy"]
@@ -102,7 +104,8 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
     print(f"distance: median {middle:.4g}, 1 % below {near:.4g}, 1 % above {far:.4g} ({result.problem.unit})")
     if not result.metric:
         print("The gain is unknown, so distances have no unit; --median-distance MM fixes the scale.")
-    print(f"written to {arguments.out}: cloud.ply, depth.npz, overview.png, recording.rrd, report.json")
+    mesh = "mesh.ply, " if arguments.mesh else ""
+    print(f"written to {arguments.out}: cloud.ply, depth.npz, {mesh}overview.png, recording.rrd, report.json")
 
 
 def _simulate(arguments: argparse.Namespace) -> None:
@@ -208,14 +211,9 @@ def _evaluate(arguments: argparse.Namespace) -> None:
 
 
 def _lab(arguments: argparse.Namespace) -> None:
-    checkout = Path(__file__).resolve().parents[1]  # the root, since notebooks link to the code
-    if not (checkout / "notebooks").is_dir():
-        raise FileNotFoundError(f"{checkout}: there are no notebooks; run this from a checkout of endolab")
-    # The viewer's assets then come from this machine; it must be set before rerun is imported.
-    environment = os.environ | {"RERUN_NOTEBOOK_ASSET": os.environ.get("RERUN_NOTEBOOK_ASSET", "serve-local")}
-    command = [sys.executable, "-m", "jupyterlab", f"--notebook-dir={checkout}"]
-    command += ["--LabApp.default_url=/lab/tree/notebooks", *arguments.jupyter]
-    raise SystemExit(subprocess.call(command, env=environment))
+    from endolab.lab import open_lab
+
+    open_lab(arguments.notebooks, arguments.port, arguments.jupyter)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -254,6 +252,7 @@ def _parser() -> argparse.ArgumentParser:
     add.add_argument(
         "--snapshots", type=int, metavar="N", help=f"of fast_marching in the recording (default {SNAPSHOTS})"
     )
+    add.add_argument("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
     add.set_defaults(run=_reconstruct)
 
     add = commands.add_parser("simulate", help="render a scene: a frame with its truth")
@@ -293,6 +292,8 @@ def _parser() -> argparse.ArgumentParser:
     add.set_defaults(run=_evaluate)
 
     add = commands.add_parser("lab", help="open JupyterLab on the notebooks")
+    add.add_argument("--notebooks", metavar="DIR", help="other notebooks than endolab's own")
+    add.add_argument("--port", type=int, default=8888, metavar="N", help="the next free one (default 8888)")
     add.add_argument("jupyter", nargs="*", metavar="OPTION", help="passed on to JupyterLab, after --")
     add.set_defaults(run=_lab)
     return parser

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
@@ -18,23 +17,11 @@ from endolab.calibration.light_fit import HeldOut, PhotometricFit
 from endolab.calibration.samples import Samples
 from endolab.cameras import Camera
 from endolab.operators import BoolArray, FloatArray, IntArray
-from endolab.plots import LINES, OTHERS, show_picture
+from endolab.plots import show_picture
+from endolab.style import BLUE, SKY, VERMILION, decorate, house, new_axes
 
-VERMILION, SKY, BLUE = LINES["estimate"], LINES["start"], OTHERS[3]
 UNSEEN = "0.88"
 LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a word
-
-
-def new_axes(ax: Axes | None) -> Axes:
-    """Return the axes, or those of a new figure."""
-    return plt.subplots(layout="constrained")[1] if ax is None else ax
-
-
-def decorate(ax: Axes, title: str, x: str, y: str) -> Axes:
-    """Give axes a title, labels and a grid."""
-    ax.set(title=title, xlabel=x, ylabel=y)
-    ax.grid(alpha=0.3)
-    return ax
 
 
 def counted(number: int, what: str) -> str:
@@ -68,6 +55,7 @@ def exponent(light: PhotometricFit) -> float:
     return lights[0].exponent if lights else light.photometry.k
 
 
+@house()
 def show_sampling(
     image: FloatArray,
     samples: Samples,
@@ -106,6 +94,7 @@ def show_sampling(
     return ax
 
 
+@house()
 def show_light_residuals(light: PhotometricFit, ax: Axes | None = None, *, title: str | None = None) -> Axes:
     """Show how the residuals of the samples that counted are spread, with a Gaussian.
 
@@ -123,6 +112,7 @@ def show_light_residuals(light: PhotometricFit, ax: Axes | None = None, *, title
     return decorate(ax, title, "measured - predicted [grey levels of 255]", "density [1/grey level]")
 
 
+@house()
 def show_fall_off(light: PhotometricFit, ax: Axes | None = None, *, title: str = "Light's fall-off") -> Axes:
     """Show the joint vignetting and light spread cosᵏα with its standard error, beside cos⁴α.
 
@@ -161,6 +151,7 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None, *, title: str =
     return decorate(ax, title, f"angle {what} [°]", "share of the light on the axis")
 
 
+@house()
 def show_gains(
     light: PhotometricFit,
     ax: Axes | None = None,
@@ -220,6 +211,7 @@ def brdf_of(light: PhotometricFit) -> tuple[FloatArray, FloatArray, FloatArray]:
     return np.array(brdf.theta), values / pinned, errors / pinned
 
 
+@house()
 def show_brdf(
     light: PhotometricFit,
     ax: Axes | None = None,
@@ -272,6 +264,7 @@ def show_brdf(
     return decorate(ax, title, "incidence θ [°]", "f_r relative to the pinned node")
 
 
+@house()
 def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames held out") -> Axes:
     """Show by how much the light of frames that the fit has not seen differs from the model's.
 
@@ -312,6 +305,7 @@ def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames
     return decorate(ax, title, "angle α off the axis [°]", "measured/modelled light - 1 [%]")
 
 
+@house()
 def show_ridge(
     gammas: FloatArray,
     sigmas: FloatArray,

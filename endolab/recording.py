@@ -7,10 +7,9 @@ writer can hang for good on a full disk, so the recording is kept in memory unti
 
 from __future__ import annotations
 
-import contextlib
-import os
-import subprocess
-import tempfile
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -18,28 +17,35 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from endolab.blueprints import BLUEPRINTS, TIMELINE, Shown, comparison
 from endolab.depth.energy import Problem, model_image
-from endolab.files import write_atomically
+from endolab.files import PathLike
 from endolab.iteration import Iterate
 from endolab.operators import BoolArray, FloatArray
-from endolab.viewer import START, THIN, TIMELINE, blueprint, camera_shape, start_viewer, viewer_address
+from endolab.viewer import START, THIN, Sink, camera_shape
 
-ALL_UNTIL, GROWTH = 20, 1.05  # pictures of the first iterates, then each time k has grown by 5 %
+ALL_UNTIL, GROWTH = 20, 1.5  # pictures of the first iterates, then each time k has grown by half
+CLOUD_WIDTH = 160  # columns of a cloud: coordinates would be most of a recording
+WAITING = 4  # iterates that may wait to be encoded
 BLUE_WHITE_RED = np.array(
     [[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]], float
 )
+SHADES = 65  # of the residual: fewer than a byte tells, and a picture that is half as large
 COLOURS = {"energy": (230, 159, 0), "data": (86, 180, 233), "regulariser": (213, 94, 0)}
+RUNS = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (204, 121, 167))
 NOW, TRUTH = (230, 159, 0), (160, 160, 160)
 
 
 def record(
-    path: str | os.PathLike[str] | None = None,
+    path: PathLike | None = None,
     *,
     spawn: bool = False,
+    live: bool = False,
     truth: FloatArray | None = None,
     max_width: int = 480,
+    blueprint: str = "reconstruction",
 ) -> Recorder:
-    """Make an observer that records a run, to a file or in the native viewer.
+    """Make an observer that records a run: to a file, or into a viewer that follows it.
 
     Parameters
     ----------
@@ -47,10 +53,15 @@ def record(
         The recording to write, ``.rrd``. An old one is replaced when the run has ended.
     spawn : bool
         Show the run in the native viewer instead; it listens on this machine only.
+    live : bool
+        Show the run in a viewer below the notebook's cell instead. It follows what later cells
+        run; of a run in its own cell it shows all when the cell has ended.
     truth : (H, W) float array, optional
         True distance, mm, to show beside the result; nan where unknown.
     max_width : int
         Pictures and point clouds wider than this, px, are thinned.
+    blueprint : {"reconstruction", "convergence"}
+        How the viewer opens it: everything about the run, or its curves at large.
 
     Returns
     -------
@@ -59,10 +70,72 @@ def record(
 
     Raises
     ------
+    ValueError
+        If it is not one of path, spawn and live, or there is no such blueprint.
     OSError
         If the file cannot be written or the viewer does not start.
     """
-    return Recorder(path, spawn=spawn, truth=truth, max_width=max_width)
+    if (path is not None) + spawn + live != 1:
+        raise ValueError("give record() either a path or spawn=True or live=True")
+    if blueprint not in BLUEPRINTS:
+        raise ValueError(f"unknown blueprint {blueprint!r}; choose {', '.join(BLUEPRINTS)}")
+    return Recorder(Sink(path, live), truth, max_width, blueprint)
+
+
+class Comparison:
+    """Several runs in one recording, on the same timeline, side by side.
+
+    ::
+
+        with Comparison("both.rrd") as both:
+            el.reconstruct(frame, calibration, observers=[both.run("gauss_newton")])
+            el.reconstruct(frame, calibration, solver="primal_dual", observers=[both.run("primal_dual")])
+
+    Parameters
+    ----------
+    path : path
+        The recording to write, ``.rrd``, when the comparison is closed.
+    truth, max_width
+        See `record`.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+
+    def __init__(self, path: PathLike, *, truth: FloatArray | None = None, max_width: int = 480) -> None:
+        self._sink, self._truth, self._max_width = Sink(path), truth, max_width
+        self._runs: dict[str, Recorder] = {}
+
+    @property
+    def path(self) -> Path | None:
+        """The recording."""
+        return self._sink.path
+
+    def run(self, name: str) -> Recorder:
+        """Make the observer of one run; its entities begin with the run's name."""
+        if not name.isidentifier() or name in self._runs:
+            why = "there is one already" if name in self._runs else "expected a word such as gauss_newton"
+            raise ValueError(f"a run cannot be called {name!r}: {why}")
+        colour = RUNS[len(self._runs) % len(RUNS)]
+        self._runs[name] = Recorder(self._sink, self._truth, self._max_width, run=name, colour=colour)
+        return self._runs[name]
+
+    def close(self) -> None:
+        """Write the file; a second call does nothing. Without an iterate there is none."""
+        for recorder in self._runs.values():
+            recorder.close()
+        shown = [recorder.shown for recorder in self._runs.values() if recorder.shown is not None]
+        if shown and self._sink.open:
+            self._sink.stream.send_blueprint(comparison(shown))
+        self._sink.close()
+
+    def __enter__(self) -> Comparison:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.close()
 
 
 class Recorder:
@@ -74,53 +147,51 @@ class Recorder:
     ``section/start``, ``section/truth``. Per iterate: ``depth`` (distance), ``normals``
     ((n + 1)/2), ``residual`` (model - image), ``front/<name>`` (the iterate's maps),
     ``world/cloud``, ``section/now``, ``plots/<name>``. Scalars are logged for every iterate,
-    pictures for the first 20, the last, and between them each time k has grown by 5 %.
+    pictures for the first 20, the last, and between them each time k has grown by half.
+    In a `Comparison` all names begin with the run's. Encoding is left to a thread, so that the
+    solver can go on meanwhile.
     """
 
     def __init__(
-        self, path: str | os.PathLike[str] | None, *, spawn: bool, truth: FloatArray | None, max_width: int
+        self,
+        sink: Sink,
+        truth: FloatArray | None,
+        max_width: int,
+        blueprint: str | None = None,
+        *,
+        run: str = "",
+        colour: tuple[int, ...] = NOW,
     ) -> None:
-        if (path is None) != spawn:
-            raise ValueError("give record() either a path or spawn=True")
-        if path is not None and Path(path).suffix != ".rrd":
-            raise ValueError(f"a recording's name ends in .rrd, got {path}")
         if max_width < 1:
             raise ValueError(f"max_width must be at least 1 px, got {max_width}")
         self.truth, self.max_width = truth, max_width
-        self.stream = rr.RecordingStream("endolab")
-        self._viewer: subprocess.Popen[bytes] | None = None
+        self.shown: Shown | None = None
+        self._sink, self._blueprint, self._run, self._colour = sink, blueprint, run, colour
         self._last: Iterate | None = None
-        self._shown = -1  # k of the last iterate whose pictures were logged
+        self._pictured = -1  # k of the last iterate whose pictures were logged
         self._open = True
-        self._path = None if path is None else Path(path)
-        if self._path is None:
-            self._viewer = start_viewer()
-            self.stream.connect_grpc(viewer_address())
-            return
-        try:  # now, rather than after an hour's run
-            if self._path.is_dir():
-                raise OSError("it is a folder")
-            with tempfile.TemporaryFile(dir=self._path.parent):
-                pass
-        except OSError as error:
-            raise OSError(f"cannot write the recording {self._path}: {error.strerror or error}") from error
+        self._encoder = ThreadPoolExecutor(1)
+        self._jobs: deque[Future[None]] = deque()
+
+    @property
+    def path(self) -> Path | None:
+        """The recording, once it is closed; None if it goes to a viewer."""
+        return self._sink.path
 
     def __call__(self, iterate: Iterate) -> None:
         """Log one iterate."""
         if not self._open:
             raise ValueError("the recording is closed")
-        if self._viewer is not None and self._viewer.poll() is not None:
-            return  # the user has closed the window; the run goes on
-        if self._last is None and self._path is not None:
-            # Not before there is something to keep: Rerun complains of a memory that nobody reads.
-            self._memory = rr.binary_stream(self.stream)
-        self.stream.set_time(TIMELINE, sequence=iterate.k)
+        if self._sink.gone:
+            return  # the run goes on
         if self._last is None:
-            self._begin(iterate)
+            self._check(iterate.problem)
+            self._sink.begin()
+            self._defer(self._begin, iterate)
         self._last = iterate
-        self._log_scalars(iterate)
-        if iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * self._shown:
-            self._log_pictures(iterate)
+        self._defer(self._log_scalars, iterate)
+        if iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * self._pictured:
+            self._picture(iterate)
 
     def close(self) -> None:
         """End the recording and write the file; a second call does nothing.
@@ -133,22 +204,43 @@ class Recorder:
         if not self._open:
             return
         self._open = False
-        if self._last is not None and self._last.k != self._shown:
-            self.stream.set_time(TIMELINE, sequence=self._last.k)
-            self._log_pictures(self._last)
-        if self._path is None:
-            with contextlib.suppress(RuntimeError):  # a viewer that the user has closed
-                self.stream.flush(timeout_sec=60)
-        elif self._last is not None:
-            write_atomically(self._path, self._memory.read() or b"")
-        self.stream.disconnect()
+        if self._last is not None and self._last.k != self._pictured:
+            self._picture(self._last)
+        try:
+            while self._jobs:
+                self._jobs.popleft().result()
+        finally:
+            self._encoder.shutdown()
+            if not self._run:
+                self._sink.close()
+
+    def _picture(self, iterate: Iterate) -> None:
+        self._pictured = iterate.k
+        self._defer(self._log_pictures, iterate)
+
+    def _defer(self, task: Callable[[Iterate], None], iterate: Iterate) -> None:
+        """Let the thread do it, but not fall behind for ever: iterates take memory."""
+
+        def job() -> None:
+            self._sink.stream.set_time(TIMELINE, sequence=iterate.k)  # counts for this thread only
+            task(iterate)
+
+        self._jobs.append(self._encoder.submit(job))
+        while len(self._jobs) > 3 * WAITING:
+            self._jobs.popleft().result()
+
+    def _check(self, problem: Problem) -> None:
+        if self.truth is not None and self.truth.shape != problem.mask.shape:
+            raise ValueError(f"truth has shape {self.truth.shape}, the frame {problem.mask.shape}")
 
     def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
-        self.stream.log(entity, *what, static=static, strict=True)
+        self._sink.stream.log(f"{self._run}/{entity}", *what, static=static, strict=True)
 
-    def _log_colours(self, entity: str, colours: FloatArray, static: bool = False) -> None:
-        """Log (h, w) or (h, w, 3) values in [0, 1] as PNG; nan is black."""
-        stored = _bytes(np.nan_to_num(colours))
+    def _log_colours(
+        self, entity: str, colours: FloatArray | NDArray[np.uint8], static: bool = False
+    ) -> None:
+        """Log (h, w) or (h, w, 3) bytes, or values in [0, 1], as PNG; nan is black."""
+        stored = colours if colours.dtype == np.uint8 else _bytes(np.nan_to_num(colours))
         contents = cv2.imencode(".png", stored[..., ::-1] if stored.ndim == 3 else stored)[1].tobytes()
         self._log(entity, rr.EncodedImage(contents=contents, media_type="image/png"), static=static)
 
@@ -157,28 +249,30 @@ class Recorder:
     def _begin(self, iterate: Iterate) -> None:
         problem, step = iterate.problem, -(-iterate.problem.camera.width // self.max_width)
         self._thin = thin = (slice(None, None, step), slice(None, None, step))
+        # Clouds are thinned further, by a whole number.
+        step *= max(1, -(-problem.camera.width // (step * CLOUD_WIDTH)))
+        self._sparse = sparse = (slice(None, None, step), slice(None, None, step))
         inside = problem.mask[thin]
         self._range = np.percentile(iterate.distance[problem.mask], [1, 99])
         error = model_image(problem, iterate.log_distance)[problem.mask] - problem.image[problem.mask]
         self._grey_levels = max(5.0, float(np.ceil(255 * np.percentile(np.abs(error), 98))))
         picture = _colour_picture(problem)[thin]
-        if self.truth is not None and self.truth.shape != problem.mask.shape:
-            raise ValueError(f"truth has shape {self.truth.shape}, the frame {problem.mask.shape}")
-
         self._log_colours("input", picture, static=True)
         classes = rr.AnnotationContext([(0, "left out", (0, 0, 0, 255)), (1, "used", (0, 0, 0, 0))])
         self._log("mask", classes, rr.SegmentationImage(inside.astype(np.uint8), opacity=1.0), static=True)
         text = rr.TextDocument(self._settings(problem), media_type="text/markdown")
         self._log("settings", text, static=True)
-        for name in ("energy", *iterate.terms):
-            style = rr.SeriesLines(colors=COLOURS.get(name), names=name, widths=2)
+        for name in ("energy", *iterate.terms, *(["change"] if self._run else [])):
+            colour = self._colour if self._run else COLOURS.get(name)
+            style = rr.SeriesLines(colors=colour, names=f"{self._run} {name}".strip(), widths=2)
             self._log(f"plots/{name}", style, static=True)
 
         self._log("world", rr.ViewCoordinates.RDF, static=True)
         size = 0.35 * float(np.median(iterate.distance[problem.mask]))
         self._log("world/camera", camera_shape(problem.camera, size), static=True)
-        # The colours of the cloud never change: logged once, they halve the recording.
-        cloud = rr.Points3D.from_fields(colors=_bytes(picture[inside]), radii=rr.Radius.ui_points(2.0))
+        # The colours of the cloud never change: logged once.
+        seen = _colour_picture(problem)[sparse][problem.mask[sparse]]
+        cloud = rr.Points3D.from_fields(colors=_bytes(seen), radii=rr.Radius.ui_points(2.5))
         self._log("world/cloud", cloud, static=True)
 
         self._log_section("start", iterate.points, START, static=True)
@@ -195,7 +289,10 @@ class Recorder:
         label = f"{length:g} {problem.unit}"
         bar = rr.LineStrips2D([[[0, 0], [length, 0]]], colors=TRUTH, radii=THIN, labels=label)
         self._log("section/scale", bar, static=True)
-        self.stream.send_blueprint(blueprint(iterate, shown, far))
+        low, high = np.percentile(shown, [1, 99], axis=0)
+        self.shown = Shown(self._run, problem.unit, tuple(iterate.terms), tuple(iterate.maps), low, high, far)
+        if self._blueprint is not None:
+            self._sink.stream.send_blueprint(BLUEPRINTS[self._blueprint](self.shown))
 
     def _settings(self, problem: Problem) -> str:
         gain = problem.photometry.gain
@@ -235,7 +332,6 @@ class Recorder:
                 self._log(f"plots/{name}", rr.Scalars(value))
 
     def _log_pictures(self, iterate: Iterate) -> None:
-        self._shown = iterate.k
         problem, thin = iterate.problem, self._thin
         inside = problem.mask[thin]
         # The viewer paints nan like the nearest distance: the blueprint lays the mask over it.
@@ -247,8 +343,9 @@ class Recorder:
         self._log_colours("residual", _diverging(255 * error / self._grey_levels))
         for name, values in iterate.maps.items():
             self._log_colours(f"front/{name}", _grey(np.asarray(values)[thin], inside))
-        self._log("world/cloud", rr.Points3D.from_fields(positions=iterate.points[thin][inside]))
-        self._log_section("now", iterate.points, NOW)
+        points = iterate.points[self._sparse][problem.mask[self._sparse]]
+        self._log("world/cloud", rr.Points3D.from_fields(positions=points))
+        self._log_section("now", iterate.points, self._colour)
 
     def _log_section(
         self, name: str, points: FloatArray, colour: tuple[int, ...], static: bool = False
@@ -271,10 +368,13 @@ def _colour_picture(problem: Problem) -> FloatArray:
     return np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
 
 
-def _diverging(values: FloatArray) -> FloatArray:
-    """Map -1…1 to blue, white, red, (…, 3) in [0, 1]; nan stays."""
-    nodes = np.linspace(-1, 1, len(BLUE_WHITE_RED))
-    return np.stack([np.interp(values, nodes, channel) for channel in BLUE_WHITE_RED.T / 255], axis=-1)
+def _diverging(values: FloatArray) -> NDArray[np.uint8]:
+    """Map -1…1 to shades of blue, white, red, (…, 3); nan is black."""
+    nodes, shades = np.linspace(-1, 1, len(BLUE_WHITE_RED)), np.linspace(-1, 1, SHADES)
+    colours = np.stack([np.interp(shades, nodes, channel) for channel in BLUE_WHITE_RED.T], axis=-1)
+    table = np.concatenate([np.round(colours), np.zeros((1, 3))]).astype(np.uint8)
+    index = np.round((np.clip(values, -1, 1) + 1) * (SHADES - 1) / 2)
+    return table[np.where(np.isnan(index), SHADES, index).astype(np.intp)]
 
 
 def _grey(values: NDArray, inside: BoolArray) -> FloatArray:

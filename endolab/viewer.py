@@ -1,25 +1,84 @@
-"""The Rerun viewer: how it is started, how it opens, and what a camera looks like in it."""
+"""Where recordings go, how the native Rerun viewer is started, and what a camera looks like in it."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import subprocess
 import sys
+import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
 from endolab.cameras import Camera, Pinhole
-from endolab.iteration import Iterate
-from endolab.operators import FloatArray
+from endolab.files import PathLike, write_atomically
 
-TIMELINE = "iteration"
 PORT = 9876  # the viewer's own default
 START = (86, 180, 233)
 THIN = rr.Radius.ui_points(1.5)
+
+
+class Sink:
+    """Where a recording goes: a file, which is kept in memory until it is whole, or a viewer.
+
+    Parameters
+    ----------
+    path : path, optional
+        The file, ``.rrd``.
+    live : bool
+        Without a path: the viewer in the notebook rather than the native one.
+    """
+
+    def __init__(self, path: PathLike | None, live: bool = False) -> None:
+        self.path = None if path is None else Path(path)
+        if self.path is not None and self.path.suffix != ".rrd":
+            raise ValueError(f"a recording's name ends in .rrd, got {path}")
+        self.stream = rr.RecordingStream("endolab")
+        self.open = True
+        self._memory: rr.BinaryStream | None = None
+        self._viewer: subprocess.Popen[bytes] | None = None
+        if self.path is not None:
+            try:  # now, rather than after an hour's run
+                if self.path.is_dir():
+                    raise OSError("it is a folder")
+                with tempfile.TemporaryFile(dir=self.path.parent):
+                    pass
+            except OSError as error:
+                raise OSError(f"cannot write the recording {self.path}: {error.strerror or error}") from error
+        elif live:
+            from endolab.embed import follow
+
+            follow(self.stream)
+        else:
+            self._viewer = start_viewer()
+            self.stream.connect_grpc(viewer_address())
+
+    @property
+    def gone(self) -> bool:
+        """Whether the user has closed the viewer's window."""
+        return self._viewer is not None and self._viewer.poll() is not None
+
+    def begin(self) -> None:
+        """Start keeping what is logged."""
+        # Not before there is something to keep: Rerun complains of a memory that nobody reads.
+        if self.path is not None and self._memory is None:
+            self._memory = rr.binary_stream(self.stream)
+
+    def close(self) -> None:
+        """Write the file, if something was logged; a second call does nothing."""
+        if not self.open:
+            return
+        self.open = False
+        if self.path is None:
+            with contextlib.suppress(RuntimeError):  # a viewer that the user has closed
+                self.stream.flush(timeout_sec=60)
+        elif self._memory is not None:
+            write_atomically(self.path, self._memory.read() or b"")
+        self.stream.disconnect()
 
 
 def viewer_address() -> str:
@@ -27,13 +86,30 @@ def viewer_address() -> str:
     return f"rerun+http://127.0.0.1:{PORT}/proxy"
 
 
-def start_viewer() -> subprocess.Popen[bytes] | None:
-    """Start the native viewer, unless one is there; not by ``rr.spawn``, which listens to the network."""
-    if _listening():
+def start_viewer(path: Path | None = None) -> subprocess.Popen[bytes] | None:
+    """Start the native viewer, unless one is there; not by ``rr.spawn``, which listens to the network.
+
+    Parameters
+    ----------
+    path : Path, optional
+        A recording to open; a viewer that is there already is told to.
+
+    Returns
+    -------
+    Popen or None
+        The viewer, if it was started here.
+
+    Raises
+    ------
+    OSError
+        If it does not start.
+    """
+    there = _listening()
+    if there and path is None:
         return None
     command = [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", "--port", str(PORT)]
     viewer = subprocess.Popen(
-        [*command, "--expect-data-soon"],
+        [*command, "--expect-data-soon"] if path is None else [*command, str(path.resolve())],
         env={**os.environ, "CI": "1"},  # the one variable by which the viewer sends no usage data
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -43,6 +119,8 @@ def start_viewer() -> subprocess.Popen[bytes] | None:
     # Without a screen it listens for a moment before it gives up.
     while time.monotonic() < started + 1.5 or (not _listening() and time.monotonic() < started + 20):
         if viewer.poll() is not None:
+            if there and viewer.returncode == 0:  # it has passed the recording on
+                return None
             raise OSError("the Rerun viewer did not start: it needs a screen; record to a file instead")
         time.sleep(0.1)
     return viewer
@@ -64,63 +142,15 @@ def camera_shape(camera: Camera, size: float) -> rr.Pinhole | rr.LineStrips3D:
     # the rim of what the camera really sees. Outwards from the axis a model ends once and for all.
     centre = camera.project([0.0, 0.0, 1.0])
     angle = np.linspace(0, 2 * np.pi, 97)
-    radius = np.linspace(0, np.hypot(camera.width, camera.height), 400)
-    pixels = centre + radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    rays = camera.unproject(pixels)
+    outwards = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     end = np.array([camera.width, camera.height]) - 0.5
-    seen = np.isfinite(rays).all(axis=-1) & ((pixels >= -0.5) & (pixels <= end)).all(axis=-1)
-    last = np.maximum(seen.sum(axis=0) - 1, 0)
-    rim = size * rays[last, np.arange(angle.size)]
+    room = np.where(outwards > 0, end - centre, centre + 0.5)  # to the picture's edges
+    edge = np.min(room / np.maximum(np.abs(outwards), 1e-9), axis=-1)
+    length, seen, share = edge, np.zeros_like(edge), np.linspace(0, 1, 25)[:, None]
+    for _ in range(2):  # ever more finely
+        tried = np.minimum(seen + share * length, edge)
+        good = np.isfinite(camera.unproject(centre + tried[..., None] * outwards)).all(axis=-1)
+        seen, length = np.where(good, tried, 0).max(axis=0), length / 24
+    rim = size * camera.unproject(centre + seen[:, None] * outwards)
     spokes = [np.array([[0.0, 0.0, 0.0], end]) for end in rim[:-1:12]]
     return rr.LineStrips3D([rim, *spokes], colors=START, radii=THIN)
-
-
-def blueprint(iterate: Iterate, points: FloatArray, far: float) -> rrb.Blueprint:
-    """How the viewer opens: pictures above, the surface and the curves below."""
-    low, high = np.percentile(points, [1, 99], axis=0)
-    target = (low + high) / 2
-    # From behind the camera, to its left and above it.
-    eye = target + 0.9 * np.linalg.norm(high - low) * np.array([-0.5, -0.35, -0.8])
-    bounds = rrb.VisualBounds2D(x_range=[-0.1 * far, 1.1 * far], y_range=[1.2 * low[1], 1.2 * high[1]])
-    terms = [f"/plots/{name}" for name in ("energy", *iterate.terms)]
-    residual: list[rrb.View] = [rrb.Spatial2DView(origin="/residual", name="Residual")]
-    residual += [rrb.Spatial2DView(origin=f"/front/{name}", name=name.capitalize()) for name in iterate.maps]
-    return rrb.Blueprint(
-        rrb.Vertical(
-            rrb.Horizontal(
-                rrb.Spatial2DView(origin="/", contents=["/input"], name="Frame"),
-                rrb.Spatial2DView(
-                    origin="/", contents=["/depth", "/mask"], name=f"Distance [{iterate.problem.unit}]"
-                ),
-                rrb.Spatial2DView(origin="/normals", name="Normals"),
-                rrb.Tabs(*residual, active_tab=len(residual) - 1),
-            ),
-            rrb.Horizontal(
-                rrb.Spatial3DView(
-                    origin="/world",
-                    name="Surface",
-                    eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=[0, -1, 0]),
-                    overrides={"/world/truth": rrb.EntityBehavior(visible=False)},
-                    background=(45, 50, 58),
-                    line_grid=False,
-                ),
-                rrb.Vertical(
-                    rrb.TimeSeriesView(origin="/plots", contents=terms, name="Energy"),
-                    rrb.Spatial2DView(origin="/section", name="Middle column", visual_bounds=bounds),
-                ),
-                rrb.Tabs(
-                    rrb.TextDocumentView(origin="/settings", name="Settings"),
-                    rrb.TimeSeriesView(
-                        origin="/plots",
-                        contents=["/plots/**", *(f"- {term}" for term in terms)],
-                        name="Steps",
-                    ),
-                ),
-                column_shares=[2, 1.4, 1],
-            ),
-            row_shares=[1, 1.4],
-        ),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-    )

@@ -117,6 +117,21 @@ def test_reconstruct_writes_a_whole_folder(work):
     assert overview.std() > 0.05
 
 
+def test_a_mesh_comes_if_it_is_asked_for(sim, tmp_path, capsys):
+    arguments = (
+        "reconstruct",
+        sim / "frame.png",
+        "--calibration",
+        sim / "endoscope.json",
+        "--solver",
+        "facing",
+    )
+    assert call(*arguments, "--out", tmp_path / "out", "--mesh") == 0
+    assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply"])
+    assert "depth.npz, mesh.ply, overview.png" in capsys.readouterr().out
+    assert (tmp_path / "out/mesh.ply").read_bytes().startswith(b"ply\nformat binary_little_endian")
+
+
 def test_the_summary_tells_the_unit(work, sim, capsys, tmp_path):
     arguments = ("reconstruct", sim / "frame.png", "--calibration")
     assert call(*arguments, sim / "endoscope.json", "--solver", "facing", "--out", tmp_path / "a") == 0

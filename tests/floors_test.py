@@ -12,8 +12,9 @@ FLOORS = [
     "operators penalties roots",
     "rays cameras lights brdf photometry surface scenes rendering",
     "iteration preprocess depth calibration",
-    "reconstruction evaluation",
-    "endoscope sections sheets files video sightings datasets recording viewer plots light_plots widgets cli "
+    "reconstruction evaluation views tuning",
+    "endoscope sections sheets files video sightings datasets recording recordings blueprints embed "
+    "viewer style side_view plots meshes mesh_views light_plots pictures boards widgets cli lab pages "
     "cli_calibration calibration_plots calibration_facts calibration_report calibration_recording "
     "__init__ __main__",
 ]

@@ -1,18 +1,71 @@
-"""The discipline of the notebooks: thin, cleared, and closed by an assertion and two exercises."""
+"""The discipline of the notebooks: thin, cleared, linked, closed by an assertion and two solved exercises."""
 
+import ast
 import json
+import re
 from pathlib import Path
 
 import pytest
+from notebook_solutions import solutions
 
-NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
+ROOT = Path(__file__).resolve().parents[1]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+PAGES = [*NOTEBOOKS, ROOT / "notebooks" / "README.md"]
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+MOST_CELLS, MOST_LINES, MOST_COLUMNS, MOST_BYTES = 60, 15, 110, 100_000
 
 
 @pytest.fixture(params=NOTEBOOKS, ids=lambda path: path.stem)
-def cells(request):
+def path(request):
+    """File of a notebook."""
+    return request.param
+
+
+@pytest.fixture
+def cells(path):
     """Cells of a notebook, each with its source as one text."""
-    cells = json.loads(request.param.read_text(encoding="utf-8"))["cells"]
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
     return [cell | {"text": "".join(cell["source"])} for cell in cells]
+
+
+def code_of(cells):
+    return [cell["text"] for cell in cells if cell["cell_type"] == "code"]
+
+
+def links_of(path):
+    """Targets of the links in a notebook's or a page's text, code left out."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".ipynb":
+        cells = json.loads(text)["cells"]
+        text = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+    return LINK.findall(re.sub(r"```.*?```", "", text, flags=re.DOTALL))
+
+
+def thick(source):
+    """What a notebook's code defines that belongs into the library: classes, and solvers of its own."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ClassDef):
+            yield f"class {node.name}"
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            inside = [inner for inner in ast.walk(node) if inner is not node]
+            if any(isinstance(inner, ast.Yield | ast.YieldFrom) for inner in inside):
+                yield f"generator {getattr(node, 'name', 'lambda')}"
+        elif isinstance(node, ast.While):
+            yield "a while loop"
+
+
+def broken(path):
+    """Relative links that lead nowhere: to no file, or beyond its last line."""
+    for link in links_of(path):
+        if re.match(r"[a-z]+:", link) or link.startswith("#"):
+            continue
+        target, _, anchor = link.partition("#")
+        file = path.parent / target
+        lines = [int(number) for number in re.findall(r"L(\d+)", anchor)]
+        if not file.exists():
+            yield f"{link}: no such file"
+        elif lines and max(lines) > len(file.read_text(encoding="utf-8").splitlines()):
+            yield f"{link}: the file is shorter"
 
 
 def test_it_is_committed_without_what_running_it_leaves(cells):
@@ -22,20 +75,77 @@ def test_it_is_committed_without_what_running_it_leaves(cells):
 
 
 def test_it_opens_by_saying_what_one_will_do_learn_and_need(cells):
-    opening = cells[0]["text"].lower()
     assert cells[0]["cell_type"] == "markdown"
-    assert all(word in opening for word in ("you will", "learn", "need"))
+    assert all(f"**{words}**" in cells[0]["text"] for words in ("You will", "You will learn", "You need"))
 
 
-def test_its_code_is_thin(cells):
-    for cell in (cell for cell in cells if cell["cell_type"] == "code"):
-        assert len(cell["text"].splitlines()) <= 15, cell["text"]
-        assert "class " not in cell["text"]
+def test_it_keeps_to_its_budget(path, cells):
+    assert len(cells) <= MOST_CELLS
+    assert path.stat().st_size < MOST_BYTES
+    for text in code_of(cells):
+        assert len(text.splitlines()) <= MOST_LINES, text
+        assert max(map(len, text.splitlines())) <= MOST_COLUMNS, text
+
+
+def test_it_defines_no_class_and_no_solver(cells):
+    assert [found for text in code_of(cells) for found in thick(text)] == []
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("class A:\n    pass", ["class A"]),
+        ("def solve(v):\n    yield v", ["generator solve"]),
+        ("f = lambda v: (yield v)", ["generator lambda"]),
+        ("while step > 0:\n    step /= 2", ["a while loop"]),
+        ("def draw(ax):\n    for x in (1, 2):\n        ax.plot(x)", []),
+    ],
+)
+def test_the_rule_itself_can_tell(source, found):
+    assert list(thick(source)) == found
 
 
 def test_it_closes_with_an_assertion_and_two_exercises(cells):
-    last_code = [cell["text"] for cell in cells if cell["cell_type"] == "code"][-1]
-    assert "assert " in last_code
-    closing = cells[-1]["text"]
-    assert "Exercises" in closing
-    assert all(f"**{number}" in closing for number in (1, 2))
+    assert "assert " in code_of(cells)[-1]
+    assert "Exercises" in cells[-1]["text"]
+    assert all(f"**{number}" in cells[-1]["text"] for number in (1, 2))
+
+
+def test_its_solutions_are_code_that_the_notebook_run_tests(cells):
+    found = solutions(cells[-1]["text"])
+    assert len(found) == 2
+    for code in found:
+        assert code, "a solution without Python is not tested"
+        assert list(thick(code)) == []
+
+
+def test_solutions_are_found():
+    told = "**1.** Why?\n<details>Because.\n```\nls\n```\n</details>\n```python\nnot(this)\n```\n"
+    coded = "<details><summary>S</summary>\n\n```python\na = 1\n```\nthen\n```python\nb = a\n```\n</details>"
+    assert solutions(told + coded) == ["", "a = 1\nb = a\n"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_its_links_lead_somewhere(page):
+    assert list(broken(page)) == []
+
+
+def test_a_broken_link_is_found(tmp_path):
+    (tmp_path / "code.py").write_text("one\ntwo\n")
+    page = tmp_path / "page.md"
+    page.write_text("[a](code.py#L2) [b](code.py#L3) [c](none.py) [d](https://example.org) ```[e](no.py)```")
+    assert list(broken(page)) == ["code.py#L3: the file is shorter", "none.py: no such file"]
+
+
+def test_each_notebook_leads_to_the_next_one_and_to_the_library():
+    for path, after in zip(NOTEBOOKS, [*NOTEBOOKS[1:], None], strict=True):
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        closing = "".join(cells[-1]["source"]).split("**Next:**")
+        assert len(closing) == 2, f"{path.name} does not end in **Next:** and a link"
+        assert f"({after.name if after else 'README.md'})" in closing[1], path.name
+        assert any(link.startswith("../endolab/") for link in links_of(path)), path.name
+
+
+def test_the_course_plan_lists_every_notebook():
+    listed = set(links_of(ROOT / "notebooks" / "README.md"))
+    assert {path.name for path in NOTEBOOKS} <= listed

@@ -6,8 +6,12 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.text import Text
+from skimage.color import rgb2lab
 
-from endolab import plots
+from endolab import plots, style
 from endolab.brdf import Lambertian
 from endolab.cameras import KannalaBrandt
 from endolab.depth.energy import Problem
@@ -64,7 +68,7 @@ def test_a_depth_map_has_units_limits_and_neutral_holes():
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("column u [px]", "row v [px]")
     assert image.get_array().mask.sum() == 100
     drawn = pixels(ax.figure)
-    holes = np.isclose(drawn, plots.LEFT_OUT, atol=0.01).all(axis=-1).sum()
+    holes = np.isclose(drawn, style.LEFT_OUT, atol=0.01).all(axis=-1).sum()
     assert holes > 0.02 * drawn[..., 0].size
 
     ax = plots.show_depth(distance, unit="relative units", limits=(0.0, 200.0))
@@ -91,7 +95,7 @@ def test_normals_are_halved_and_shifted():
     normals[0, 0] = np.nan
     shown = np.asarray(plots.show_normals(normals).images[0].get_array())
     assert np.allclose(shown[1, 1], [0.5, 0.5, 0.0])
-    assert np.allclose(shown[0, 0], plots.LEFT_OUT)
+    assert np.allclose(shown[0, 0], style.LEFT_OUT)
 
 
 def test_an_error_is_signed_and_centred():
@@ -182,3 +186,174 @@ def test_an_overview_without_a_gain_says_relative(start, rendered):
     truth, estimate = section.lines[0].get_xdata(), section.lines[2].get_xdata()
     assert 0.5 < np.nanmedian(estimate / truth) < 2
     assert not any("mm" in ax.get_ylabel() or "mm" in ax.get_xlabel() for ax in figure.axes)
+
+
+# The house style -----------------------------------------------------------------------
+
+WAYS_TO_SEE = {
+    # Machado et al. 2009, linear RGB, severity 1.
+    "normal": np.eye(3),
+    "deuteranopia": np.array(
+        [
+            [0.367322, 0.860646, -0.227968],
+            [0.280085, 0.672501, 0.047413],
+            [-0.011820, 0.042940, 0.968881],
+        ]
+    ),
+    "protanopia": np.array(
+        [
+            [0.152286, 1.052583, -0.204868],
+            [0.114503, 0.786281, 0.099216],
+            [-0.003882, -0.048116, 1.051998],
+        ]
+    ),
+}
+
+
+@pytest.mark.parametrize("eyes", WAYS_TO_SEE)
+def test_colours_of_lines_are_told_apart(eyes):
+    lines = ["black", style.SKY, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.BLUE]
+    stored = np.array([to_rgb(colour) for colour in lines])
+    light = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
+    seen = (light @ WAYS_TO_SEE[eyes].T).clip(0, 1)
+    seen = np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055)
+    lab = rgb2lab(seen)
+    apart = np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(len(lines), 1)]
+    assert apart.min() > 10  # about 2 can be seen side by side
+    assert (lab[:, 0] < 80).all()  # and on white paper
+
+
+def one_of_each(start, rendered, axes=(None,) * 7):
+    """Every plot function that draws on axes, in `axes` or its own."""
+    field = rendered.camera.field
+    history = [{"k": k, "energy": 0.5**k, "data": 0.4**k, "regulariser": 0.3**k} for k in range(5)]
+    return [
+        plots.show_picture(rendered.image, axes[0]),
+        plots.show_depth(start.distance, axes[1]),
+        plots.show_normals(start.normals, axes[2]),
+        plots.show_error(start.distance, rendered.distance, axes[3]),
+        plots.show_section({"truth": rendered.distance, "start": start.distance}, field, axes[4]),
+        plots.show_history(history, axes[5]),
+        plots.show_cloud(start.points, rendered.image, axes[6]),
+    ]
+
+
+def shown_texts(figure):
+    figure.canvas.draw()
+    return [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
+
+
+def test_text_is_legible_at_half_size_in_whatever_axes(start, rendered):
+    with plt.rc_context({"font.size": 6}):
+        given = plt.subplots(1, 7, figsize=(30, 5))[1]
+    drawn = [*one_of_each(start, rendered), *one_of_each(start, rendered, given)]
+    assert all(ax is mine for ax, mine in zip(drawn[7:], given, strict=True))
+    for ax in drawn:
+        texts = shown_texts(ax.figure)
+        assert len(texts) > 2
+        assert not [str(text) for text in texts if text.get_size() < 12]  # 17 px at 100 dpi, 8 at half size
+    page = plots.overview(start, truth=rendered.distance)
+    assert min(text.get_size() for text in shown_texts(page)) >= 12
+
+
+def test_every_axis_has_a_unit(start, rendered):
+    for ax in one_of_each(start, rendered)[:-1]:  # the last one has a scale bar
+        assert ax.get_xlabel().endswith("]") or ax.get_xlabel() == "iteration"
+        assert ax.get_ylabel().endswith("]")
+
+
+@pytest.mark.parametrize("theirs", ["default", "dark_background"])
+def test_figures_are_opaque_white_on_a_dark_page(start, rendered, theirs):
+    """A picture file shown on a dark page, whatever style the user has chosen."""
+    with plt.style.context(theirs):
+        for ax in [*one_of_each(start, rendered), plots.overview(start).axes[0]]:
+            canvas = FigureCanvasAgg(ax.figure)
+            canvas.draw()
+            page = np.asarray(canvas.buffer_rgba()) / 255.0
+            assert (page[..., 3] == 1).all()
+            assert np.allclose(page[[0, 0, -1, -1], [0, -1, 0, -1], :3], 1)
+            outside = [ax.xaxis.label, ax.yaxis.label, ax.title]
+            assert all(np.mean(to_rgb(text.get_color())) < 0.3 for text in outside)
+
+
+def test_what_is_written_on_dark_axes_stays_legible(start, rendered):
+    """In a dark figure of the caller's, text outside is light and curves lie on white paper."""
+    with plt.style.context("dark_background"):
+        figure, axes = plt.subplots(2, 4)
+        drawn = one_of_each(start, rendered, axes.ravel())
+        figure.canvas.draw()
+        bars = [ax.images[0].colorbar for ax in (drawn[1], drawn[3])]
+        outside = [text for ax in drawn for text in (ax.title, ax.xaxis.label, ax.yaxis.label)]
+        outside += [text for bar in bars for text in (bar.ax.yaxis.label, *bar.ax.get_yticklabels())]
+        assert all(np.mean(to_rgb(text.get_color())) > 0.7 for text in outside)
+        for ax in drawn[4:6]:
+            assert to_rgb(ax.get_facecolor()) == (1, 1, 1)
+            inside = ax.get_legend().get_texts()
+            assert all(np.mean(to_rgb(text.get_color())) < 0.3 for text in inside)
+
+
+def test_the_style_is_not_left_behind_and_can_be_used():
+    before = dict(plt.rcParams)
+    plots.show_picture(np.zeros((4, 5)))
+    assert dict(plt.rcParams) == before
+    with plt.rc_context():
+        style.use(14)
+        assert plt.rcParams["font.size"] == 14
+    with style.house(15):
+        title = plots.show_picture(np.zeros((4, 5))).title
+        assert title.get_size() == pytest.approx(15 * 1.2)
+    assert dict(plt.rcParams) == before
+
+
+# Panels to be compared -----------------------------------------------------------------
+
+
+def test_common_limits_are_those_of_all(rng):
+    maps = [rng.uniform(20, 40, (30, 40)), rng.uniform(60, 90, (30, 40))]
+    maps[0][0] = np.nan
+    everything = np.concatenate([m[np.isfinite(m)] for m in maps])
+    assert plots.common_limits(maps) == pytest.approx(np.percentile(everything, [1, 99]))
+    assert plots.common_limit([m - 50 for m in maps]) == pytest.approx(
+        np.percentile(np.abs(everything - 50), 98)
+    )
+    assert plots.common_limits([]) == (0, 1)
+    assert plots.common_limit([np.zeros(3), np.full(2, np.nan)]) == 1
+
+
+@pytest.mark.parametrize("relative", [True, False])
+def test_compared_panels_have_the_same_limits(rendered, relative):
+    truth = rendered.distance
+    open_figures = plt.get_fignums()
+    figure = plots.compare_depths({"near": 0.8 * truth, "far": 1.4 * truth}, truth, relative=relative)
+    assert plt.get_fignums() == open_figures
+    panels = {ax.get_title(): ax for ax in figure.axes if ax.images}
+    assert sorted(panels) == ["far", "far: error", "near", "near: error", "truth"]
+    limits = {name: ax.images[0].get_clim() for name, ax in panels.items()}
+    assert limits["truth"] == limits["near"] == limits["far"]
+    assert limits["near: error"] == limits["far: error"]
+    end = limits["far: error"][1]
+    assert end == pytest.approx(40 if relative else np.nanpercentile(0.4 * truth, 96), rel=0.1)
+    labels = {name: ax.images[0].colorbar.ax.get_ylabel() for name, ax in panels.items()}
+    assert labels["near"] == "distance [mm]"
+    assert labels["near: error"].endswith("[%]" if relative else "[mm]")
+    pixels(figure)
+
+
+def test_a_comparison_takes_limits_and_labels_and_says_what_does_not_fit():
+    flat = np.full((6, 8), 5.0)
+    figure = plots.compare_depths({"a": flat, "b": 2 * flat}, limits=(0.0, 20.0), label="d [a.u.]")
+    shown = [ax.images[0] for ax in figure.axes if ax.images]
+    assert [image.get_clim() for image in shown] == [(0, 20), (0, 20)]
+    assert {image.colorbar.ax.get_ylabel() for image in shown} == {"d [a.u.]"}
+    with pytest.raises(ValueError, match="one size, found a 8x6 px, b 4x3 px"):
+        plots.compare_depths({"a": flat, "b": flat[::2, ::2]})
+    with pytest.raises(ValueError, match="one size"):
+        plots.compare_depths({}, flat)
+
+
+def test_labels_of_colour_bars_can_be_chosen():
+    flat = np.full((4, 5), 50.0)
+    for ax in (plots.show_depth(flat, label="z [cm]"), plots.show_error(flat, flat + 1, label="z [cm]")):
+        assert ax.images[0].colorbar.ax.get_ylabel() == "z [cm]"
+    with pytest.raises(ValueError, match="limit must be positive"):
+        plots.show_error(flat, flat, limit=0.0)

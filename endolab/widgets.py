@@ -1,0 +1,384 @@
+"""The tuner: knobs on the left of a hand, the surface under its eyes.
+
+`tuner` makes a widget for JupyterLab. Its engine, which `endolab.tuning` describes, solves in a
+thread of its own; pictures are drawn and sent from there, so that neither a slow solve nor a
+running cell freezes the page. What goes wrong is said in one line below the knobs.
+"""
+
+from __future__ import annotations
+
+import html
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as w
+
+from endolab import datasets
+from endolab.boards import NAMES, Cut, Shared, limits_of, outcome_board, summary
+from endolab.endoscope import Calibration
+from endolab.files import read_frame, save_result, staged_folder, write_atomically
+from endolab.operators import FloatArray
+from endolab.pictures import jpeg, png
+from endolab.preprocess import Frame
+from endolab.scenes import SCENES
+from endolab.tuning import Outcome, Tuner, sentence_of
+from endolab.views import Settings
+
+WIDTHS = (160, 320, 480, 640)
+IMPORTS = "from dataclasses import replace\n\nimport endolab as el\n"
+WIDE, THIRD = w.Layout(width="100%"), w.Layout(width="32%", min_width="240px")
+
+
+def tuner(
+    frame: Frame | None = None,
+    calibration: Calibration | None = None,
+    truth: FloatArray | None = None,
+    scene: str = "colon",
+    width: int = 320,
+) -> TunerBox:
+    """Make the tuner: sliders and choices on one side, six linked views on the other.
+
+    Parameters
+    ----------
+    frame : Frame, optional
+        To look at; without one, a scene is rendered.
+    calibration : Calibration, optional
+        Of the frame; scenes are rendered by it. The paper's endoscope by default.
+    truth : (H, W) float array, optional
+        True distance of the frame, mm; nan where unknown.
+    scene : {"plane", "curved", "tube", "colon"}
+        To begin with if there is no frame.
+    width : int
+        Columns to begin with, px.
+
+    Returns
+    -------
+    TunerBox
+        A widget: let it be the last line of a cell.
+
+    Raises
+    ------
+    ValueError
+        If frame, calibration and truth do not go together, or if there is no such scene.
+    """
+    if scene not in SCENES:
+        raise ValueError(f"unknown scene {scene!r}; choose {', '.join(SCENES)}")
+    return TunerBox(frame, calibration or datasets.calibration("paper"), truth, scene, width)
+
+
+def _choice(label: str, options: Sequence[Any], value: Any = None) -> w.Dropdown:
+    first = options[0][1] if isinstance(options[0], tuple) else options[0]
+    return w.Dropdown(
+        options=options, value=first if value is None else value, description=label, layout=THIRD
+    )
+
+
+def _slider(label: str, value: float, low: float, high: float, step: float, tip: str) -> w.FloatSlider:
+    return w.FloatSlider(value, min=low, max=high, step=step, description=label, tooltip=tip, layout=THIRD)
+
+
+def _log_slider(label: str, value: float, low: float, high: float, tip: str) -> w.FloatLogSlider:
+    return w.FloatLogSlider(
+        value, min=low, max=high, step=0.05, description=label, tooltip=tip,
+        readout_format=".2g", layout=THIRD,
+    )  # fmt: skip
+
+
+class TunerBox(w.VBox):
+    """The tuner's widget; `tuner` makes it.
+
+    Attributes
+    ----------
+    engine : Tuner
+        What solves.
+    knobs : mapping of str to widget
+        By the names of `Settings`, and "section", "across".
+    shown : Outcome or None
+        What the picture shows.
+    picture, picture_kept : ipywidgets.Image
+        Now, and what was kept as A.
+    status : ipywidgets.HTML
+        One line: how the solve went, or what went wrong.
+    """
+
+    def __init__(
+        self,
+        frame: Frame | None,
+        calibration: Calibration,
+        truth: FloatArray | None,
+        scene: str,
+        width: int,
+    ) -> None:
+        self.engine = Tuner(calibration, self._on_outcome, frame=frame, truth=truth)
+        self._drawing = threading.RLock()
+        self.shown: Outcome | None = None
+        self.kept: Outcome | None = None
+        self._quiet = False
+        self._calibration, self._frame = calibration, frame
+        self._make_knobs(scene, width)
+        self._reset_light()
+        self.status = w.HTML("solving ...", layout=WIDE)
+        self.picture = w.Image(format="jpeg", layout=w.Layout(width="100%", max_width="1176px"))
+        self.picture_kept = w.Image(format="jpeg", layout=w.Layout(display="none"))
+        self.code = w.Textarea(layout=w.Layout(width="100%", height="150px", display="none"))
+        self._make_buttons()
+        knobs = w.HBox(list(self.knobs.values()), layout=w.Layout(flex_flow="row wrap"))
+        super().__init__([knobs, self.buttons, self.status, self.code, self.picture, self.picture_kept])
+        self.add_class("endolab-tuner")
+        self.ask()
+
+    # Knobs -------------------------------------------------------------------------------
+
+    def _make_knobs(self, scene: str, width: int) -> None:
+        channels = [("auto", ""), *((name, name) for name in ("red", "green", "blue", "grey"))]
+        self.knobs: dict[str, Any] = {
+            "lam": _log_slider("λ", 1.0, -4, 2, "weight of the regulariser: more is smoother"),
+            "epsilon": _log_slider("ε", 1e-3, -5, -1, "below it a derivative costs its square"),
+            "noise": _slider("noise", 0.0, 0, 8, 0.5, "of a rendered frame, grey levels of 255"),
+            "k": _slider("k", 2.5, 0, 8, 0.1, "light spread that the solver believes in"),
+            "gamma": _slider("γ", 2.2, 1, 3, 0.05, "response that the solver believes in"),
+            "gain": _log_slider("gain ×", 1.0, -1, 1, "gain that the solver believes in, over the true one"),
+            "xi": _choice("ξ", ["1/d", "1/z", "d"]),
+            "regulariser": _choice("order", ["second", "first"]),
+            "solver": _choice("solver", [(NAMES[name], name) for name in NAMES]),
+            "scene": _choice("scene", self._scenes(), "" if self._frame is not None else scene),
+            "channel": _choice("channel", channels),
+            "width": _choice("width, px", sorted({*WIDTHS, width}), width),
+            "section": _slider("section", 50, 0, 100, 0.5, "where the cross-section lies, % of the picture"),
+            "across": _choice("along", ["column", "row"]),
+        }
+        for name, knob in self.knobs.items():
+            follow = self._redraw if name in ("section", "across") else self.ask
+            knob.observe(self._guarded(lambda _, follow=follow: follow()), "value")
+
+    def _scenes(self) -> list[tuple[str, str]]:
+        scenes = [(name, name) for name in SCENES]
+        return scenes if self._frame is None else [(self._frame.name, ""), *scenes]
+
+    def _reset_light(self) -> None:
+        """Set k, γ and gain to what the calibration says."""
+        light = self._calibration.photometry
+        self._quiet = True
+        try:
+            for name, value in (("k", light.k), ("gamma", light.gamma)):
+                knob = self.knobs[name]
+                knob.min, knob.max = min(knob.min, value), max(knob.max, value)
+                knob.value = value
+            self.knobs["gain"].value = 1.0
+        finally:
+            self._quiet = False
+
+    def settings(self) -> Settings:
+        """Return what the knobs say."""
+        values = {name: knob.value for name, knob in self.knobs.items() if name not in ("section", "across")}
+        light = self._calibration.photometry
+        for name in ("k", "gamma"):
+            if abs(values[name] - getattr(light, name)) < 1e-9:
+                values[name] = None
+        return Settings(**values | {name: values[name] or None for name in ("scene", "channel")})
+
+    def ask(self) -> None:
+        """Ask the engine for what the knobs say; returns at once."""
+        if not self._quiet:
+            settings = self.settings()
+            rendered = settings.scene is not None
+            self.knobs["noise"].disabled = not rendered
+            self.knobs["gain"].disabled = not rendered and self._calibration.photometry.gain is None
+            self.engine.ask(settings)
+
+    def _guarded(self, action: Callable[..., object]) -> Callable[..., None]:
+        """Say what goes wrong in the status line."""
+
+        def guarded(*given: Any) -> None:
+            try:
+                action(*given)
+            except Exception as error:
+                self._say(sentence_of(error), bad=True)
+
+        return guarded
+
+    # Pictures ----------------------------------------------------------------------------
+
+    def _say(self, text: str, bad: bool = False) -> None:
+        text = html.escape(text)
+        colour = ' style="color: #C0392B"' if bad else ""
+        self.status.value = f'<span class="endolab-status"{colour}>{text}</span>'
+
+    def _on_outcome(self, outcome: Outcome) -> None:
+        """Show an outcome; in the engine's thread."""
+        if outcome.result is None:
+            self._say(outcome.error or "there is no result", bad=True)
+            return
+        started = time.perf_counter()
+        try:
+            with self._drawing:
+                self.shown = outcome
+                content = jpeg(outcome_board(outcome, self._cut(), self._limits()))
+        except Exception as error:
+            self._say(sentence_of(error), bad=True)
+            raise
+        drawing = time.perf_counter() - started
+        self._say(summary(outcome, drawing))
+        self.picture.value = content
+
+    def _cut(self) -> Cut:
+        return Cut(self.knobs["section"].value / 100, self.knobs["across"].value == "row")
+
+    def _limits(self) -> Shared | None:
+        """Limits of A's colours, if it shows the same thing."""
+        if self.kept is None or self.shown is None or self.kept.settings.scene != self.shown.settings.scene:
+            return None
+        return limits_of(self.kept)
+
+    def _redraw(self) -> None:
+        """Draw what is shown again, with another section; and A below."""
+        with self._drawing:
+            if self.shown is not None:
+                self.picture.value = jpeg(outcome_board(self.shown, self._cut(), self._limits()))
+            if self.kept is not None:
+                self.picture_kept.value = jpeg(outcome_board(self.kept, self._cut()))
+
+    # Buttons -----------------------------------------------------------------------------
+
+    def _make_buttons(self) -> None:
+        def button(label: str, tip: str, action: Callable[[], object]) -> w.Button:
+            made = w.Button(description=label, tooltip=tip, layout=w.Layout(width="auto"))
+            made.on_click(self._guarded(lambda _: action()))
+            return made
+
+        self.folder = w.Text("tuned", description="into", layout=w.Layout(width="230px"))
+        self.upload = w.FileUpload(
+            accept=".png,.jpg,.jpeg,.tif,.tiff,.json", multiple=True, description="frame, endoscope.json"
+        )
+        self.upload.layout.width = "auto"
+        self.upload.observe(self._guarded(lambda _: self._take_upload()), "value")
+        self.buttons = w.HBox(
+            [
+                button("keep as A", "show this below, to compare", self.keep),
+                button("show code", "the lines of Python that make this", self.show_code),
+                button("export", "pictures, cloud, depth and recording", self._export_aside),
+                self.folder,
+                self.upload,
+            ],
+            layout=w.Layout(flex_flow="row wrap", align_items="center"),
+        )
+
+    def keep(self) -> None:
+        """Keep what is shown as A, below, to compare."""
+        with self._drawing:
+            if self.shown is None:
+                raise ValueError("there is no result to keep yet")
+            self.kept = self.shown
+            self.picture_kept.value = self.picture.value
+        self.picture_kept.layout = w.Layout(width="100%", max_width="1176px", border="2px solid #0072B2")
+        self._say(f"below, kept as A: {summary(self.kept)}")
+
+    def python(self) -> str:
+        """Return the Python that makes what the knobs say, imports included."""
+        source = 'calibration = el.Calibration.load("endoscope.json")  # the one given to the tuner'
+        for name, known in datasets.CALIBRATIONS.items():
+            if known == self._calibration:
+                source = f"calibration = datasets.calibration({name!r})"
+        settings = self.settings()
+        lines = [IMPORTS + ("from endolab import datasets\n" if "datasets" in source else ""), source]
+        if settings.scene is None and self._frame is not None:
+            lines.append(f"frame = el.read_frame({self._frame.name!r}, calibration)")
+        return "\n".join([*lines, settings.code(self._calibration), ""])
+
+    def show_code(self) -> None:
+        """Show these lines, or hide them."""
+        hidden = self.code.layout.display == "none"
+        self.code.value = self.python()
+        self.code.layout.display = None if hidden else "none"
+
+    def export(self, folder: str | Path) -> Path:
+        """Solve what the knobs say from a cold start and write all there is about it into a folder.
+
+        Returns
+        -------
+        Path
+            The folder, with `board.png`, `result.py`, `recording.rrd` and what `save_result`
+            writes; all of them or none.
+
+        Raises
+        ------
+        OSError, ValueError
+            In one sentence.
+        """
+        from endolab.recording import record
+
+        settings, code, cut = self.settings(), self.python(), self._cut()
+        with staged_folder(folder) as staging:
+            recorder = record(staging / "recording.rrd")
+            outcome = self.engine.cold(settings, observers=[recorder])
+            assert outcome.result is not None
+            save_result(outcome.result, staging)
+            write_atomically(staging / "board.png", png(outcome_board(outcome, cut)))
+            write_atomically(staging / "result.py", code.encode())
+        return Path(folder)
+
+    def _export_aside(self) -> None:
+        """Export in a thread of its own."""
+        folder = self.folder.value.strip()
+        if not folder:
+            raise ValueError("name a folder to export into")
+        self._say(f"exporting into {folder} ...")
+
+        def work() -> None:
+            self._say(f"exported into {self.export(folder).resolve()}")
+
+        threading.Thread(target=self._guarded(work), name="endolab export", daemon=True).start()
+
+    def _take_upload(self) -> None:
+        if self.upload.value:
+            files = {entry["name"]: bytes(entry["content"]) for entry in self.upload.value}
+            self.upload.value = ()
+            self.take(files)
+
+    def take(self, files: Mapping[str, bytes]) -> None:
+        """Look at another frame, or through another endoscope.
+
+        Parameters
+        ----------
+        files : mapping of str to bytes
+            Pictures and calibration files by their names. A calibration without a picture that it
+            fits renders scenes.
+
+        Raises
+        ------
+        OSError, ValueError
+            In one sentence, if one of them cannot be used; then nothing changes.
+        """
+        calibration, frame = self._calibration, None
+        with tempfile.TemporaryDirectory() as folder:
+            for name in sorted(files, key=lambda name: not name.lower().endswith(".json")):
+                path = Path(folder) / Path(name).name
+                path.write_bytes(files[name])
+                try:
+                    if path.suffix.lower() == ".json":
+                        calibration = Calibration.load(path)
+                    else:
+                        frame = read_frame(path, calibration)
+                except (OSError, ValueError) as error:
+                    raise ValueError(sentence_of(error).replace(f"{folder}/", "")) from error
+        self.engine.use(calibration, frame)
+        self._calibration, self._frame = calibration, frame
+        self._reset_light()
+        scenes, now = self._scenes(), self.knobs["scene"].value
+        self._quiet = True
+        try:
+            self.knobs["scene"].options = scenes
+            self.knobs["scene"].value = "" if frame is not None else now or "colon"
+        finally:
+            self._quiet = False
+        self.ask()
+
+    def close(self) -> None:
+        """Close the widget and end its thread."""
+        if hasattr(self, "engine"):  # not if it was refused
+            self.engine.close()
+        super().close()

@@ -1,0 +1,150 @@
+"""A JupyterLab on a copy of the notebooks, a Chromium, and a notebook open in it."""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import missing_system
+
+ROOT = Path(__file__).resolve().parents[2]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+SCREENSHOTS = Path(os.environ.get("ENDOLAB_SCREENSHOTS") or ROOT / "build" / "screenshots")
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+]
+CURRENT = "window.jupyterapp?.shell?.currentWidget"
+READY = f"() => {CURRENT}?.sessionContext?.session?.kernel?.status === 'idle'"
+# Cells still to run, and what went wrong: in a cell's output, or behind a slider, in the slider's own output.
+STATE = """() => {
+    const cells = window.jupyterapp.shell.currentWidget.content.widgets.filter(c => c.model.type === 'code');
+    const outputs = cells.flatMap(c => c.model.outputs.toJSON());
+    const shown = document.querySelectorAll('[data-mime-type$=".stderr"], [data-mime-type$=".error"]');
+    return {
+        waiting: cells.filter(c => c.model.executionCount === null).length,
+        cells: cells.length,
+        complaints: outputs.filter(o => o.output_type === 'error' || o.name === 'stderr')
+            .map(o => o.evalue || o.text.toString()).concat([...shown].map(e => e.innerText)),
+        pictures: outputs.filter(o => o.data && o.data['image/png']).length,
+    };
+}"""
+
+
+class OpenNotebook:
+    """A notebook that is open in JupyterLab, in a page of its own, cut off from the world.
+
+    Attributes
+    ----------
+    page : playwright.sync_api.Page
+        The page, as soon as the kernel is idle.
+    outside : list of str
+        Addresses other than this machine's that the page asked for, and was not given.
+    """
+
+    def __init__(self, browser, lab, name, width=1400, height=9000):
+        self.name, self.outside = name, []
+        self.page = browser.new_page(viewport={"width": width, "height": height})  # all cells at once
+        self.page.route(lambda url: not url.startswith(("http://127.0.0.1:", "data:", "blob:")), self._refuse)
+        self.page.goto(f"{lab}/lab/workspaces/{Path(name).stem}/tree/notebooks/{name}?reset")
+        self.page.wait_for_function(READY, timeout=90_000)
+
+    def _refuse(self, route):
+        self.outside.append(route.request.url)
+        route.abort()
+
+    def command(self, name):
+        """Execute one of JupyterLab's commands, without waiting for its end."""
+        self.page.evaluate("name => { window.jupyterapp.commands.execute(name) }", name)
+
+    def state(self):
+        """Numbers of ``cells``, those ``waiting``, ``pictures``, and a list of ``complaints``."""
+        return self.page.evaluate(STATE)
+
+    def run_all(self, seconds=90):
+        """Run all cells; return the state at their end, at the first complaint, or when time is up."""
+        self.command("notebook:run-all-cells")
+        for _ in range(int(seconds / 0.25)):
+            state = self.state()
+            if not state["waiting"] or state["complaints"]:
+                break
+            self.page.wait_for_timeout(250)
+        return state
+
+    def photograph(self, name):
+        """Keep a screenshot as build/screenshots/<name>.png; ENDOLAB_SCREENSHOTS names another folder."""
+        SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=SCREENSHOTS / f"{name}.png")
+
+    def close(self):
+        """Close the page and its kernel."""
+        self.page.evaluate(f"async () => {{ await {CURRENT}.sessionContext.shutdown() }}")
+        self.page.close()
+
+
+def a_free_port():
+    """A port that nobody listens to."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
+
+
+@pytest.fixture(scope="package")
+def lab(tmp_path_factory):
+    """Address of a JupyterLab on a copy of the notebooks, started as ``make lab`` does."""
+    root = tmp_path_factory.mktemp("lab")
+    shutil.copytree(ROOT / "notebooks", root / "notebooks", ignore=shutil.ignore_patterns(".*"))
+    environment = {key: value for key, value in os.environ.items() if key != "MPLBACKEND"}
+    environment |= {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+    command = [sys.executable, "-m", "endolab", "lab", f"--notebooks={root / 'notebooks'}"]
+    command += [f"--port={a_free_port()}", "--", "--no-browser", "--expose-app-in-browser"]
+    command += ["--IdentityProvider.token="]
+    log = root / "log.txt"
+    with open(log, "w") as stream:
+        server = subprocess.Popen(command, env=environment, stdout=stream, stderr=subprocess.STDOUT)
+    for _ in range(600):
+        if "JupyterLab: " in log.read_text() or server.poll() is not None:
+            break
+        time.sleep(0.1)
+    assert "JupyterLab: " in log.read_text(), log.read_text()
+    yield log.read_text().split("JupyterLab: ")[1].split("/lab")[0]
+    server.terminate()
+    server.wait(20)
+
+
+@pytest.fixture(scope="package")
+def browser():
+    """Chromium, the system's own; Playwright's stays away from the network."""
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if program is None:
+        missing_system("The notebooks are not opened in a browser: there is no Chromium on this machine.")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=program, args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def open_notebook(lab, browser):
+    """Function that opens a notebook by its file's name (and page's width and height): an `OpenNotebook`."""
+    opened = []
+
+    def open_it(name, **size):
+        opened.append(OpenNotebook(browser, lab, name, **size))
+        return opened[-1]
+
+    yield open_it
+    for notebook in opened:
+        notebook.close()

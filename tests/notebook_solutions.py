@@ -1,0 +1,30 @@
+"""A pytest plugin: after the cells of a notebook, nbval runs the solutions of its exercises too."""
+
+import re
+from collections import defaultdict
+from collections.abc import Generator
+
+import nbformat
+import pytest
+from nbval.plugin import IPyNbCell, IPyNbFile
+
+DETAILS = re.compile(r"<details>(.*?)</details>", re.DOTALL)
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+STRICT = "import warnings\nwarnings.simplefilter('error')\n"
+
+
+def solutions(text: str) -> list[str]:
+    """Python in each solution of a cell of exercises; nothing where a solution is but told."""
+    return ["".join(BLOCK.findall(solution)) for solution in DETAILS.findall(text)]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector) -> Generator[None, pytest.CollectReport]:
+    """Append a notebook's solutions to its cells, for the kernel in which those have run."""
+    report = yield
+    if isinstance(collector, IPyNbFile) and report.passed:
+        for number, code in enumerate(solutions(collector.nb.cells[-1].source), 1):
+            cell = nbformat.v4.new_code_cell(STRICT + code)
+            more = {"cell_num": len(report.result), "cell": cell, "options": defaultdict(bool, check=False)}
+            report.result.append(IPyNbCell.from_parent(collector, name=f"Solution {number}", **more))
+    return report
