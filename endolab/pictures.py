@@ -169,6 +169,8 @@ def _polyline(paper: Picture, x: FloatArray, y: FloatArray, colour: Sequence[int
     known = np.isfinite(x) & np.isfinite(y)
     for run in np.ma.clump_unmasked(np.ma.masked_array(known, ~known)):
         points = np.round(16 * np.stack([x[run], y[run]], axis=-1)).astype(np.int32)
+        if len(points) == 1:
+            cv2.circle(paper, tuple(map(int, points[0])), 48, tuple(colour), -1, cv2.LINE_AA, shift=4)
         cv2.polylines(paper, [points], False, tuple(colour), thick, cv2.LINE_AA, shift=4)
 
 

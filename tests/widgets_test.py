@@ -12,7 +12,7 @@ import endolab as el
 from endolab import datasets
 from endolab.boards import Cut, limits_of, outcome_board
 from endolab.files import as_json
-from endolab.pictures import coloured, grey_or_colour, map_panel, ticks
+from endolab.pictures import coloured, curve_panel, grey_or_colour, map_panel, ticks
 from endolab.tuning import Tuner
 from endolab.views import Settings
 from endolab.widgets import tuner
@@ -254,3 +254,10 @@ def test_ticks_are_round_and_within(low, high):
 def test_a_panel_takes_any_shape():
     shapes = {map_panel("", np.zeros((h, w, 3), np.uint8)).shape for h, w in ((1, 1), (900, 3), (480, 640))}
     assert len(shapes) == 1
+
+
+def test_a_curve_of_one_point_is_a_dot():
+    one = [("data", np.zeros(1), np.ones(1))]
+    none = [("data", np.zeros(1), np.full(1, np.nan))]
+    drawn, blank = (curve_panel("", curves, "x", "y", y_limits=(0, 2)) for curves in (one, none))
+    assert (drawn != blank).any()
