@@ -25,6 +25,10 @@ FLAGS = [
     "--disable-component-update",
 ]
 CURRENT = "window.jupyterapp?.shell?.currentWidget"
+# Rerun's viewer asks whether there is a newer one; refused, it goes on.
+NEWER = "https://api.github.com/repos/rerun-io/rerun/releases/latest"
+# Rerun serves its viewer under the name localhost.
+OWN = ("http://127.0.0.1:", "http://localhost:", "data:", "blob:")
 READY = f"() => {CURRENT}?.sessionContext?.session?.kernel?.status === 'idle'"
 # Cells still to run, and what went wrong: in a cell's output, or behind a slider, in the slider's own output.
 STATE = """() => {
@@ -55,7 +59,7 @@ class OpenNotebook:
     def __init__(self, browser, lab, name, width=1400, height=9000):
         self.name, self.outside = name, []
         self.page = browser.new_page(viewport={"width": width, "height": height})  # all cells at once
-        self.page.route(lambda url: not url.startswith(("http://127.0.0.1:", "data:", "blob:")), self._refuse)
+        self.page.route(lambda url: not url.startswith(OWN), self._refuse)
         self.page.goto(f"{lab}/lab/workspaces/{Path(name).stem}/tree/notebooks/{name}?reset")
         self.page.wait_for_function(READY, timeout=90_000)
 

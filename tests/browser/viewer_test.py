@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-# The viewer asks whether there is a newer one; refused, it goes on.
-NEWER = "https://api.github.com/repos/rerun-io/rerun/releases/latest"
+from browser.conftest import NEWER
+
 SOLVE = """
 import endolab as el
 from endolab import datasets
