@@ -105,8 +105,9 @@ def _energy(shown: Shown) -> rrb.TimeSeriesView:
 
 
 def _others(shown: Shown, left_out: Sequence[str], title: str) -> rrb.TimeSeriesView:
-    """Curves of all scalars but some."""
-    return _curves(title, [shown.at("plots/**"), *(f"- {shown.at(f'plots/{name}')}" for name in left_out)])
+    """Curves of all scalars but some, and but a mere count of steps, which would flatten the others."""
+    without = [f"- {shown.at(f'plots/{name}')}" for name in (*left_out, "steps")]
+    return _curves(title, [shown.at("plots/**"), *without])
 
 
 def reconstruction(shown: Shown) -> rrb.Blueprint:

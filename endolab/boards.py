@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,8 +17,10 @@ from endolab.pictures import (
     cut_panel,
     grey_or_colour,
     map_panel,
+    map_spot,
 )
 from endolab.tuning import Outcome
+from endolab.views import Settings
 
 ERROR_LIMITS = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # %, so that a colour keeps its meaning for a while
 NAMES = {
@@ -27,6 +29,21 @@ NAMES = {
     "fast_marching": "fast marching",
     "facing": "facing",
 }
+SIGNS = {
+    "scene": "scene",
+    "epsilon": "ε",
+    "k": "k",
+    "gamma": "γ",
+    "gain": "gain ×",
+    "noise": "noise",
+    "xi": "ξ",
+    "regulariser": "order",
+    "solver": "solver",
+    "channel": "channel",
+    "width": "width",
+}
+UNSET = {"scene": "frame", "channel": "auto"}  # else "as calibrated"
+PANELS = 6
 SECTION_SHAPE = 314 / 204  # width by height of the axes of a section
 
 
@@ -45,10 +62,11 @@ class Cut:
 
 @dataclass(frozen=True)
 class Shared:
-    """Limits that compared boards share: distances, and the error in %."""
+    """Limits that compared boards share: of distances, and of the error in %; and whose section's axes."""
 
     depth: Limits
     error: float
+    of: Outcome = field(compare=False)
 
 
 def limits_of(outcome: Outcome) -> Shared:
@@ -61,7 +79,7 @@ def limits_of(outcome: Outcome) -> Shared:
     if truth is not None:
         size = float(np.nanpercentile(np.abs(100 * (distance / truth - 1)), 90))
         error = next((limit for limit in ERROR_LIMITS if limit >= size), ERROR_LIMITS[-1])
-    return Shared((low, high if high > low else low * 1.01), error)
+    return Shared((low, high if high > low else low * 1.01), error, outcome)
 
 
 def _section(result: Result, distance: FloatArray, cut: Cut) -> tuple[FloatArray, FloatArray]:
@@ -72,16 +90,18 @@ def _section(result: Result, distance: FloatArray, cut: Cut) -> tuple[FloatArray
     return rays[:, 2] * along, rays[:, 0 if cut.is_row else 1] * along
 
 
-def _section_panel(outcome: Outcome, cut: Cut) -> Picture:
+def _section_panel(outcome: Outcome, cut: Cut, of: Outcome) -> Picture:
+    """Section of an outcome, on axes that suit the truth of another, or else its result."""
     result = outcome.result
     assert result is not None
+    assert of.result is not None
     truth = outcome.truth
     start = np.exp(np.where(result.mask, result.problem.log_facing, np.nan))
     curves = [("start", *_section(result, start, cut))]
     if truth is not None:
         curves.append(("truth", *_section(result, truth, cut)))
     curves.append(("result", *_section(result, result.distance, cut)))
-    _, z, across = curves[-1 if truth is None else -2]
+    z, across = _section(of.result, of.result.distance if of.truth is None else of.truth, cut)
     name, unit = ("row" if cut.is_row else "column"), result.problem.unit
     title = f"Section along {name} {cut.index(result.mask.shape)}"
     labels = f"z [{unit}]", f"{'x' if cut.is_row else 'y'} [{unit}]"
@@ -96,7 +116,14 @@ def _section_panel(outcome: Outcome, cut: Cut) -> Picture:
     return curve_panel(title, curves, *labels, down=not cut.is_row, x_limits=x_limits, y_limits=y_limits)
 
 
-def outcome_board(outcome: Outcome, cut: Cut, limits: Shared | None = None) -> Picture:
+def spots(outcome: Outcome, columns: int = 3) -> list[tuple[float, float, float, float]]:
+    """Where input and distance lie on a board: left, top, right, bottom, as shares of it."""
+    assert outcome.result is not None
+    rows = -(-PANELS // columns)
+    return [map_spot(outcome.result.mask.shape, divmod(i, columns), (rows, columns)) for i in (0, 1)]
+
+
+def outcome_board(outcome: Outcome, cut: Cut, limits: Shared | None = None, columns: int = 3) -> Picture:
     """Draw an outcome: input, distance, normals; error (or the fit, without a truth), section, energy.
 
     Parameters
@@ -106,7 +133,9 @@ def outcome_board(outcome: Outcome, cut: Cut, limits: Shared | None = None) -> P
     cut : Cut
         Of the section.
     limits : Shared, optional
-        Of the colours; by default what suits this outcome.
+        Of colours and section; by default what suits this outcome.
+    columns : int
+        Panels in a row.
     """
     result, truth = outcome.result, outcome.truth
     assert result is not None
@@ -133,7 +162,26 @@ def outcome_board(outcome: Outcome, cut: Cut, limits: Shared | None = None) -> P
         for name in ("data", "regulariser", "energy")
     ]
     curve = curve_panel("Energy", terms, "iteration", "energy [1]", log=True)
-    return board([[frame, depth, normals], [error, _section_panel(outcome, cut), curve]])
+    panels = [frame, depth, normals, error, _section_panel(outcome, cut, limits.of), curve]
+    return board([panels[first : first + columns] for first in range(0, PANELS, columns)])
+
+
+def contrast(settings: Settings, other: Settings) -> str:
+    """Say λ, and whatever else differs from other settings."""
+    parts = [f"λ = {settings.lam:.3g}"]
+    for name, sign in SIGNS.items():
+        value = getattr(settings, name)
+        if value != getattr(other, name):
+            value = NAMES.get(value, value) if isinstance(value, str) else value
+            said = f"{value:.3g}" if isinstance(value, float) else value or UNSET.get(name, "as calibrated")
+            parts.append(f"{sign} {said}" if name == "gain" else f"{sign} = {said}")
+    return ", ".join(parts)
+
+
+def error_of(outcome: Outcome) -> str:
+    """Say the median error of an outcome."""
+    error = outcome.median_error
+    return "truth unknown" if error is None else f"median error {error:.2f} %"
 
 
 def summary(outcome: Outcome, drawing: float | None = None) -> str:
@@ -143,9 +191,9 @@ def summary(outcome: Outcome, drawing: float | None = None) -> str:
     parts = [
         f"{settings.scene or 'frame'}, λ = {settings.lam:.3g}",
         f"{NAMES[settings.solver]}, {outcome.stage}",
-        f"{result.iterations} iterations",
+        f"{result.iterations} iteration{'' if result.iterations == 1 else 's'}",
         f"energy {result.energy:.3g}",
-        "truth unknown" if outcome.median_error is None else f"median error {outcome.median_error:.2f} %",
+        error_of(outcome),
         f"solved in {1e3 * outcome.seconds:.0f} ms",
     ]
     if drawing is not None:

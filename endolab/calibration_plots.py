@@ -186,7 +186,7 @@ def show_reprojection(
         arrows.set_clip_path(border)
     key = round_length(0.08 * camera.width / magnify)
     ax.quiverkey(arrows, 0.06, 0.95, key, f"{key:g} px", labelpos="E", color="black")
-    ax.legend(frameon=False, loc="upper right", ncols=2, handlelength=1.2, columnspacing=1.0)
+    ax.legend(loc="upper right", ncols=2, handlelength=1.2, columnspacing=1.0)
     return ax
 
 
@@ -247,7 +247,7 @@ def show_coverage(geometry: GeometricFit, ax: Axes | None = None, *, title: str 
             labelled = place
             box = {"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}
             ax.text(place[0], place[1], f"{angle}°", ha="center", va="center", size="small", bbox=box)
-    ax.legend(frameon=False, loc="upper right")
+    ax.legend(loc="upper right")
     return ax
 
 

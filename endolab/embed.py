@@ -18,7 +18,7 @@ import rerun as rr
 
 from endolab.files import PathLike
 from endolab.recordings import Recording, read_recording
-from endolab.viewer import start_viewer
+from endolab.viewer import start_server, start_viewer
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -110,20 +110,22 @@ def _embed(path: Path, height: int) -> None:
 
 
 def follow(stream: rr.RecordingStream, height: int = HEIGHT) -> None:
-    """Show a viewer below the cell that follows what is logged to a stream from the next cell on.
+    """Show a viewer below the cell that follows what is logged to a stream, while the cell runs.
 
     Raises
     ------
     OSError
-        If nobody looks at the notebook.
+        If nobody looks at the notebook, or the server does not start.
     """
     if not front_end():
         raise OSError("a viewer that follows a run needs JupyterLab; record to a file instead")
-    _notebook()
-    from rerun.notebook import Viewer
+    from IPython.display import display
 
-    # Not waited for: its page answers only when the cell has ended; till then rows queue up.
-    Viewer(width="auto", height=height, recording=stream).display()
+    address = start_server()
+    stream.connect_grpc(address)
+    # The page fetches the run from the server: messages through the kernel, which is busy with the
+    # run, would arrive when the cell has ended.
+    display(_notebook().Viewer(width="auto", height=height, url=address))
 
 
 def picture_of(recording: Recording) -> Figure:

@@ -6,13 +6,14 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from endolab.iteration import Result
 from endolab.operators import BoolArray, FloatArray
@@ -109,6 +110,45 @@ def write_image(path: PathLike, image: FloatArray, bits: int = 8) -> None:
     write_atomically(path, content.tobytes())
 
 
+def as_ply(
+    points: FloatArray,
+    normals: FloatArray,
+    colours: FloatArray,
+    triangles: NDArray | None = None,
+    comments: Sequence[str] = (),
+) -> bytes:
+    """Encode points, and triangles between them if there are any, as binary PLY.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) float arrays
+    colours : (n, 3) float array
+        R, G, B; values outside [0, 1] are clipped.
+    triangles : (m, 3) int array, optional
+        Numbers of points, from 0.
+    comments : sequence of str
+        Lines of the header.
+
+    Returns
+    -------
+    bytes
+    """
+    vertices = np.empty(len(points), dtype=[("place", "<f4", 6), ("colour", "u1", 3)])
+    vertices["place"][:, :3], vertices["place"][:, 3:] = points, normals
+    vertices["colour"] = np.round(np.clip(colours, 0, 1) * 255)
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {text}" for text in comments)]
+    header += [f"element vertex {len(points)}"]
+    header += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
+    header += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    body = vertices.tobytes()
+    if triangles is not None:
+        faces = np.empty(len(triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+        faces["count"], faces["corners"] = 3, triangles
+        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+        body += faces.tobytes()
+    return "\n".join([*header, "end_header", ""]).encode() + body
+
+
 def write_cloud(path: PathLike, points: FloatArray, normals: FloatArray, colours: FloatArray) -> None:
     """Write a point cloud as binary PLY.
 
@@ -121,20 +161,7 @@ def write_cloud(path: PathLike, points: FloatArray, normals: FloatArray, colours
     colours : (n, 3) float array
         R, G, B in [0, 1].
     """
-    record = np.empty(len(points), dtype=[("place", "<f4", 6), ("colour", "u1", 3)])
-    record["place"][:, :3], record["place"][:, 3:] = points, normals
-    record["colour"] = np.round(np.clip(colours, 0, 1) * 255)
-    names = [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
-    names += [f"property uchar {name}" for name in ("red", "green", "blue")]
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"element vertex {len(points)}",
-        *names,
-        "end_header",
-        "",
-    ]
-    write_atomically(path, "\n".join(header).encode() + record.tobytes())
+    write_atomically(path, as_ply(points, normals, colours))
 
 
 # Pictures -------------------------------------------------------------------------------

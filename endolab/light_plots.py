@@ -18,7 +18,7 @@ from endolab.calibration.samples import Samples
 from endolab.cameras import Camera
 from endolab.operators import BoolArray, FloatArray, IntArray
 from endolab.plots import show_picture
-from endolab.style import BLUE, SKY, VERMILION, decorate, house, new_axes
+from endolab.style import BLUE, PAPER, SKY, VERMILION, decorate, house, new_axes
 
 UNSEEN = "0.88"
 LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a word
@@ -39,7 +39,8 @@ def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: st
     curve = np.exp(-0.5 * ((x - mean) / (reach / 4)) ** 2) / (np.sqrt(2 * np.pi) * reach / 4)
     ax.plot(x, curve, color="black", lw=1.8, ls="--", label="Gaussian")
     ax.set(xlim=(bins[0], bins[-1]), ylim=(0, 1.3 * max(curve.max(), share.max())))
-    ax.legend(frameon=False, loc="upper right", ncols=2)
+    ax.locator_params(axis="x", nbins=5)
+    ax.legend(loc="upper right", ncols=2)
 
 
 def _shade_unseen(ax: Axes, low: float, high: float) -> None:
@@ -90,7 +91,7 @@ def show_sampling(
             edge = "black" if face == "none" else "white"
             ax.plot(*pixels[which].T, marker, mfc=face, mec=edge, ms=5, mew=0.8, ls="none", label=label)
     if len(samples):
-        ax.legend(frameon=True, loc="upper right", handletextpad=0.2)
+        ax.legend(frameon=True, loc="best", handletextpad=0.2)
     return ax
 
 
@@ -146,7 +147,7 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None, *, title: str =
     # The fitted curve first.
     handles, labels = ax.get_legend_handles_labels()
     order = sorted(range(len(labels)), key=lambda i: ("cosᵏ" not in labels[i], "s.e." not in labels[i]))
-    ax.legend([handles[i] for i in order], [labels[i] for i in order], frameon=False, loc="upper right")
+    ax.legend([handles[i] for i in order], [labels[i] for i in order], loc="upper right")
     what = "ψ off the light's direction" if light.photometry.lights else "α off the axis"
     return decorate(ax, title, f"angle {what} [°]", "share of the light on the axis")
 
@@ -190,7 +191,7 @@ def show_gains(
         other.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
         ax.yaxis.label.set_color(VERMILION)
         ax.tick_params(axis="y", colors=VERMILION)
-    ax.legend(handles=handles, frameon=False, loc="upper right", ncols=2)
+    ax.legend(handles=handles, loc="upper right", ncols=2)
     return ax
 
 
@@ -260,7 +261,7 @@ def show_brdf(
             alpha=0.8,
             label="samples",
         )
-    ax.legend(frameon=False, loc="upper right")
+    ax.legend(loc="upper right")
     return decorate(ax, title, "incidence θ [°]", "f_r relative to the pinned node")
 
 
@@ -297,10 +298,10 @@ def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames
     reach = max(size.max(initial=0.1), min(ends.max(initial=0.1), usual))
     ax.set(xlim=(0, edges[-1]), ylim=(-1.25 * reach, 1.25 * reach), xticks=range(0, int(edges[-1]) + 1, 15))
     below = ax.get_xaxis_transform()
-    how: dict[str, Any] = {"va": "bottom", "color": "0.3", "size": "small", "transform": below}
+    box = {"fc": PAPER, "ec": "none", "pad": 1.0}
+    how: dict[str, Any] = {"va": "bottom", "color": "0.3", "size": "small", "transform": below, "bbox": box}
     for x, count in zip(middle[known], scores.count[known], strict=True):
-        box = {"fc": "white", "ec": "none", "pad": 1.0}
-        ax.text(x, 0.02, f"{count}", ha="center", bbox=box, **how)
+        ax.text(x, 0.02, f"{count}", ha="center", **how)
     ax.text(edges[-1] * 0.99, 0.09, "samples", ha="right", **how)
     return decorate(ax, title, "angle α off the axis [°]", "measured/modelled light - 1 [%]")
 
@@ -335,5 +336,5 @@ def show_ridge(
     other.tick_params(axis="y", colors=BLUE)
     ax.yaxis.label.set_color(VERMILION)
     ax.tick_params(axis="y", colors=VERMILION)
-    ax.legend(handles=handles, frameon=False, loc="lower right")
+    ax.legend(handles=handles, loc="lower right")
     return ax

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from endolab.files import PathLike, write_atomically
+from endolab.files import PathLike, as_ply, write_atomically
 from endolab.iteration import Iterate, Result
 from endolab.operators import BoolArray, FloatArray, links
 
@@ -225,25 +225,8 @@ def write_mesh(path: PathLike, mesh: Mesh) -> None:
 
 
 def _as_ply(mesh: Mesh) -> bytes:
-    vertices = np.empty(len(mesh.vertices), dtype=[("place", "<f4", 6), ("colour", "u1", 3)])
-    vertices["place"][:, :3], vertices["place"][:, 3:] = mesh.vertices, mesh.normals
-    vertices["colour"] = np.round(255 * mesh.colours)
-    faces = np.empty(len(mesh.triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
-    faces["count"], faces["corners"] = 3, mesh.triangles
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"comment unit: {mesh.unit}",
-        f"comment {FRAME}",
-        f"element vertex {len(vertices)}",
-        *(f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")),
-        *(f"property uchar {name}" for name in ("red", "green", "blue")),
-        f"element face {len(faces)}",
-        "property list uchar int vertex_indices",
-        "end_header",
-        "",
-    ]
-    return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes()
+    comments = f"unit: {mesh.unit}", FRAME
+    return as_ply(mesh.vertices, mesh.normals, mesh.colours, mesh.triangles, comments)
 
 
 def _as_obj(mesh: Mesh) -> bytes:

@@ -29,6 +29,8 @@ FORMULAS = """window.MathJax = {tex: {inlineMath: [["$", "$"]], processEscapes: 
     longest({}, {}, () => Object.assign(Object.create(console), {env: {}}));
 })();
 """
+WIDGET = "application/vnd.jupyter.widget-view+json"
+NO_WIDGET = "(Here are controls that need a kernel: open the notebook in JupyterLab to use them.)"
 LINK = re.compile(r"(\]\()([^)#\s]+)([^)\s]*\))")
 
 
@@ -115,6 +117,10 @@ def render_pages(notebooks: str | os.PathLike[str], out: str | os.PathLike[str])
             del notebook.cells[0]
             for cell in (cell for cell in notebook.cells if cell.cell_type == "code"):
                 cell.execution_count -= 1
+                for output in cell.outputs:
+                    if WIDGET in output.get("data", {}):
+                        output.data = {"text/plain": NO_WIDGET}
+            notebook.metadata.pop("widgets", None)  # their script would come from the network
             (folder / f"{path.stem}.html").write_text(page(notebook, path.stem), encoding="utf-8")
         text = (source / "README.md").read_text(encoding="utf-8")
         index = nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell(text)])

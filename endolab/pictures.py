@@ -154,6 +154,33 @@ def map_panel(
     return paper
 
 
+def map_spot(
+    shape: tuple[int, ...], panel: tuple[int, int], panels: tuple[int, int]
+) -> tuple[float, float, float, float]:
+    """Where `map_panel` shows a picture of that shape on a board.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns of the picture.
+    panel : two ints
+        Row and column of its panel.
+    panels : two ints
+        How many rows and columns of panels the board has.
+
+    Returns
+    -------
+    left, top, right, bottom : float
+        As shares of the board, in [0, 1].
+    """
+    scale = min(WIDTH / shape[1], HEIGHT / shape[0])
+    tall, wide = TITLE + HEIGHT + EDGE, EDGE + WIDTH + BAR
+    (row, column), (rows, columns) = panel, panels
+    left, top = column * wide + EDGE, row * tall + TITLE
+    right, bottom = left + max(1, round(shape[1] * scale)), top + max(1, round(shape[0] * scale))
+    return left / (columns * wide), top / (rows * tall), right / (columns * wide), bottom / (rows * tall)
+
+
 def cut_panel(paper: Picture, shape: tuple[int, ...], index: int, is_row: bool) -> None:
     """Draw the line of a section into a panel that `map_panel` made of a picture of that shape."""
     scale = min(WIDTH / shape[1], HEIGHT / shape[0])

@@ -26,6 +26,7 @@ from endolab.style import (
     LINES,
     OTHERS,
     PAGE_SIZE,
+    PAPER,
     VERMILION,
     colour_bar,
     decorate,
@@ -141,14 +142,14 @@ def show_depth(
         Ends of the colour bar; the 1st and 99th percentile by default. Panels to be compared
         need the same: see `common_limits` and `compare_depths`.
     label : str, optional
-        Of the colour bar; "distance from the camera" and the unit by default.
+        Of the colour bar; "distance" and the unit by default.
     """
     seen = distance[np.isfinite(distance)]
     limits = common_limits([distance]) if limits is None else limits
     ax, shown = _draw(distance, ax, title, cmap="viridis", vmin=limits[0], vmax=limits[1])
     below, above = bool((seen < limits[0]).any()), bool((seen > limits[1]).any())
     extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get((below, above), "neither")
-    colour_bar(ax, shown, f"distance from the camera [{unit}]" if label is None else label, extend)
+    colour_bar(ax, shown, f"distance [{unit}]" if label is None else label, extend)
     return ax
 
 
@@ -190,11 +191,11 @@ def show_error(
     limit : float, optional
         End of the colour bar; the 98th percentile of the absolute error by default.
     label : str, optional
-        Of the colour bar; "error of the distance" and its unit by default.
+        Of the colour bar; "error" and its unit by default.
     """
     error = estimate - truth
     error, of = (100 * error / truth, "%") if relative else (error, unit)
-    return _diverging(error, ax, title, f"error of the distance [{of}]" if label is None else label, limit)
+    return _diverging(error, ax, title, f"error [{of}]" if label is None else label, limit)
 
 
 @house()
@@ -234,7 +235,8 @@ def show_section(
         colour = LINES[label] if label in LINES else next(others)
         ax.plot(points[:, 2], points[:, across], color=colour, lw=1.8, label=label)
     ax.plot(0, 0, marker=">", color="black", ms=7, ls="none")
-    ax.annotate("camera", (0, 0), xytext=(-4, 8), textcoords="offset points")
+    box = {"fc": PAPER, "ec": "none", "alpha": 0.75, "pad": 1.0}  # a wall may be as near as the word
+    ax.annotate("camera", (0, 0), xytext=(-4, 8), textcoords="offset points", bbox=box)
     title = f"Section along {name}" if title is None else title
     decorate(ax, title, f"z [{unit}]", f"{'xy'[across]} [{unit}]")
     ax.set_aspect("equal", adjustable="datalim")

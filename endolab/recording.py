@@ -21,8 +21,8 @@ from endolab.blueprints import BLUEPRINTS, TIMELINE, Shown, comparison
 from endolab.depth.energy import Problem, model_image
 from endolab.files import PathLike
 from endolab.iteration import Iterate
-from endolab.operators import BoolArray, FloatArray
-from endolab.viewer import START, THIN, Sink, camera_shape
+from endolab.operators import FloatArray
+from endolab.viewer import START, THIN, Sink, as_bytes, camera_shape, grey
 
 ALL_UNTIL, GROWTH = 20, 1.5  # pictures of the first iterates, then each time k has grown by half
 CLOUD_WIDTH = 160  # columns of a cloud: coordinates would be most of a recording
@@ -31,8 +31,12 @@ BLUE_WHITE_RED = np.array(
     [[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]], float
 )
 SHADES = 65  # of the residual: fewer than a byte tells, and a picture that is half as large
+_mixed = [np.interp(np.linspace(0, 4, SHADES), range(5), channel) for channel in BLUE_WHITE_RED.T]
+DIVERGING = np.append(np.round(_mixed).T, [[0, 0, 0]], axis=0).astype(np.uint8)  # the last: black
+# How PNG is compressed, which costs more than all else: few shades repeat themselves as they are.
+PLAIN = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, 0, cv2.IMWRITE_PNG_FILTER, 8)
 COLOURS = {"energy": (230, 159, 0), "data": (86, 180, 233), "regulariser": (213, 94, 0)}
-RUNS = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (204, 121, 167))
+RUNS = ((230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66))  # none like the start's
 NOW, TRUTH = (230, 159, 0), (160, 160, 160)
 
 
@@ -54,8 +58,8 @@ def record(
     spawn : bool
         Show the run in the native viewer instead; it listens on this machine only.
     live : bool
-        Show the run in a viewer below the notebook's cell instead. It follows what later cells
-        run; of a run in its own cell it shows all when the cell has ended.
+        Show the run in a viewer below the notebook's cell instead, as it goes. The server that
+        feeds it listens on this machine only.
     truth : (H, W) float array, optional
         True distance, mm, to show beside the result; nan where unknown.
     max_width : int
@@ -172,6 +176,7 @@ class Recorder:
         self._open = True
         self._encoder = ThreadPoolExecutor(1)
         self._jobs: deque[Future[None]] = deque()
+        self._curves: dict[str, list[tuple[int, float]]] = {}  # what is still to be logged
 
     @property
     def path(self) -> Path | None:
@@ -189,7 +194,7 @@ class Recorder:
             self._sink.begin()
             self._defer(self._begin, iterate)
         self._last = iterate
-        self._defer(self._log_scalars, iterate)
+        self._note_scalars(iterate)
         if iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * self._pictured:
             self._picture(iterate)
 
@@ -206,6 +211,7 @@ class Recorder:
         self._open = False
         if self._last is not None and self._last.k != self._pictured:
             self._picture(self._last)
+        self._log_scalars()
         try:
             while self._jobs:
                 self._jobs.popleft().result()
@@ -237,11 +243,11 @@ class Recorder:
         self._sink.stream.log(f"{self._run}/{entity}", *what, static=static, strict=True)
 
     def _log_colours(
-        self, entity: str, colours: FloatArray | NDArray[np.uint8], static: bool = False
+        self, entity: str, colours: NDArray, static: bool = False, how: tuple[int, ...] = ()
     ) -> None:
         """Log (h, w) or (h, w, 3) bytes, or values in [0, 1], as PNG; nan is black."""
-        stored = colours if colours.dtype == np.uint8 else _bytes(np.nan_to_num(colours))
-        contents = cv2.imencode(".png", stored[..., ::-1] if stored.ndim == 3 else stored)[1].tobytes()
+        stored = colours if colours.dtype == np.uint8 else as_bytes(colours)
+        contents = cv2.imencode(".png", stored[..., ::-1] if stored.ndim == 3 else stored, how)[1].tobytes()
         self._log(entity, rr.EncodedImage(contents=contents, media_type="image/png"), static=static)
 
     # What stays -----------------------------------------------------------------------
@@ -272,15 +278,16 @@ class Recorder:
         self._log("world/camera", camera_shape(problem.camera, size), static=True)
         # The colours of the cloud never change: logged once.
         seen = _colour_picture(problem)[sparse][problem.mask[sparse]]
-        cloud = rr.Points3D.from_fields(colors=_bytes(seen), radii=rr.Radius.ui_points(2.5))
+        cloud = rr.Points3D.from_fields(colors=as_bytes(seen), radii=rr.Radius.ui_points(2.5))
         self._log("world/cloud", cloud, static=True)
 
-        self._log_section("start", iterate.points, START, static=True)
+        self._log_section("start", iterate.distance, problem, START, static=True)
         shown = iterate.points[thin][inside]
         if self.truth is not None and np.isfinite(self.truth[problem.mask]).any():
             unit = 1.0 if problem.metric else np.nanmedian((iterate.distance / self.truth)[problem.mask])
-            truth = np.where(problem.mask, unit * self.truth, np.nan)[..., None] * problem.field.rays
-            self._log_section("truth", truth, TRUTH, static=True)
+            distance = np.where(problem.mask, unit * self.truth, np.nan)
+            self._log_section("truth", distance, problem, TRUTH, static=True)
+            truth = distance[..., None] * problem.field.rays
             shown = truth[thin][np.isfinite(truth[thin]).all(axis=-1)]
             self._log("world/truth", rr.Points3D(shown, colors=TRUTH, radii=THIN), static=True)
         far = float(np.percentile(shown[:, 2], 99))
@@ -325,42 +332,54 @@ class Recorder:
 
     # What changes ---------------------------------------------------------------------
 
-    def _log_scalars(self, iterate: Iterate) -> None:
+    def _note_scalars(self, iterate: Iterate) -> None:
         scalars = {"energy": iterate.energy, **iterate.terms, "change": iterate.change, **iterate.scalars}
         for name, value in scalars.items():
             if np.isfinite(value):
-                self._log(f"plots/{name}", rr.Scalars(value))
+                self._curves.setdefault(name, []).append((iterate.k, float(value)))
+        if self.path is None:  # someone is watching
+            self._log_scalars()
+
+    def _log_scalars(self) -> None:
+        """Log the curves' new pieces: all at once costs little more than one value."""
+        for name, pieces in self._curves.items():
+            steps, values = zip(*pieces, strict=True)
+            at, columns = rr.TimeColumn(TIMELINE, sequence=steps), rr.Scalars.columns(scalars=values)
+            self._sink.stream.send_columns(f"{self._run}/plots/{name}", [at], columns, strict=True)
+        self._curves.clear()
 
     def _log_pictures(self, iterate: Iterate) -> None:
-        problem, thin = iterate.problem, self._thin
-        inside = problem.mask[thin]
+        problem, thin, sparse = iterate.problem, self._thin, self._sparse
         # The viewer paints nan like the nearest distance: the blueprint lays the mask over it.
         distance = iterate.distance[thin].astype(np.float32)
         meter = 1000.0 if problem.metric else 1.0
         self._log("depth", rr.DepthImage(distance, meter=meter, colormap="viridis", depth_range=self._range))
         self._log_colours("normals", (iterate.normals[thin] + 1) / 2)
         error = model_image(problem, iterate.log_distance)[thin] - problem.image[thin]
-        self._log_colours("residual", _diverging(255 * error / self._grey_levels))
+        self._log_colours("residual", _diverging(255 * error / self._grey_levels), how=PLAIN)
         for name, values in iterate.maps.items():
-            self._log_colours(f"front/{name}", _grey(np.asarray(values)[thin], inside))
-        points = iterate.points[self._sparse][problem.mask[self._sparse]]
-        self._log("world/cloud", rr.Points3D.from_fields(positions=points))
-        self._log_section("now", iterate.points, self._colour)
+            self._log_colours(f"front/{name}", grey(np.asarray(values)[thin], problem.mask[thin]))
+        # Not the iterate's points: to make them all and keep them takes longer.
+        cloud = (iterate.distance[sparse][..., None] * problem.field.rays[sparse])[problem.mask[sparse]]
+        self._log("world/cloud", rr.Points3D.from_fields(positions=cloud))
+        self._log_section("now", iterate.distance, problem, self._colour)
 
     def _log_section(
-        self, name: str, points: FloatArray, colour: tuple[int, ...], static: bool = False
+        self,
+        name: str,
+        distance: FloatArray,
+        problem: Problem,
+        colour: tuple[int, ...],
+        static: bool = False,
     ) -> None:
         """Log where the middle column cuts the surface: z to the right, y down."""
-        line = points[:, points.shape[1] // 2][:, [2, 1]]
+        middle = distance.shape[1] // 2
+        line = distance[:, middle, None] * problem.field.rays[:, middle][:, [2, 1]]
         seen = np.isfinite(line).all(axis=-1)
         runs = np.ma.clump_unmasked(np.ma.masked_array(seen, ~seen))
         strips = [line[run] for run in runs if run.stop - run.start > 1]
         shape = rr.LineStrips2D(strips, colors=[colour] * len(strips), radii=THIN)
         self._log(f"section/{name}", shape, static=static)
-
-
-def _bytes(colours: FloatArray) -> NDArray[np.uint8]:
-    return np.round(255 * np.clip(colours, 0, 1)).astype(np.uint8)
 
 
 def _colour_picture(problem: Problem) -> FloatArray:
@@ -369,17 +388,6 @@ def _colour_picture(problem: Problem) -> FloatArray:
 
 
 def _diverging(values: FloatArray) -> NDArray[np.uint8]:
-    """Map -1…1 to shades of blue, white, red, (…, 3); nan is black."""
-    nodes, shades = np.linspace(-1, 1, len(BLUE_WHITE_RED)), np.linspace(-1, 1, SHADES)
-    colours = np.stack([np.interp(shades, nodes, channel) for channel in BLUE_WHITE_RED.T], axis=-1)
-    table = np.concatenate([np.round(colours), np.zeros((1, 3))]).astype(np.uint8)
-    index = np.round((np.clip(values, -1, 1) + 1) * (SHADES - 1) / 2)
-    return table[np.where(np.isnan(index), SHADES, index).astype(np.intp)]
-
-
-def _grey(values: NDArray, inside: BoolArray) -> FloatArray:
-    """Stretch a map to [0, 1] within the mask; truth values are 0 and 1 already."""
-    values = np.where(inside, values, np.nan)
-    seen = values[np.isfinite(values)]
-    low, high = min(seen.min(initial=0.0), 0.0), max(seen.max(initial=1.0), 1.0)
-    return (values - low) / (high - low)
+    """Map -1…1 to shades of blue, white, red, (h, w, 3); nan is black."""
+    index = np.rint((np.clip(values, -1, 1) + 1) * ((SHADES - 1) / 2))
+    return DIVERGING.take(np.where(np.isnan(index), SHADES, index).astype(np.uint8), axis=0)

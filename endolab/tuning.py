@@ -2,7 +2,8 @@
 
 A thread of its own solves; `Tuner.ask` returns at once. A new wish stops the solve in flight at its
 next iterate. Every wish is answered twice, on a grid of half the size and then in full, and both
-start from the last result there, so that a small change of λ costs a step or two.
+start from the last result there, so that a small change of λ costs a step or two. While a long
+full solve goes on, what it has so far is told now and then.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from endolab.iteration import Observer, Result
+from endolab.iteration import Iterate, Observer, Result, Status
 from endolab.operators import FloatArray
 from endolab.preprocess import Frame
 from endolab.reconstruction import reconstruct
@@ -25,6 +26,7 @@ from endolab.views import SHRINK, Settings, Source, View
 if TYPE_CHECKING:
     from endolab.endoscope import Calibration
 
+PATIENCE = 0.4  # s that a full solve takes between one picture and the next
 LEAST_WIDTH = 64  # px, of a grid that is worth a coarse one
 # The most steps of a coarse answer, from a start and from nothing.
 COARSE_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
@@ -39,7 +41,8 @@ class Outcome:
     serial : int
         Of the wish, as `Tuner.ask` returned it.
     settings : Settings
-    stage : {"coarse", "fine"}
+    stage : {"coarse", "refining", "fine"}
+        "refining" is what a long full solve has so far.
     seconds : float
         From the start of this stage to its answer.
     view : View, optional
@@ -76,6 +79,26 @@ class Outcome:
         if truth is None or self.result is None:
             return None
         return float(100 * np.nanmedian(np.abs(self.result.distance / truth - 1)))
+
+
+class _Progress:
+    """Stops a solve that is stale, and tells of a long one now and then what it has so far."""
+
+    def __init__(self, is_stale: Callable[[], bool], tell: Callable[[Result, float], object]) -> None:
+        self.is_stale, self.tell = is_stale, tell
+        self.started = self.told = time.perf_counter()
+        self.history: list[dict[str, float]] = []
+
+    def __call__(self, iterate: Iterate) -> bool:
+        if self.is_stale():
+            return True
+        now = time.perf_counter()
+        self.history.append({"k": iterate.k, "energy": iterate.energy, **iterate.terms})
+        if now - self.told > PATIENCE:
+            result = Result(iterate, Status.STOPPED, list(self.history), now - self.started)
+            self.tell(result, now - self.started)
+            self.told = time.perf_counter()
+        return self.is_stale()
 
 
 def sentence_of(error: BaseException) -> str:
@@ -239,7 +262,7 @@ class Tuner:
         self, source: Source, settings: Settings, stage: str, serial: int
     ) -> tuple[View, Result] | None:
         """View and result of one stage; None if there is no point in it."""
-        options: dict[str, Any] = {"observers": [lambda _: self._is_stale(serial)]}
+        options: dict[str, Any] = {}
         grid = (settings.scene, settings.width, stage)
         takes_start = settings.solver in COARSE_STEPS
         if takes_start and grid in source.last:
@@ -252,6 +275,12 @@ class Tuner:
         view = source.coarse_view(settings) if stage == "coarse" else source.view(settings)
         if self._is_stale(serial):
             return None
+
+        def tell(sofar: Result, seconds: float) -> None:
+            if stage == "fine":
+                self._tell(Outcome(serial, settings, "refining", seconds, view, sofar))
+
+        options["observers"] = [_Progress(lambda: self._is_stale(serial), tell)]
         result = self._solve(view.frame, _known(view, settings), **options, **settings.keywords())
         if not self._is_stale(serial):
             source.keep(grid, result)

@@ -11,18 +11,20 @@ import html
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import ipywidgets as w
 
 from endolab import datasets
-from endolab.boards import NAMES, Cut, Shared, limits_of, outcome_board, summary
+from endolab.boards import NAMES, Cut, outcome_board, summary
 from endolab.endoscope import Calibration
 from endolab.files import read_frame, save_result, staged_folder, write_atomically
+from endolab.knobs import choice, log_slider, slider
 from endolab.operators import FloatArray
-from endolab.pictures import jpeg, png
+from endolab.pair import Pair
+from endolab.pictures import png
 from endolab.preprocess import Frame
 from endolab.scenes import SCENES
 from endolab.tuning import Outcome, Tuner, sentence_of
@@ -30,7 +32,7 @@ from endolab.views import Settings
 
 WIDTHS = (160, 320, 480, 640)
 IMPORTS = "from dataclasses import replace\n\nimport endolab as el\n"
-WIDE, THIRD = w.Layout(width="100%"), w.Layout(width="32%", min_width="240px")
+KEEP = "show this beside what comes, to compare"
 
 
 def tuner(
@@ -70,24 +72,6 @@ def tuner(
     return TunerBox(frame, calibration or datasets.calibration("paper"), truth, scene, width)
 
 
-def _choice(label: str, options: Sequence[Any], value: Any = None) -> w.Dropdown:
-    first = options[0][1] if isinstance(options[0], tuple) else options[0]
-    return w.Dropdown(
-        options=options, value=first if value is None else value, description=label, layout=THIRD
-    )
-
-
-def _slider(label: str, value: float, low: float, high: float, step: float, tip: str) -> w.FloatSlider:
-    return w.FloatSlider(value, min=low, max=high, step=step, description=label, tooltip=tip, layout=THIRD)
-
-
-def _log_slider(label: str, value: float, low: float, high: float, tip: str) -> w.FloatLogSlider:
-    return w.FloatLogSlider(
-        value, min=low, max=high, step=0.05, description=label, tooltip=tip,
-        readout_format=".2g", layout=THIRD,
-    )  # fmt: skip
-
-
 class TunerBox(w.VBox):
     """The tuner's widget; `tuner` makes it.
 
@@ -97,10 +81,8 @@ class TunerBox(w.VBox):
         What solves.
     knobs : mapping of str to widget
         By the names of `Settings`, and "section", "across".
-    shown : Outcome or None
-        What the picture shows.
-    picture, picture_kept : ipywidgets.Image
-        Now, and what was kept as A.
+    pair : Pair
+        What is shown now, and A. The section's line follows the pointer on input and distance.
     status : ipywidgets.HTML
         One line: how the solve went, or what went wrong.
     """
@@ -114,20 +96,18 @@ class TunerBox(w.VBox):
         width: int,
     ) -> None:
         self.engine = Tuner(calibration, self._on_outcome, frame=frame, truth=truth)
-        self._drawing = threading.RLock()
-        self.shown: Outcome | None = None
-        self.kept: Outcome | None = None
         self._quiet = False
         self._calibration, self._frame = calibration, frame
+        self.pair = Pair(self._cut)
+        for picture in (self.pair.picture, self.pair.picture_kept):
+            picture.observe(self._guarded(lambda change: self._point(*change["new"])), "point")
         self._make_knobs(scene, width)
         self._reset_light()
-        self.status = w.HTML("solving ...", layout=WIDE)
-        self.picture = w.Image(format="jpeg", layout=w.Layout(width="100%", max_width="1176px"))
-        self.picture_kept = w.Image(format="jpeg", layout=w.Layout(display="none"))
+        self.status = w.HTML("solving ...", layout=w.Layout(width="100%"))
         self.code = w.Textarea(layout=w.Layout(width="100%", height="150px", display="none"))
         self._make_buttons()
         knobs = w.HBox(list(self.knobs.values()), layout=w.Layout(flex_flow="row wrap"))
-        super().__init__([knobs, self.buttons, self.status, self.code, self.picture, self.picture_kept])
+        super().__init__([knobs, self.buttons, self.status, self.code, self.pair])
         self.add_class("endolab-tuner")
         self.ask()
 
@@ -136,23 +116,23 @@ class TunerBox(w.VBox):
     def _make_knobs(self, scene: str, width: int) -> None:
         channels = [("auto", ""), *((name, name) for name in ("red", "green", "blue", "grey"))]
         self.knobs: dict[str, Any] = {
-            "lam": _log_slider("λ", 1.0, -4, 2, "weight of the regulariser: more is smoother"),
-            "epsilon": _log_slider("ε", 1e-3, -5, -1, "below it a derivative costs its square"),
-            "noise": _slider("noise", 0.0, 0, 8, 0.5, "of a rendered frame, grey levels of 255"),
-            "k": _slider("k", 2.5, 0, 8, 0.1, "light spread that the solver believes in"),
-            "gamma": _slider("γ", 2.2, 1, 3, 0.05, "response that the solver believes in"),
-            "gain": _log_slider("gain ×", 1.0, -1, 1, "gain that the solver believes in, over the true one"),
-            "xi": _choice("ξ", ["1/d", "1/z", "d"]),
-            "regulariser": _choice("order", ["second", "first"]),
-            "solver": _choice("solver", [(NAMES[name], name) for name in NAMES]),
-            "scene": _choice("scene", self._scenes(), "" if self._frame is not None else scene),
-            "channel": _choice("channel", channels),
-            "width": _choice("width, px", sorted({*WIDTHS, width}), width),
-            "section": _slider("section", 50, 0, 100, 0.5, "where the cross-section lies, % of the picture"),
-            "across": _choice("along", ["column", "row"]),
+            "lam": log_slider("λ", 1.0, -4, 2, "weight of the regulariser: more is smoother"),
+            "epsilon": log_slider("ε", 1e-3, -5, -1, "below it a derivative costs its square"),
+            "noise": slider("noise", 0.0, 0, 8, 0.5, "of a rendered frame, grey levels of 255"),
+            "k": slider("k", 2.5, 0, 8, 0.1, "light spread that the solver believes in"),
+            "gamma": slider("γ", 2.2, 1, 3, 0.05, "response that the solver believes in"),
+            "gain": log_slider("gain ×", 1.0, -1, 1, "gain that the solver believes in, over the true one"),
+            "xi": choice("ξ", ["1/d", "1/z", "d"]),
+            "regulariser": choice("order", ["second", "first"]),
+            "solver": choice("solver", [(NAMES[name], name) for name in NAMES]),
+            "scene": choice("scene", self._scenes(), "" if self._frame is not None else scene),
+            "channel": choice("channel", channels),
+            "width": choice("width, px", sorted({*WIDTHS, width}), width),
+            "section": slider("section", 50, 0, 100, 0.5, "where the cross-section lies, % of the picture"),
+            "across": choice("along", ["column", "row"]),
         }
         for name, knob in self.knobs.items():
-            follow = self._redraw if name in ("section", "across") else self.ask
+            follow = self.pair.redraw if name in ("section", "across") else self.ask
             knob.observe(self._guarded(lambda _, follow=follow: follow()), "value")
 
     def _scenes(self) -> list[tuple[str, str]]:
@@ -215,32 +195,19 @@ class TunerBox(w.VBox):
             return
         started = time.perf_counter()
         try:
-            with self._drawing:
-                self.shown = outcome
-                content = jpeg(outcome_board(outcome, self._cut(), self._limits()))
+            self.pair.show(outcome, lambda: self._say(summary(outcome, time.perf_counter() - started)))
         except Exception as error:
             self._say(sentence_of(error), bad=True)
             raise
-        drawing = time.perf_counter() - started
-        self._say(summary(outcome, drawing))
-        self.picture.value = content
 
     def _cut(self) -> Cut:
         return Cut(self.knobs["section"].value / 100, self.knobs["across"].value == "row")
 
-    def _limits(self) -> Shared | None:
-        """Limits of A's colours, if it shows the same thing."""
-        if self.kept is None or self.shown is None or self.kept.settings.scene != self.shown.settings.scene:
-            return None
-        return limits_of(self.kept)
-
-    def _redraw(self) -> None:
-        """Draw what is shown again, with another section; and A below."""
-        with self._drawing:
-            if self.shown is not None:
-                self.picture.value = jpeg(outcome_board(self.shown, self._cut(), self._limits()))
-            if self.kept is not None:
-                self.picture_kept.value = jpeg(outcome_board(self.kept, self._cut()))
+    def _point(self, right: float, down: float, _time: float) -> None:
+        """Lay the section through a point of the map."""
+        knob = self.knobs["section"]
+        share = down if self.knobs["across"].value == "row" else right
+        knob.value = knob.step * round(knob.max * share / knob.step)
 
     # Buttons -----------------------------------------------------------------------------
 
@@ -250,6 +217,9 @@ class TunerBox(w.VBox):
             made.on_click(self._guarded(lambda _: action()))
             return made
 
+        self.keeper = button(
+            "keep as A", KEEP, lambda: self.keep() if self.pair.kept is None else self.drop()
+        )
         self.folder = w.Text("tuned", description="into", layout=w.Layout(width="230px"))
         self.upload = w.FileUpload(
             accept=".png,.jpg,.jpeg,.tif,.tiff,.json", multiple=True, description="frame, endoscope.json"
@@ -258,7 +228,7 @@ class TunerBox(w.VBox):
         self.upload.observe(self._guarded(lambda _: self._take_upload()), "value")
         self.buttons = w.HBox(
             [
-                button("keep as A", "show this below, to compare", self.keep),
+                self.keeper,
                 button("show code", "the lines of Python that make this", self.show_code),
                 button("export", "pictures, cloud, depth and recording", self._export_aside),
                 self.folder,
@@ -268,14 +238,15 @@ class TunerBox(w.VBox):
         )
 
     def keep(self) -> None:
-        """Keep what is shown as A, below, to compare."""
-        with self._drawing:
-            if self.shown is None:
-                raise ValueError("there is no result to keep yet")
-            self.kept = self.shown
-            self.picture_kept.value = self.picture.value
-        self.picture_kept.layout = w.Layout(width="100%", max_width="1176px", border="2px solid #0072B2")
-        self._say(f"below, kept as A: {summary(self.kept)}")
+        """Keep what is shown as A, to compare; from now on it stands beside what is shown."""
+        kept = self.pair.keep()
+        self.keeper.description, self.keeper.tooltip = "drop A", "back to one picture"
+        self._say(f"kept as A: {summary(kept)}")
+
+    def drop(self) -> None:
+        """Forget A."""
+        self.pair.drop()
+        self.keeper.description, self.keeper.tooltip = "keep as A", KEEP
 
     def python(self) -> str:
         """Return the Python that makes what the knobs say, imports included."""

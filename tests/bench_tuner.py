@@ -34,7 +34,7 @@ FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-
 READY = "() => window.jupyterapp?.shell?.currentWidget?.sessionContext?.session?.kernel?.status === 'idle'"
 # Notes, for each new picture, when it was decoded and drawn and what the status line said of it.
 WATCH = """() => {
-    const box = document.querySelector('.endolab-tuner'), image = box.querySelector('img');
+    const box = document.querySelector('.endolab-tuner'), image = box.querySelector('.endolab-now img');
     window.seen = [];
     new MutationObserver(async () => {
         const said = box.querySelector('.endolab-status').innerText, arrived = performance.now();

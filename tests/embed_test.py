@@ -100,6 +100,28 @@ def test_following_a_run_needs_a_front_end(nobody):
         record(live=True)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="there programs are ended otherwise")
+def test_the_server_of_a_live_viewer_ends_with_its_program():
+    """It passes on what is logged, listens to no network, and leaves nobody listening."""
+    code = """
+import socket
+import rerun as rr
+from endolab import viewer
+address = viewer.start_server()
+stream = rr.RecordingStream("endolab")
+stream.connect_grpc(address)
+stream.log("words", rr.TextDocument("hello"))
+stream.flush(timeout_sec=30)
+port = int(address.split(":")[-1].split("/")[0])
+with socket.socket() as other:
+    other.bind(("127.0.0.2", port))  # taken, if it listened to all addresses
+print(port)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert not viewer._listening(int(done.stdout))
+
+
 def test_the_viewer_comes_from_this_machine(path):
     """With a front end, a widget with the recording is displayed whose program is served locally."""
     code = f"""

@@ -14,9 +14,9 @@ FLOORS = [
     "iteration preprocess depth calibration",
     "reconstruction evaluation views tuning",
     "endoscope sections sheets files video sightings datasets recording recordings blueprints embed "
-    "viewer style side_view plots meshes mesh_views light_plots pictures boards widgets cli lab pages "
-    "cli_calibration calibration_plots calibration_facts calibration_report calibration_recording "
-    "__init__ __main__",
+    "viewer style side_view plots meshes mesh_views light_plots pictures boards knobs pair widgets "
+    "cli lab pages cli_calibration calibration_plots calibration_facts calibration_report "
+    "calibration_recording __init__ __main__",
 ]
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names.split()}
 UPSTAIRS_ONLY = {

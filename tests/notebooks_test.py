@@ -55,7 +55,7 @@ def thick(source):
 
 
 def broken(path):
-    """Relative links that lead nowhere: to no file, or beyond its last line."""
+    """Relative links that lead nowhere: to no file, or to a line of code where nothing is defined."""
     for link in links_of(path):
         if re.match(r"[a-z]+:", link) or link.startswith("#"):
             continue
@@ -64,8 +64,12 @@ def broken(path):
         lines = [int(number) for number in re.findall(r"L(\d+)", anchor)]
         if not file.exists():
             yield f"{link}: no such file"
-        elif lines and max(lines) > len(file.read_text(encoding="utf-8").splitlines()):
-            yield f"{link}: the file is shorter"
+        elif lines:
+            source = ["", *file.read_text(encoding="utf-8").splitlines()]
+            if max(lines) >= len(source):
+                yield f"{link}: the file is shorter"
+            elif not all(re.match(r"\s*(def|class) ", source[number]) for number in lines):
+                yield f"{link}: nothing is defined there"
 
 
 def test_it_is_committed_without_what_running_it_leaves(cells):
@@ -131,10 +135,12 @@ def test_its_links_lead_somewhere(page):
 
 
 def test_a_broken_link_is_found(tmp_path):
-    (tmp_path / "code.py").write_text("one\ntwo\n")
+    (tmp_path / "code.py").write_text("import one\ndef two():\n")
     page = tmp_path / "page.md"
     page.write_text("[a](code.py#L2) [b](code.py#L3) [c](none.py) [d](https://example.org) ```[e](no.py)```")
     assert list(broken(page)) == ["code.py#L3: the file is shorter", "none.py: no such file"]
+    page.write_text("[a](code.py#L1) [b](code.py)")
+    assert list(broken(page)) == ["code.py#L1: nothing is defined there"]
 
 
 def test_each_notebook_leads_to_the_next_one_and_to_the_library():

@@ -21,10 +21,11 @@ def test_pages_stand_alone(tmp_path, capsys):
     pytest.importorskip("dash")  # the formulas' script
     (tmp_path / "notebooks").mkdir()
     (tmp_path / "notebooks" / "README.md").write_text("[one](01_a.ipynb)")
-    write(tmp_path / "notebooks" / "01_a.ipynb", SLIDER)
+    write(tmp_path / "notebooks" / "01_a.ipynb", SLIDER, "from ipywidgets import IntSlider\nIntSlider()")
     assert pages.main([str(tmp_path / "notebooks"), str(tmp_path / "build" / "html")]) == 0
     page = (tmp_path / "build" / "html" / "01_a.html").read_text(encoding="utf-8")
     assert "a is 4" in page
+    assert pages.NO_WIDGET in page
     for link in ("02_b.html#end", "../../endolab/cameras.py#L1", "index.html", "https://x.org"):
         assert f'href="{link}"' in page
     assert set(re.findall(r'<script src="([^"]*)"', page)) == {"data:,", "mathjax.js"}

@@ -63,7 +63,7 @@ def test_a_depth_map_has_units_limits_and_neutral_holes():
     ax = plots.show_depth(distance)
     image = ax.images[0]
     assert image.get_clim() == pytest.approx(tuple(np.nanpercentile(distance, [1, 99])))
-    assert image.colorbar.ax.get_ylabel() == "distance from the camera [mm]"
+    assert image.colorbar.ax.get_ylabel() == "distance [mm]"
     assert image.colorbar.extend == "both"
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("column u [px]", "row v [px]")
     assert image.get_array().mask.sum() == 100

@@ -105,7 +105,7 @@ def spoiled(content: bytes) -> dict[str, tuple[bytes, str]]:
         "start": (content[:6], "is truncated"),
         "half": (content[:middle], "is truncated"),
         "last byte": (content[:-1], "is truncated"),
-        "hole": (content[:4000] + bytes(400) + content[4400:], "is damaged"),
+        "hole": (content[:600] + bytes(400) + content[1000:], "is damaged"),
         "older": (content[:4] + bytes([0, 5, 0, 0]) + content[8:], "another version: Rerun 0.5, and here is"),
         "newer": (content[:4] + bytes([0, 99, 0, 0]) + content[8:], "another version: Rerun 0.99, and here"),
     }

@@ -3,6 +3,7 @@
 import threading
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -10,9 +11,9 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.boards import Cut, limits_of, outcome_board
+from endolab.boards import Cut, contrast, limits_of, outcome_board, spots, summary
 from endolab.files import as_json
-from endolab.pictures import coloured, curve_panel, grey_or_colour, map_panel, ticks
+from endolab.pictures import board, coloured, curve_panel, grey_or_colour, map_panel, panel, ticks
 from endolab.tuning import Tuner
 from endolab.views import Settings
 from endolab.widgets import tuner
@@ -54,25 +55,25 @@ def until(condition, seconds=20):
 def test_a_moved_knob_changes_the_picture_and_the_line(make):
     box = make()
     box.engine.wait(30)
-    first, line = box.picture.value, box.status.value
-    assert decoded(box.picture).shape == (548, 1176, 3)
+    first, line = box.pair.picture.value, box.status.value
+    assert decoded(box.pair.picture).shape == (548, 1176, 3)
     assert "median error" in line
     assert "fine" in line
     for name, value in (("lam", 0.1), ("xi", "d"), ("noise", 2.0), ("k", 3.0), ("solver", "fast_marching")):
         box.knobs[name].value = value
         assert getattr(box.engine.wait(30).settings, name) == value
-        assert box.picture.value != first
-        first = box.picture.value
+        assert box.pair.picture.value != first
+        first = box.pair.picture.value
     assert box.engine.complaint == ""
 
 
 def test_the_section_moves_without_a_solve(make):
     box = make()
     final = box.engine.wait(30)
-    before = box.picture.value
+    before = box.pair.picture.value
     box.knobs["section"].value = 30
     box.knobs["across"].value = "row"
-    assert box.picture.value != before
+    assert box.pair.picture.value != before
     assert box.engine.wait(1) is final
 
 
@@ -95,11 +96,11 @@ def test_an_error_is_a_line_and_the_picture_stays(make, seen):
     frame, calibration, _ = seen
     box = make(el.Frame(frame.image[..., 1], frame.mask), calibration)
     box.engine.wait(30)
-    before = box.picture.value
+    before = box.pair.picture.value
     box.knobs["channel"].value = "red"
     box.engine.wait(30)
     assert "grey and has no red channel" in box.status.value
-    assert box.picture.value == before
+    assert box.pair.picture.value == before
     box.knobs["channel"].value = ""
     box.engine.wait(30)
     assert "energy" in box.status.value
@@ -116,18 +117,90 @@ def test_a_frame_with_truth_shows_its_error(make, seen):
     assert not box.knobs["noise"].disabled
 
 
-def test_a_is_kept_below_with_the_same_colours(make):
+def test_a_is_kept_beside_with_the_same_colours_and_dropped_again(make):
     box = make()
     box.engine.wait(30)
-    box.keep()
-    kept = box.picture_kept.value
-    assert kept == box.picture.value
+    pair = box.pair
+    box.keeper.click()
+    kept = pair.picture_kept.value
+    assert kept == pair.picture.value
+    assert decoded(pair.picture).shape == (822, 784, 3)
     box.knobs["gain"].value = 3.0
     outcome = box.engine.wait(30)
-    assert box.picture_kept.value == kept
-    assert box._limits() == limits_of(box.kept)
-    assert limits_of(outcome) != box._limits()
-    assert box.picture_kept.layout.display is None
+    assert pair.picture_kept.value == kept
+    assert pair.picture.value != kept
+    assert pair.limits(outcome) == limits_of(pair.kept)
+    assert limits_of(outcome) != pair.limits(outcome)
+    assert pair.children[0].layout.display is None
+    assert pair.children[0].layout.flex == pair.children[1].layout.flex
+    assert pair.picture_kept.caption.startswith("A: λ = 1, gain × 1 · median error")
+    assert pair.picture.caption.startswith("B (now): λ = 1, gain × 3 · median error")
+    box.keeper.click()
+    assert pair.kept is None
+    assert pair.children[0].layout.display == "none"
+    assert pair.picture.caption == ""
+    assert decoded(pair.picture).shape == (548, 1176, 3)
+    assert box.keeper.description == "keep as A"
+
+
+def test_a_without_a_truth_has_the_same_axes_of_the_section(outcome):
+    blind = replace(outcome, view=replace(outcome.view, truth=None))
+    iterate = blind.result.iterate
+    twice = replace(blind.result, iterate=replace(iterate, log_distance=iterate.log_distance + 0.7))
+    other = replace(blind, result=twice)
+    panels = [outcome_board(one, Cut(), limits)[274:, 392:784] for one, limits in (
+        (blind, None), (other, None), (other, limits_of(blind)))]  # fmt: skip
+    numbers = [panel[-38:-12].astype(int) for panel in panels]  # below the axis
+    assert (numbers[0] != numbers[1]).any()
+    assert (numbers[0] == numbers[2]).all()
+
+
+def test_what_differs_is_said():
+    one, other = Settings(scene=None, k=None, solver="primal_dual"), Settings(scene=None, k=3.0)
+    assert contrast(one, other) == "λ = 1, k = as calibrated, solver = primal-dual"
+    assert contrast(other, one) == "λ = 1, k = 3, solver = Gauss-Newton"
+
+
+def test_one_iteration_is_not_many(outcome):
+    assert summary(outcome).count(f"{outcome.result.iterations} iterations") == 1
+    once = replace(outcome, result=replace(outcome.result, history=[{"k": 1}]))
+    assert "1 iteration ·" in summary(once)
+
+
+def test_the_pointer_moves_the_section(make):
+    box = make()
+    final = box.engine.wait(30)
+    before = box.pair.picture.value
+    box.pair.picture.point = [0.301, 0.9, 1.0]
+    assert box.knobs["section"].value == 30
+    assert box.pair.picture.value != before
+    box.knobs["across"].value = "row"
+    box.keep()
+    kept = box.pair.picture_kept.value
+    box.pair.picture_kept.point = [0.301, 1.0, 2.0]
+    assert box.knobs["section"].value == 100
+    assert box.pair.picture_kept.value != kept
+    assert box.engine.wait(1) is final
+
+
+@pytest.mark.parametrize("columns", [3, 2])
+@pytest.mark.parametrize("shape", [(120, 160), (100, 300), (300, 100)])
+def test_spots_are_where_the_maps_are(outcome, columns, shape):
+    result = outcome.result
+    mask = np.zeros(shape, bool)
+    like = SimpleNamespace(result=SimpleNamespace(mask=mask))
+    for at, (left, top, right, bottom) in enumerate(spots(like, columns)):
+        rows = -(-6 // columns)
+        panels = [panel("")] * 6
+        panels[at] = map_panel("", np.zeros((*shape, 3), np.uint8))
+        black = board([panels[first : first + columns] for first in range(0, 6, columns)]).max(axis=-1) == 0
+        height, width = black.shape
+        ys, xs = np.nonzero(black)
+        assert (height, width) == (274 * rows, 392 * columns)
+        assert [left * width, right * width] == pytest.approx([xs.min(), xs.max() + 1])
+        assert [top * height, bottom * height] == pytest.approx([ys.min(), ys.max() + 1])
+    assert spots(outcome, columns)[0][2] == pytest.approx(328 / (392 * columns))
+    assert result.mask.shape == (120, 160)
 
 
 def test_the_code_is_shown_and_runs(make):

@@ -5,7 +5,10 @@ import re
 
 import pytest
 
-PICTURE, STATUS, HANDLE = ".endolab-tuner img", ".endolab-status", ".endolab-tuner .noUi-handle"
+from browser.conftest import READY
+
+PICTURE, STATUS, HANDLE = ".endolab-now img", ".endolab-status", ".endolab-tuner .noUi-handle"
+KEPT = ".endolab-kept img"
 CELLS = ["from endolab.widgets import tuner\nbox = tuner(scene='tube', width=160)\nbox"]
 
 
@@ -65,7 +68,7 @@ def test_ends_errors_and_a_kept_result_leave_the_page_alive(opened):
             press(page, key, index)
             page.wait_for_timeout(150)
     page.get_by_role("button", name="keep as A").click()
-    page.wait_for_function(f"() => document.querySelectorAll('{PICTURE}').length === 2")
+    page.locator(KEPT).wait_for(state="visible")
     page.get_by_role("button", name="show code").click()
     page.wait_for_function(
         "() => document.querySelector('.endolab-tuner textarea').value.includes('el.reconstruct')"
@@ -84,3 +87,105 @@ def test_ends_errors_and_a_kept_result_leave_the_page_alive(opened):
     page.wait_for_function(FINE, timeout=60_000)
     assert opened.state()["complaints"] == []
     assert opened.outside == []
+
+
+def at(page, right, down, picture=PICTURE, panels=(3, 2)):
+    """Page coordinates of a share of the map of the distance."""
+    box, (columns, rows) = page.locator(picture).bounding_box(), panels
+    x, y = (392 + 8 + 320 * right) / (392 * columns), (26 + 240 * down) / (274 * rows)
+    return box["x"] + x * box["width"], box["y"] + y * box["height"]
+
+
+def section_of(page):
+    """What the slider of the section says, %."""
+    return float(page.locator(".endolab-tuner .widget-readout").nth(6).inner_text())
+
+
+def section_is(page, percent):
+    page.wait_for_function(
+        "([index, wished]) => Math.abs(wished - parseFloat("
+        "document.querySelectorAll('.endolab-tuner .widget-readout')[index].innerText)) < 1",
+        arg=[6, percent],
+        timeout=20_000,
+    )
+
+
+def test_the_section_follows_the_pointer(opened):
+    page = opened.page
+    source = f"() => document.querySelector('{PICTURE}').src"
+    page.evaluate(f"""() => {{ window.pictures = 0; new MutationObserver(() => {{ window.pictures += 1; }})
+        .observe(document.querySelector('{PICTURE}'), {{attributes: true, attributeFilter: ['src']}}); }}""")
+    before, said = page.evaluate(source), page.locator(STATUS).inner_text()
+    page.mouse.move(*at(page, 0.9, 0.5))
+    page.mouse.down()
+    for step in range(1, 41):
+        page.mouse.move(*at(page, 0.9 - 0.02 * step, 0.5 + 0.02 * step))
+    page.mouse.up()
+    section_is(page, 10)
+    page.wait_for_function(f"old => ({source})() !== old", arg=before, timeout=20_000)
+    page.wait_for_timeout(1000)
+    assert page.evaluate("() => window.pictures") <= 42  # never more than one for each move
+    assert page.locator(STATUS).inner_text() == said  # nothing was solved
+    page.mouse.move(*at(page, 0.7, 0.5))  # no longer pressed
+    page.mouse.click(*at(page, 0.5, 1.5))  # on another panel
+    page.wait_for_timeout(500)
+    assert section_of(page) == pytest.approx(10, abs=1)
+    opened.photograph("06_tuner_dragged")
+    page.mouse.click(*at(page, 0.8, 0.5))
+    section_is(page, 80)
+    assert opened.state()["complaints"] == []
+
+
+def test_a_stands_beside_b_and_is_dropped_again(opened):
+    page = opened.page
+    page.get_by_role("button", name="keep as A").click()
+    page.locator(KEPT).wait_for(state="visible")
+    for _ in range(20):
+        press(page, "ArrowLeft")
+    page.wait_for_function(
+        "() => document.querySelector('.endolab-now .endolab-caption')"
+        ".innerText.startsWith('B (now): λ = 0.1')",
+        timeout=20_000,
+    )
+    assert page.locator(".endolab-kept .endolab-caption").inner_text().startswith("A: λ = 1 ")
+    kept, now = (page.locator(picture).bounding_box() for picture in (KEPT, PICTURE))
+    assert kept["y"] == now["y"]
+    assert kept["x"] + kept["width"] <= now["x"]
+    assert (kept["width"], kept["height"]) == pytest.approx((now["width"], now["height"]), abs=1)
+    opened.photograph("06_tuner_beside")
+    page.mouse.click(*at(page, 0.2, 0.5, KEPT, (2, 3)))
+    section_is(page, 20)
+    page.get_by_role("button", name="drop A").click()
+    page.locator(KEPT).wait_for(state="hidden")
+    page.wait_for_function(
+        f"width => document.querySelector('{PICTURE}').offsetWidth > 1.5 * width", arg=now["width"]
+    )
+    assert opened.state()["complaints"] == []
+
+
+def test_a_restarted_kernel_is_a_line_and_the_cell_runs_again(opened):
+    page = opened.page
+    lost = page.locator(".endolab-now .endolab-lost")
+    assert not lost.is_visible()
+    page.evaluate(
+        "async () => { await window.jupyterapp.shell.currentWidget.sessionContext.session.kernel.restart() }"
+    )
+    lost.wait_for(state="visible", timeout=20_000)
+    assert "run the cell again" in lost.inner_text()
+    press(page, "ArrowRight")  # nobody listens
+    page.mouse.click(*at(page, 0.2, 0.5))
+    page.get_by_role("button", name="keep as A").click()
+    page.wait_for_timeout(500)
+    assert page.locator(".jp-Dialog").count() == 0
+    opened.photograph("06_tuner_restarted")
+    page.wait_for_function(READY, timeout=60_000)
+    opened.run_all()
+    page.locator(".endolab-now .endolab-lost").wait_for(state="hidden", timeout=30_000)
+    page.wait_for_function(FINE, timeout=60_000)
+    for _ in range(20):
+        press(page, "ArrowLeft")
+    page.wait_for_function(
+        f"() => document.querySelector('{STATUS}').innerText.includes('λ = 0.1 ')", timeout=20_000
+    )
+    assert page.locator(".jp-Dialog").count() == 0
+    assert opened.state()["complaints"] == []
