@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).resolve().parent.parent / "endolab"
 FLOORS = [
     "operators penalties roots",
     "rays cameras lights brdf photometry surface scenes rendering",
-    "iteration preprocess bounces depth calibration",
+    "iteration preprocess bounces contours depth calibration",
     "reconstruction evaluation views tuning",
     "endoscope sections sheets files video sightings datasets recording recordings blueprints embed "
     "viewer style side_view plots meshes mesh_views light_plots pictures boards knobs pair widgets "
