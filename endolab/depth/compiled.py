@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from endolab.depth.energy import AT_LEAST, EXACT, NONE
 from endolab.depth.fast_marching import kernel
 from endolab.depth.padding import PAD
 from endolab.operators import FloatArray
@@ -73,10 +74,31 @@ def _size(x: FloatArray, link: Any, second: bool, i: int, j: int) -> float:
 
 
 @kernel
+def _counts(r: float, evidence: Any, i: int, j: int) -> bool:
+    """Whether a pixel's residual counts; no evidence stands for exact pixels."""
+    return evidence.size == 0 or evidence[i, j] == EXACT or (evidence[i, j] == AT_LEAST and r < 0)
+
+
+@kernel
+def listen(
+    model: FloatArray, image: FloatArray, evidence: Any, wanted: FloatArray, limit: FloatArray
+) -> None:
+    """Write what the picture wants of a row: the model's own value where no residual counts.
+
+    No data bind the step of such a pixel, so that its limit is lifted.
+    """
+    for j in range(wanted.size):
+        above = evidence[j] == AT_LEAST and model[j] > image[j]
+        silent = above or evidence[j] == NONE
+        wanted[j] = model[j] if silent else image[j]
+        limit[j] = 0.999 if silent else limit[j]
+
+
+@kernel
 def sums(
     v: FloatArray, xi: FloatArray, image: FloatArray, log_scale: FloatArray, metric: Any, edge: FloatArray,
-    active: Any, link: Any, gamma: float, table: Any, step: float, threshold: float, epsilon: float,
-    scale: float, second: bool,
+    active: Any, link: Any, evidence: Any, gamma: float, table: Any, step: float, threshold: float,
+    epsilon: float, scale: float, second: bool,
 ) -> tuple[float, float]:  # fmt: skip
     """Sums over the mask of the data's penalty and of the regulariser's without λ."""
     data, rough = 0.0, 0.0
@@ -86,9 +108,11 @@ def sums(
                 u, w = differences(v, link, i, j)
                 slant = metric[0, i, j] * u * u + 2 * metric[1, i, j] * u * w + metric[2, i, j] * w * w
                 shading = _shading(np.log(1 + slant), table, step)[0]
-                r = abs(np.exp(log_scale[i, j] + (shading - 2 * v[i, j]) / gamma) - image[i, j])
-                small = min(r, threshold)
-                data += small * (r - 0.5 * small)
+                r = np.exp(log_scale[i, j] + (shading - 2 * v[i, j]) / gamma) - image[i, j]
+                if _counts(r, evidence, i, j):
+                    r = abs(r)
+                    small = min(r, threshold)
+                    data += small * (r - 0.5 * small)
                 size = scale * _size(xi, link, second, i, j)
                 small = min(size, epsilon)
                 rough += edge[i, j] * small * (size - 0.5 * small) / epsilon
@@ -98,8 +122,8 @@ def sums(
 @kernel
 def linearise(
     v: FloatArray, xi: FloatArray, image: FloatArray, log_scale: FloatArray, metric: Any, edge: FloatArray,
-    active: Any, link: Any, gamma: float, table: Any, step: float, threshold: float, epsilon: float,
-    scale: float, second: bool, lam: float,
+    active: Any, link: Any, evidence: Any, gamma: float, table: Any, step: float, threshold: float,
+    epsilon: float, scale: float, second: bool, lam: float,
     by_v: FloatArray, by_v_u: FloatArray, by_v_v: FloatArray, weight: FloatArray, smoothness: FloatArray,
     descent: FloatArray, smooth: FloatArray,
 ) -> None:  # fmt: skip
@@ -116,16 +140,17 @@ def linearise(
             shading, slope = _shading(np.log(1 + slant), table, step)
             intensity = np.exp(log_scale[i, j] + (shading - 2 * v[i, j]) / gamma)
             r = intensity - image[i, j]
-            by_slant = 2 * intensity * slope / (gamma * (1 + slant))
-            a, b_u, b_v = -2 * intensity / gamma, by_slant * up, by_slant * wp
-            k = 1 / max(abs(r) / threshold, 1.0)
-            by_v[i, j], by_v_u[i, j], by_v_v[i, j], weight[i, j] = a, b_u, b_v, k
-            u, w = k * r * b_u / max(right + left, 1), k * r * b_v / max(below + above, 1)
-            descent[i, j] -= k * r * a + u * (left - right) + w * (above - below)
-            descent[i, j + 1] -= u * right
-            descent[i, j - 1] += u * left
-            descent[i + 1, j] -= w * below
-            descent[i - 1, j] += w * above
+            if _counts(r, evidence, i, j):
+                by_slant = 2 * intensity * slope / (gamma * (1 + slant))
+                a, b_u, b_v = -2 * intensity / gamma, by_slant * up, by_slant * wp
+                k = 1 / max(abs(r) / threshold, 1.0)
+                by_v[i, j], by_v_u[i, j], by_v_v[i, j], weight[i, j] = a, b_u, b_v, k
+                u, w = k * r * b_u / max(right + left, 1), k * r * b_v / max(below + above, 1)
+                descent[i, j] -= k * r * a + u * (left - right) + w * (above - below)
+                descent[i, j + 1] -= u * right
+                descent[i, j - 1] += u * left
+                descent[i + 1, j] -= w * below
+                descent[i - 1, j] += w * above
             if second:
                 uu, uv, vv = _second(xi, link, i, j)
                 size = np.sqrt(uu * uu + uv * uv + vv * vv)

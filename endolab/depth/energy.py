@@ -7,6 +7,11 @@ derivatives are per 1/320 of the picture's width, so that one λ serves all ξ, 
 (paper, Section V; conventions in README.md). What solvers minimise, recordings show and tests
 check is this function.
 
+A picture is not always evidence: a saturated pixel says that the surface is at least this bright,
+so that its residual counts only where the model is darker, and a highlight or an overlay says
+nothing. There the surface is what its neighbours and the regulariser make of it; the mean is
+still over all pixels of the mask.
+
 Normals in the model are from central differences of v, and from two pixels where a neighbour
 is missing: then the normal equations couple no pixels further apart than the Hessian's do.
 """
@@ -17,6 +22,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from endolab.cameras import Camera
 from endolab.operators import (
@@ -37,6 +43,7 @@ from endolab.surface import check_xi, slant, to_xi
 REGULARISERS = ("first", "second")
 EDGE_SCALE = 0.05  # image gradient, per 1/320 of the width, at which g falls to 1/e
 REFERENCE_WIDTH = 320
+EXACT, AT_LEAST, NONE = 0, 1, 2  # what a pixel's value says of the surface's: see `Problem`
 
 
 @dataclass(frozen=True)
@@ -71,6 +78,11 @@ class Problem:
     cuts : (2, H, W) bool array, optional
         Steps from a pixel to its right and its lower neighbour over which the surface is torn, as
         at an occluding contour: no derivative and no march takes them.
+    evidence : (H, W) int8 array, optional
+        What the image says of each pixel; by default, EXACT everywhere. EXACT (0): it is as bright
+        as this. AT_LEAST (1), saturated: it is this bright or brighter. NONE (2), a highlight or
+        an overlay: nothing. The image holds some plausible value there all the same, that of the
+        surroundings say, for a march to begin with.
     picture : (H, W) or (H, W, 3) float array, optional
         The frame as it looked, for people.
     settings : dict
@@ -88,6 +100,7 @@ class Problem:
     threshold: float = 0.05
     metric: bool = True
     cuts: BoolArray | None = None
+    evidence: NDArray[np.int8] | None = None
     picture: FloatArray | None = None
     settings: dict[str, object] = field(default_factory=dict)
 
@@ -108,6 +121,13 @@ class Problem:
         if self.cuts is not None and (self.cuts.shape != (2, *shape) or self.cuts.dtype != bool):
             found = f"{self.cuts.dtype} of shape {self.cuts.shape}"
             raise ValueError(f"cuts must be a bool array of shape {(2, *shape)}, found {found}")
+        if self.evidence is not None:
+            if self.evidence.shape != shape or self.evidence.dtype != np.int8:
+                found = f"{self.evidence.dtype} of shape {self.evidence.shape}"
+                raise ValueError(f"evidence must be an int8 array of shape {shape}, found {found}")
+            unknown = np.setdiff1d(self.evidence[self.mask], (EXACT, AT_LEAST, NONE))
+            if unknown.size:
+                raise ValueError(f"evidence must be 0 (exact), 1 (at least) or 2 (none), found {unknown[0]}")
 
     @property
     def field(self) -> RayField:
@@ -127,9 +147,13 @@ class Problem:
 
     @cached_property
     def edge_weight(self) -> FloatArray:
-        """g, (H, W): near 1 in smooth parts of the image, less at its edges."""
+        """g, (H, W): near 1 in smooth parts of the image, less at its edges.
+
+        Steps to and from pixels that say nothing are no edges: a highlight is none of the surface's.
+        """
         scale = self.camera.width / REFERENCE_WIDTH
-        size = np.linalg.norm(forward_gradient(self.image, self.mask), axis=0) * scale
+        said = self.mask if self.evidence is None else self.mask & (self.evidence != NONE)
+        size = np.linalg.norm(forward_gradient(self.image, said), axis=0) * scale
         return np.exp(-size / EDGE_SCALE)
 
     @property
@@ -171,6 +195,14 @@ def model_image(problem: Problem, log_distance: FloatArray) -> FloatArray:
     return np.where(problem.mask, predicted, np.nan)
 
 
+def contradicted(problem: Problem, residual: FloatArray) -> BoolArray:
+    """Where the picture is evidence against a model that is brighter by this residual, (H, W)."""
+    if problem.evidence is None:
+        return problem.mask
+    one_sided = (problem.evidence == AT_LEAST) & (np.where(problem.mask, residual, 0.0) < 0)
+    return problem.mask & ((problem.evidence == EXACT) | one_sided)
+
+
 def _scaled_xi(problem: Problem, log_distance: FloatArray) -> FloatArray:
     """Return ξ/ξ̃, 0 outside the mask."""
     xi = to_xi(np.where(problem.mask, log_distance, 0.0), problem.xi, problem.field.cos_alpha)
@@ -199,7 +231,8 @@ def energy_terms(problem: Problem, log_distance: FloatArray) -> dict[str, float]
         "data" and "regulariser" (λ included); the energy is their sum.
     """
     mask, count = problem.mask, int(problem.mask.sum())
-    residual = model_image(problem, log_distance)[mask] - problem.image[mask]
+    residual = model_image(problem, log_distance) - problem.image
+    residual = residual[contradicted(problem, residual)]
     size = _roughness(problem, _scaled_xi(problem, log_distance))[1]
     roughness = problem.edge_weight * huber(size, problem.epsilon) / problem.epsilon
     return {
@@ -217,7 +250,8 @@ class GaussNewtonModel:
 
         I_model(v + δ) ≈ I_model(v) + a δ + b·∇δ,    a = ∂I/∂v = -2 I/γ,   b = 2 ∂I/∂P G⁻¹ ∇v.
 
-    All arrays are (H, W) and 0 outside the mask.
+    All arrays are (H, W) and 0 outside the mask; the first five are 0, too, where the picture is no
+    evidence against the model.
 
     Attributes
     ----------
@@ -265,7 +299,9 @@ class GaussNewtonModel:
             xi if problem.xi == "d" else -xi,
             smoothness / np.maximum(size, problem.epsilon),
         )
-        return cls(problem, *(np.where(mask, piece, 0.0) for piece in pieces))
+        counts = contradicted(problem, residual)
+        places = (*[counts] * 5, mask, mask, mask)
+        return cls(problem, *(np.where(at, piece, 0.0) for at, piece in zip(places, pieces, strict=True)))
 
     @property
     def gradient(self) -> FloatArray:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from endolab.depth.compiled import differences, fill_xi, linearise, shading_table, sums
-from endolab.depth.energy import Problem
+from endolab.depth.energy import AT_LEAST, EXACT, NONE, Problem
 from endolab.depth.fast_marching import March, kernel
 from endolab.depth.normal_equations import Coefficients
 from endolab.depth.padding import PAD, block_sums, halved, halved_links, inner, padded
@@ -68,6 +68,8 @@ class Grid:
         The mask.
     link : (2, ...) int8 array
         Steps that derivatives take, see `endolab.operators.links`.
+    evidence : int8 array
+        See `Problem`; (0, 0) for exact pixels.
     inflow : (H, W) array, not padded
         log d where it is given and no unknown, else nan.
     cuts : (2, H, W) bool array, not padded, or None
@@ -86,6 +88,7 @@ class Grid:
     edge: FloatArray
     active: Any
     link: Any
+    evidence: Any
     inflow: FloatArray
     cuts: BoolArray | None
     scale: float
@@ -106,6 +109,7 @@ class Grid:
             padded(problem.edge_weight),
             padded(mask.astype(np.int8)),
             padded(links(mask, problem.cuts).astype(np.int8)),
+            np.empty((0, 0), np.int8) if problem.evidence is None else padded(problem.evidence),
             np.full(mask.shape, np.nan) if inflow is None else np.where(mask, inflow, np.nan),
             problem.cuts,
             problem.derivative_scale,
@@ -118,19 +122,35 @@ class Grid:
         inflow = inner(_block_means(padded(np.nan_to_num(self.inflow)), given))
         active, link = halved(self.active), halved_links(self.link)
         torn = links(inner(active) > 0) & (inner(link) == 0)
+        image, evidence = self._coarser_evidence()
         return replace(
             self,
-            image=self.restrict(self.image),
+            image=image,
             log_scale=self.restrict(self.log_scale),
             metric=np.stack([self.restrict(one) for one in self.metric]) / 4,
             factor=self.restrict(self.factor),
             edge=self.restrict(self.edge),
             active=active,
             link=link,
+            evidence=evidence,
             inflow=np.where(inner(halved(given)) > 0, inflow, np.nan),
             cuts=None if self.cuts is None else torn,
             scale=self.scale / (4 if self._second else 2),
         )
+
+    def _coarser_evidence(self) -> tuple[FloatArray, Any]:
+        """Image and evidence on half the pixels.
+
+        A block has the mean of its pixels that say something and says nothing only if they all do;
+        it is a lower bound if more than half of those that speak are.
+        """
+        image = self.restrict(self.image)
+        if self.evidence.size == 0:
+            return image, self.evidence
+        speaks = self.active * (self.evidence != NONE)
+        count, bounds = block_sums(speaks), block_sums(speaks * (self.evidence == AT_LEAST))
+        evidence = np.where(count == 0, NONE, np.where(2 * bounds > count, AT_LEAST, EXACT))
+        return np.where(count > 0, _block_means(self.image, speaks), image), evidence.astype(np.int8)
 
     def restrict(self, a: FloatArray) -> FloatArray:
         """Mean of a map over the active pixels of each 2×2 block."""
@@ -154,8 +174,8 @@ class Grid:
     def march(self, guess: FloatArray | None = None) -> FloatArray:
         """Fast march on this grid.
 
-        Values are taken from the guess where the march enters the picture, and from `inflow` where
-        that is given.
+        Values are taken from the guess where the march enters the picture and where the picture is
+        not exact, and from `inflow` where that is given.
         """
         mask, gamma = self.mask, self.problem.photometry.gamma
         dark = np.log(np.where(mask, inner(self.image), 1.0))
@@ -166,6 +186,10 @@ class Grid:
             _enters(guess, self.metric, self.active, self.link, enters)
             # The facing distance is an upper bound; a guess beyond it would explain nothing.
             bounded = np.minimum(inner(guess), log_facing)
+            if self.evidence.size:
+                said = inner(self.evidence)
+                enters |= mask & (said != EXACT)
+                bounded = np.where(said == NONE, inner(guess), bounded)
             inflow = np.where(np.isnan(inflow) & enters, bounded, inflow)
         metric = np.moveaxis(inner(self.metric), 0, -1)
         table = self.problem.photometry.slant_table()
@@ -180,7 +204,7 @@ class Grid:
 
     def _arguments(self) -> tuple[Any, ...]:
         p = self.problem
-        arrays = (self.image, self.log_scale, self.metric, self.edge, self.active, self.link)
+        arrays = (self.image, self.log_scale, self.metric, self.edge, self.active, self.link, self.evidence)
         model = (p.photometry.gamma, self.table, self.step)
         return (*arrays, *model, p.threshold, p.epsilon, self.scale, self._second)
 

@@ -138,14 +138,15 @@ class Coefficients:
 
     def coarser(self) -> Coefficients:
         """The same on half the pixels: a derivative per coarse pixel is twice one per fine pixel."""
-        count = np.maximum(block_sums(self.weight > 0), 1)
+        count = np.maximum(block_sums(self.weight > 0), 1)  # of the pixels that data speak for
+        inside = np.maximum(block_sums(self.slope != 0), 1)
         share = 1 / (16 if self.second else 4)
         return Coefficients(
             by_v=block_sums(self.by_v) / count,
             by_v_u=block_sums(self.by_v_u) / (2 * count),
             by_v_v=block_sums(self.by_v_v) / (2 * count),
             weight=block_sums(self.weight),
-            slope=block_sums(self.slope) / count,
+            slope=block_sums(self.slope) / inside,
             smoothness=block_sums(self.smoothness) * share,
             link=halved_links(self.link),
             active=halved(self.active),

@@ -33,10 +33,11 @@ from typing import Any
 
 import numpy as np
 
+from endolab.depth.compiled import listen
 from endolab.depth.energy import REFERENCE_WIDTH, Problem, check_start
 from endolab.depth.fast_marching import kernel
 from endolab.depth.grid import Grid
-from endolab.depth.padding import padded
+from endolab.depth.padding import framed, padded
 from endolab.iteration import Iterate, Solver, Status
 from endolab.operators import FloatArray, gradient, hessian_stencils, links
 from endolab.surface import from_xi, to_xi
@@ -214,10 +215,10 @@ def _advance(
     x, ahead, q, limit, p, work, sums = state
     steps, shares, offsets, reach, passes, metric = grid
     weight, shrink, bound, scale, first = regulariser
-    image, unit, tau_p, log_c, log_p = data
+    image, evidence, unit, tau_p, log_c, log_p = data
     sign, gamma, _, safety, radius = numbers
-    rows = np.zeros((5, x.shape[1]))
-    factor, pull, dark, turn, new = rows[0], rows[1], rows[2], rows[3], rows[4]
+    rows = np.zeros((6, x.shape[1]))
+    factor, pull, dark, turn, new, wanted = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
     for _ in range(count):
         _slopes(x, steps, shares, offsets, p)
         if radius > 0:
@@ -230,18 +231,16 @@ def _advance(
             _tilt(dark, turn, p, metric, i, log_c, log_p)
             _limit(limit[i], turn, p, metric, passes, i, safety)
             _predict(new, row, unit[i], image[i], dark, sign, gamma)
-            _descend(new, row, image[i], limit[i], pull, tau_p[i], theta, numbers)
+            if evidence.size > 0:
+                listen(new, image[i], evidence[i], wanted, limit[i])
+                _descend(new, row, wanted, limit[i], pull, tau_p[i], theta, numbers)
+            else:
+                _descend(new, row, image[i], limit[i], pull, tau_p[i], theta, numbers)
             for j in range(new.size):
                 ahead[i, j] = 2 * new[j] - row[j]
                 row[j] = new[j]
         theta = max(decay * theta, LEAST / BALANCE)
     return theta
-
-
-def _framed(array: Any, fill: float = 0.0) -> FloatArray:
-    """Float copy of (..., H, W) with a frame of one pixel."""
-    around = [(0, 0)] * (np.ndim(array) - 2) + [(1, 1), (1, 1)]
-    return np.ascontiguousarray(np.pad(np.asarray(array, dtype=np.float64), around, constant_values=fill))
 
 
 def _reach(steps: FloatArray, radius: int) -> Any:
@@ -273,30 +272,31 @@ class _Path:
 
         def framed_xi(v: FloatArray) -> FloatArray:
             xi = to_xi(np.where(mask, v, 0.0), problem.xi, cosine) / problem.xi_median
-            return _framed(np.where(mask, xi, 1.0), 1.0)
+            return framed(np.where(mask, xi, 1.0), 1.0)
 
         joined = links(mask, problem.cuts)
-        steps = _framed(joined)
+        steps = framed(joined)
         reach = _reach(steps, radius)
         passes = np.minimum(1.0, 1.5 / (1 + np.stack([reach[0] + reach[1], reach[2] + reach[3]])))
         count = steps + np.stack([np.roll(steps[0], 1, 1), np.roll(steps[1], 1, 0)])
         shares = sign / np.maximum(count, 1)
         beside = -np.log(np.where(mask & (problem.xi == "1/z"), cosine, 1.0))
-        offsets = np.nan_to_num(_framed(np.stack(gradient(beside, mask, problem.cuts, edge_order=1))))
-        metric = _framed(np.where(mask, np.moveaxis(problem.field.inverse_metric, -1, 0), 0.0))
+        offsets = np.nan_to_num(framed(np.stack(gradient(beside, mask, problem.cuts, edge_order=1))))
+        metric = framed(np.where(mask, np.moveaxis(problem.field.inverse_metric, -1, 0), 0.0))
 
-        x, image = framed_xi(start), _framed(np.where(mask, problem.image, 1.0), 1.0)
+        x, image = framed_xi(start), framed(np.where(mask, problem.image, 1.0), 1.0)
         tau_p = BALANCE * (0.5 * problem.photometry.gamma * x / image) ** 2
         # σ τ_p ‖K‖² ≤ 1 for every pair of pixels that K joins
-        widest = _framed(np.where(mask, tau_p[1:-1, 1:-1], 0.0))
+        widest = framed(np.where(mask, tau_p[1:-1, 1:-1], 0.0))
         for axis in (0, 1):
             widest = np.max([np.roll(widest, k, axis) for k in (-1, 0, 1)], axis=0)
         sigma = 1 / ((8 if first else 64) * scale**2 * np.where(widest > 0, widest, 1.0))
-        bound = _framed(np.where(mask, problem.lam * problem.edge_weight, 0.0))
+        bound = framed(np.where(mask, problem.lam * problem.edge_weight, 0.0))
         shrink = np.where(bound > 0, bound / (bound + sigma * problem.epsilon), 0.0)
-        weight = np.stack([*steps, 0 * steps[0]]) if first else _framed(np.stack(hessian_stencils(joined)))
+        weight = np.stack([*steps, 0 * steps[0]]) if first else framed(np.stack(hessian_stencils(joined)))
         weight[1] *= 1 if first else np.sqrt(2)
 
+        evidence = np.empty((0, 0)) if problem.evidence is None else framed(problem.evidence)
         table = problem.photometry.slant_table() or (np.empty(0), np.empty(0))
         shapes = (3, *x.shape), x.shape, (2, *x.shape), x.shape, (x.shape[0] + 1, x.shape[1])
         return cls(
@@ -305,7 +305,7 @@ class _Path:
             (
                 (steps, shares, offsets, reach, passes, metric),
                 (sigma * scale * weight, shrink, bound, scale, first),
-                (image, 1 / framed_xi(problem.log_facing), tau_p, *table),
+                (image, evidence, 1 / framed_xi(problem.log_facing), tau_p, *table),
                 (sign, problem.photometry.gamma, problem.threshold, safety, radius),
             ),
         )
@@ -369,7 +369,7 @@ def primal_dual(
     ------
     Iterate
         `k` counts steps. Scalars: steps, theta, and tau, the part of its way that a pixel goes in
-        one. The energy may rise: its normals are of two neighbours, not of a patch.
+        one. The energy may rise: its normals are not of a patch. Areas of no `evidence` fill slowly.
 
     Raises
     ------
