@@ -13,7 +13,7 @@ NBVAL  := -p tests.notebook_timeouts -p tests.notebook_solutions
 NBVAL  += --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
 
 .DEFAULT_GOAL := help
-.PHONY: help lab demo test test-browser html lint bench lock clean
+.PHONY: help lab demo test test-browser html lint bench traced lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -56,6 +56,10 @@ bench: $(READY) ## measure speed
 	$(BIN)/python tests/bench_calibration.py
 	$(BIN)/python tests/bench_session.py
 	$(BIN)/python tests/bench_targets.py
+
+traced: $(READY) ## path-trace the frames in endolab/frames anew, with Mitsuba (about 10 minutes)
+	$(PIP) install --quiet 'mitsuba>=3.9'
+	$(BIN)/python -m endolab.traced_set endolab/frames
 
 lock: | $(BIN)/python ## renew requirements.lock from pyproject.toml
 	$(PIP) install --quiet uv

@@ -50,7 +50,7 @@ class Rendered:
         return self.distance * self.camera.field.cos_alpha
 
 
-def _waves(points: FloatArray, scale: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def waves(points: FloatArray, scale: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Return a smooth random function of space, of mean 0 and variance 1, and its gradient."""
     count = 32
     vectors = rng.normal(size=(count, 3)) / scale
@@ -121,8 +121,8 @@ def render(
     mask = np.isfinite(distance) & (field.cos_alpha > 0)
     seen, normals = points[mask], scene.normals(points[mask])
     rng, noise_rng = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
-    mottle = np.exp(texture * _waves(seen, TEXTURE_SCALE, rng)[0]) if texture else 1.0
-    ripple = _waves(seen, RIPPLE_SCALE, rng)[1] if highlights else None
+    mottle = np.exp(texture * waves(seen, TEXTURE_SCALE, rng)[0]) if texture else 1.0
+    ripple = waves(seen, RIPPLE_SCALE, rng)[1] if highlights else None
 
     lit = replace(photometry, gain=1.0)
     albedo = getattr(photometry.brdf, "albedo", None)
