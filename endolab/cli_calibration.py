@@ -1,4 +1,4 @@
-"""The commands about calibration: target, calibrate, and simulate's sheet."""
+"""The commands about calibration: target, calibrate, convert, and simulate's sheet."""
 
 from __future__ import annotations
 
@@ -196,6 +196,36 @@ def calibrate(arguments: argparse.Namespace) -> None:
     print(f"written to {out}, and to {folder}: report.html{', recording.rrd' if arguments.record else ''}")
 
 
+def convert(arguments: argparse.Namespace) -> None:
+    """Turn EndoMapper's calibration files into one of endolab's."""
+    from endolab.endomapper import convert as join
+    from endolab.endomapper import find_calibrations, read_vicalib
+    from endolab.endoscope import camera_to_dict
+    from endolab.files import as_json, write_atomically
+
+    geometry, photometry, out = arguments.geometry, arguments.photometry, Path(arguments.out)
+    if out.suffix != ".json":
+        raise ValueError(f"the calibration's name ends in .json, got {out.name}")
+    if Path(geometry).is_dir():
+        if photometry is not None:
+            raise ValueError(f"{geometry} is a folder, where both files are looked for; name no other")
+        geometry, photometry = find_calibrations(geometry)
+    if photometry is None:
+        camera = read_vicalib(geometry)
+        write_atomically(out, as_json({"endolab": 1, "camera": camera_to_dict(camera)}))
+        print(f"written to {out}: the camera alone; `endolab calibrate --camera {out}` adds the light")
+        return
+    calibration = join(geometry, photometry)
+    calibration.save(out)
+    light, fits = calibration.photometry, calibration.evidence["converted"]["lights"]
+    print(
+        f"γ = {light.gamma:g}, k = {light.k:.3g}, lights: {len(light.lights) or 'one at the optical centre'}"
+    )
+    worst = max(fit["worst_distance_percent"] for fit in fits)
+    print(f"the light's spread, as a power of a cosine, is off by at most {worst:.2g} % of a distance")
+    print(f"written to {out}; the gain is unknown, so distances are relative")
+
+
 def add_sheet_options(add: argparse.ArgumentParser) -> None:
     """Add what `simulate sheet` can be told."""
     group = add.add_argument_group("a calibration video (SCENE sheet)")
@@ -212,7 +242,7 @@ def add_sheet_options(add: argparse.ArgumentParser) -> None:
 
 
 def add_calibration_commands(commands: Any) -> None:
-    """Add the parsers of `target` and `calibrate`."""
+    """Add the parsers of `target`, `calibrate` and `convert`."""
     add = commands.add_parser("target", help="a calibration sheet to print, at true size")
     add.add_argument(
         "name",
@@ -278,3 +308,13 @@ def add_calibration_commands(commands: Any) -> None:
     )
     add.add_argument("--record", action="store_true", help="write a recording for the Rerun viewer too")
     add.set_defaults(run=calibrate)
+
+    add = commands.add_parser("convert", help="EndoMapper's calibration XML in, endoscope.json out")
+    add.add_argument(
+        "geometry", metavar="GEOMETRY.xml", help="of Vicalib; or a folder Endoscope_XX with both files"
+    )
+    add.add_argument(
+        "photometry", nargs="?", metavar="PHOTOMETRY.xml", help="without it, the camera alone is written"
+    )
+    add.add_argument("--out", required=True, metavar="CAL.json")
+    add.set_defaults(run=convert)

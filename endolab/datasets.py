@@ -1,7 +1,8 @@
 """Published frames with truth, and the endoscopes that endolab knows by name.
 
 Every sample comes out the same way: a `Frame`, a `Calibration` of its size, and Euclidean
-distances in mm, nan where the truth is unknown. Nothing is downloaded.
+distances in mm, nan where the truth is unknown. Nothing is downloaded. `folders.open_folder`
+opens any layout; that of UCL 2019 is in `ucl`, EndoMapper's calibrations are in `endomapper`.
 """
 
 from __future__ import annotations
@@ -9,16 +10,23 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from endolab.brdf import Lambertian
-from endolab.cameras import KannalaBrandt, Pinhole, Scaramuzza
+from endolab.cameras import Camera, KannalaBrandt, Pinhole, Scaramuzza
 from endolab.endoscope import Calibration
 from endolab.files import PathLike, read_image, read_stored
 from endolab.operators import BoolArray, FloatArray
 from endolab.photometry import Photometry
 from endolab.preprocess import Frame
+
+if TYPE_CHECKING:
+    from endolab.traced_set import TracedSample
+
+TRACED = ("matt", "diffuse-1", "diffuse-2", "diffuse-3", "wet-1", "wet-2", "foggy")
+NEAREST = 2.0  # no endoscope has all it sees nearer, mm
 
 CALIBRATIONS: dict[str, Calibration] = {
     # The paper's endoscope (Section IV-A) over tissue of a colon's mean albedo.
@@ -102,30 +110,61 @@ def data_folder() -> Path | None:
     return folder if folder.is_dir() else None
 
 
-def _stored_depth(path: Path, dtype: str) -> np.ndarray:
+# Layouts -------------------------------------------------------------------------------------
+
+
+def stored_depth(path: Path, dtype: str, step: float) -> np.ndarray:
+    """Read a depth map's numbers, and refuse what cannot be one in steps of `step` mm.
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence, if it cannot be read, has another bit depth or several channels, is black, or
+        shows nothing beyond 2 mm, as a map in another unit does.
+    """
     stored = read_stored(path)
     if stored.ndim != 2 or stored.dtype != np.dtype(dtype):
         raise ValueError(
             f"{path}: expected one channel of {dtype}, found {stored.dtype} of shape {stored.shape}"
         )
+    deepest = float(stored.max()) * step
+    if deepest == 0:
+        raise ValueError(f"{path}: expected depths, found 0 everywhere")
+    if deepest < NEAREST:
+        raise ValueError(
+            f"{path}: expected depths in steps of {step:.4g} mm, found none beyond {deepest:.2g} mm; "
+            "they may be in another unit"
+        )
     return stored
 
 
-def _one_of(folder: Path, names: list[str]) -> Path:
+def one_of(folder: Path, names: list[str]) -> Path:
+    """Return the first of some files that is in a folder."""
     found = [folder / name for name in names if (folder / name).is_file()]
     if not found:
         raise FileNotFoundError(f"{folder}: expected a file {' or '.join(names)}")
     return found[0]
 
 
-def _true_distance(z: FloatArray, known: BoolArray, calibration: Calibration, path: Path) -> FloatArray:
-    camera = calibration.camera
+def true_distance(z: FloatArray, known: BoolArray, camera: Camera, path: Path) -> FloatArray:
+    """Turn z into Euclidean distance, mm, nan where unknown; complain of another size than the camera's."""
     if z.shape != (camera.height, camera.width):
         raise ValueError(
             f"{path}: expected {camera.width}x{camera.height} px, found {z.shape[1]}x{z.shape[0]} px"
         )
     forward = np.where(camera.field.cos_alpha > 0, camera.field.cos_alpha, np.nan)
     return np.where(known, z, np.nan) / forward
+
+
+def colour_picture(path: Path, shape: tuple[int, ...]) -> FloatArray:
+    """Read the colour picture that belongs to a depth map of some shape: (H, W, 3), in [0, 1]."""
+    image = read_image(path)
+    if image.shape != (*shape, 3):
+        raise ValueError(
+            f"{path}: expected colours of {shape[1]}x{shape[0]} px as its depth map, "
+            f"found the shape {image.shape}"
+        )
+    return image
 
 
 def c3vd_depth(path: PathLike) -> tuple[FloatArray, BoolArray, BoolArray]:
@@ -146,8 +185,88 @@ def c3vd_depth(path: PathLike) -> tuple[FloatArray, BoolArray, BoolArray]:
     seen : (H, W) bool array
         The octagon that the endoscope shows.
     """
-    stored = _stored_depth(Path(path), "uint16")
+    stored = stored_depth(Path(path), "uint16", 1 / 655.35)
     return stored / 655.35, (stored > 0) & (stored < 65535), stored > 0
+
+
+def c3vd_normals(path: PathLike) -> FloatArray:
+    """Read the normals of C3VD.
+
+    Parameters
+    ----------
+    path : path
+        `NNNN_normals.tiff` or `.png`, 16 bits a channel: x, y and z in red, green and blue, -1 to 1
+        as 0 to 65535, in the camera frame (x right, y down, z forward), towards the camera; black
+        is unknown. The data set's page speaks of 0 to 1 for z, its renderer writes -1 to 1.
+
+    Returns
+    -------
+    (H, W, 3) float array
+        Unit normals; nan where unknown.
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence, if it cannot be read, has not 3 channels of 16 bits, is black, or does not
+        hold vectors of length 1, as another scaling would not.
+    """
+    stored = read_stored(path)
+    if stored.ndim != 3 or stored.shape[2] != 3 or stored.dtype != np.uint16:
+        raise ValueError(
+            f"{path}: expected three channels of uint16, found {stored.dtype} of shape {stored.shape}"
+        )
+    known = np.any(stored, axis=-1)
+    if not np.any(known):
+        raise ValueError(f"{path}: expected normals, found 0 everywhere")
+    normals = stored[..., ::-1] / 32767.5 - 1  # OpenCV's order is B, G, R
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    usual = float(np.median(length[known]))
+    if abs(usual - 1) > 0.01:
+        raise ValueError(f"{path}: expected vectors of length 1, found a median of {usual:.3g}")
+    return np.where(known[..., None], normals / np.where(length > 0, length, 1.0), np.nan)
+
+
+def c3vd_poses(path: PathLike) -> FloatArray:
+    """Read the poses of a sequence of C3VD.
+
+    Parameters
+    ----------
+    path : path
+        `pose.txt`: a line for each frame, 16 numbers between commas. They are the matrix for row
+        vectors, (x, 1) M, so the translation comes last.
+
+    Returns
+    -------
+    (n, 4, 4) float array
+        Camera to world for column vectors, mm: the translation is in the last column. The data set's
+        rotations are orthogonal to some 0.1 %, and are given as they are.
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence that names the line, if one is not such a pose.
+    """
+    source = Path(path)
+    if not source.is_file():
+        raise FileNotFoundError(f"{source}: there is no such file")
+    poses = []
+    for number, line in enumerate(source.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+        if not line.strip():
+            continue
+        try:
+            values = np.array([float(part) for part in line.split(",")])
+        except ValueError:
+            values = np.empty(0)
+        if values.size != 16 or not np.all(np.isfinite(values)):
+            raise ValueError(f"{source}: line {number}: expected 16 numbers between commas")
+        pose = values.reshape(4, 4).T
+        turn = pose[:3, :3]
+        if not np.allclose(pose[3], (0, 0, 0, 1)) or not np.allclose(turn @ turn.T, np.eye(3), atol=0.01):
+            raise ValueError(f"{source}: line {number}: expected a rotation, with the translation last")
+        poses.append(pose)
+    if not poses:
+        raise ValueError(f"{source}: expected poses, found none")
+    return np.array(poses)
 
 
 def c3vd(folder: PathLike, index: int) -> Sample:
@@ -162,15 +281,19 @@ def c3vd(folder: PathLike, index: int) -> Sample:
     Returns
     -------
     Sample
-        The mask is the octagon that the endoscope shows.
+        The mask is the octagon that the endoscope shows; of 1350×1080 px, or of the data set's
+        pictures shrunk in proportion.
     """
     place = Path(folder)
-    colour = _one_of(place, [f"{index:04d}_color.png"])
-    depth = _one_of(place, [f"{index:04d}_depth.png", f"{index:04d}_depth.tiff"])
+    colour = one_of(place, [f"{index:04d}_color.png"])
+    depth = one_of(place, [f"{index:04d}_depth.png", f"{index:04d}_depth.tiff"])
     z, known, seen = c3vd_depth(depth)
     known_as = CALIBRATIONS["c3vd"]
-    distance = _true_distance(z, known, known_as, depth)
-    return Sample(Frame(read_image(colour), seen, colour.name), known_as, distance)
+    shrunk = calibration("c3vd", min(z.shape[1], known_as.camera.width))
+    if z.shape == (shrunk.camera.height, shrunk.camera.width):
+        known_as = shrunk
+    distance = true_distance(z, known, known_as.camera, depth)
+    return Sample(Frame(colour_picture(colour, z.shape), seen, colour.name), known_as, distance)
 
 
 def simcol3d_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
@@ -188,7 +311,9 @@ def simcol3d_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
     known : (H, W) bool array
         Where it is above 0.
     """
-    stored = _stored_depth(Path(path), "uint16")
+    stored = stored_depth(Path(path), "uint16", 200 / 65280)
+    if stored.max() > 65280:
+        raise ValueError(f"{path}: expected values up to 65280, which is 200 mm, found {stored.max()}")
     return stored / 256 / 255 * 200, stored > 0
 
 
@@ -207,24 +332,50 @@ def simcol3d(folder: PathLike, index: int) -> Sample:
         The whole picture is in the mask.
     """
     place = Path(folder)
-    colour = _one_of(place, [f"FrameBuffer_{index:04d}.png"])
-    depth = _one_of(place, [f"Depth_{index:04d}.png"])
+    colour = one_of(place, [f"FrameBuffer_{index:04d}.png"])
+    depth = one_of(place, [f"Depth_{index:04d}.png"])
     z, known = simcol3d_depth(depth)
     known_as = CALIBRATIONS["simcol3d"]
-    distance = _true_distance(z, known, known_as, depth)
-    image = np.minimum(read_image(colour) * 65535 / 65280, 1.0)  # bytes in the upper half of 16 bits
+    distance = true_distance(z, known, known_as.camera, depth)
+    image = colour_picture(colour, z.shape)
+    image = np.minimum(image * 65535 / 65280, 1.0)  # bytes in the upper half of 16 bits
     return Sample(Frame(image, np.ones(image.shape[:2], bool), colour.name), known_as, distance)
+
+
+def traced(name: str) -> TracedSample:
+    """Load a path-traced frame that comes with endolab, with its truth and its layers of light.
+
+    Parameters
+    ----------
+    name : str
+        One of `TRACED`; the fisheye is diffuse-2's, wet-2's and foggy's.
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence, if there is none of that name or it cannot be read.
+    """
+    from endolab.traced_set import FOLDER, read  # which stands on this module
+
+    if name not in TRACED:
+        raise ValueError(f"unknown traced frame {name!r}; choose {', '.join(TRACED)}")
+    return read(FOLDER / f"{name}.npz")
 
 
 def true_z(path: PathLike) -> FloatArray:
     """Read true z, (H, W), mm, from a data set's depth map, told by its name; nan where unknown."""
+    from endolab.ucl import ucl2019_depth  # which stands on this module
+
     name = Path(path).name.lower()
     if name.endswith(("_depth.png", "_depth.tiff")):
         z, known, _ = c3vd_depth(path)
     elif name.startswith("depth_") and name.endswith(".png"):
         z, known = simcol3d_depth(path)
+    elif "_depth_" in name and name.endswith(".png"):
+        z, known = ucl2019_depth(path)
     else:
         raise ValueError(
-            f"{path}: expected truth.npz, C3VD's NNNN_depth.png (.tiff) or SimCol3D's Depth_NNNN.png"
+            f"{path}: expected truth.npz, C3VD's NNNN_depth.png (.tiff), SimCol3D's Depth_NNNN.png "
+            "or UCL 2019's …_Depth_NNNN.png"
         )
     return np.where(known, z, np.nan)

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 import endolab as el
-from endolab import datasets
+from endolab import datasets, folders
 from endolab.evaluation import compare
 
 
@@ -130,6 +130,157 @@ def test_true_z_goes_by_the_name(tmp_path, name, unit):
     np.testing.assert_allclose(datasets.true_z(tmp_path / name), np.where(stored, stored * unit, np.nan))
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("0001_depth.png", 0, "expected depths, found 0 everywhere"),
+        ("Depth_0001.png", 0, "expected depths, found 0 everywhere"),
+        ("0001_depth.png", 100, "steps of 0.001526 mm, found none beyond 0.15 mm; .* another unit"),  # mm
+        ("Depth_0001.png", 200, "steps of 0.003064 mm, found none beyond 0.61 mm; .* another unit"),  # mm
+        ("Depth_0001.png", 65535, "expected values up to 65280, which is 200 mm, found 65535"),
+    ],
+)
+def test_depth_in_another_unit(tmp_path, name, value, message):
+    cv2.imwrite(str(tmp_path / name), np.full((4, 4), value, np.uint16))
+    with pytest.raises(ValueError, match=message) as caught:
+        datasets.true_z(tmp_path / name)
+    assert str(caught.value).startswith(str(tmp_path / name))
+
+
+def test_floating_point_depth_is_no_c3vd(tmp_path):
+    cv2.imwrite(str(tmp_path / "0001_depth.tiff"), np.full((4, 4), 2000.0, np.float32))
+    with pytest.raises(ValueError, match="expected one channel of uint16, found float32"):
+        datasets.true_z(tmp_path / "0001_depth.tiff")
+
+
+def test_a_frame_of_c3vd_shrunk_in_proportion(tmp_path):
+    depth, colour = np.full((540, 675), round(20 * 655.35), np.uint16), np.zeros((540, 675, 3), np.uint8)
+    cv2.imwrite(str(tmp_path / "0042_depth.tiff"), depth)
+    cv2.imwrite(str(tmp_path / "0042_color.png"), colour)
+    sample = datasets.c3vd(tmp_path, 42)
+    assert sample.calibration == datasets.calibration("c3vd", 675)
+    z = sample.distance * sample.calibration.camera.field.cos_alpha
+    assert np.isfinite(z).mean() > 0.9  # the camera has no rays in the corners
+    np.testing.assert_allclose(z[np.isfinite(z)], 20.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("layout", ["c3vd", "simcol3d"])
+def test_colours_of_another_size(tmp_path, layout):
+    (write_c3vd if layout == "c3vd" else write_simcol3d)(tmp_path)
+    name = {"c3vd": "0042_color.png", "simcol3d": "FrameBuffer_0007.png"}[layout]
+    cv2.imwrite(str(tmp_path / name), np.zeros((4, 5, 3), np.uint8))
+    with pytest.raises(ValueError, match=rf"{name}: expected colours of .* found the shape \(4, 5, 3\)"):
+        getattr(datasets, layout)(tmp_path, 42 if layout == "c3vd" else 7)
+
+
+# Normals and poses of C3VD -------------------------------------------------------------------
+
+
+def store_normals(path, normals, known=True):
+    stored = np.round((np.asarray(normals) + 1) / 2 * 65535).astype(np.uint16)
+    cv2.imwrite(str(path), np.where(known, stored, 0).astype(np.uint16)[..., ::-1])  # as R, G, B
+
+
+@pytest.mark.parametrize("suffix", ["png", "tiff"])
+def test_normals_of_c3vd(tmp_path, suffix, rng):
+    normals = rng.normal(size=(20, 30, 3))
+    normals[..., 2] = -np.abs(normals[..., 2])  # towards the camera
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    known = (np.arange(30) > 3)[None, :, None]
+    store_normals(tmp_path / f"0001_normals.{suffix}", normals, known)
+    read = datasets.c3vd_normals(tmp_path / f"0001_normals.{suffix}")
+    assert np.isnan(read[:, :4]).all()
+    np.testing.assert_allclose(read[:, 4:], normals[:, 4:], atol=1e-4)
+
+
+def test_normals_in_another_scaling(tmp_path):
+    path = tmp_path / "0001_normals.tiff"
+    store_normals(path, np.broadcast_to([0.0, 0.0, 0.5], (4, 4, 3)))
+    with pytest.raises(ValueError, match=r"0001_normals\.tiff: expected vectors of length 1, found .* 0\.5"):
+        datasets.c3vd_normals(path)
+    cv2.imwrite(str(path), np.zeros((4, 4, 3), np.uint16))
+    with pytest.raises(ValueError, match="expected normals, found 0 everywhere"):
+        datasets.c3vd_normals(path)
+    for wrong in (np.ones((4, 4, 3), np.uint8), np.ones((4, 4), np.uint16)):
+        cv2.imwrite(str(path), wrong)
+        with pytest.raises(ValueError, match="expected three channels of uint16, found"):
+            datasets.c3vd_normals(path)
+
+
+def test_poses_of_c3vd_carry_the_camera_to_the_world(tmp_path):
+    # The second is of the data set: rows of a matrix for row vectors, the translation last.
+    path = tmp_path / "pose.txt"
+    path.write_text(
+        "1,0,0,0,0,1,0,0,0,0,1,0,5,6,7,1\n"
+        "-0.419637,-0.314624,-0.850948,0,-0.247586,0.942343,-0.22616,0,"
+        "0.873904,0.115453,-0.472498,0,-265.339,24.9915,-400.877,1\n\n"
+    )
+    poses = datasets.c3vd_poses(path)
+    assert poses.shape == (2, 4, 4)
+    np.testing.assert_allclose(poses[0] @ (1, 2, 3, 1), (6, 8, 10, 1))
+    np.testing.assert_allclose(poses[1][:3, 3], (-265.339, 24.9915, -400.877))
+    np.testing.assert_allclose(poses[1] @ (0, 0, 1, 0), (0.873904, 0.115453, -0.472498, 0))  # forward
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected poses, found none"),
+        ("1,0,0,0,0,1,0,0,0,0,1,0,5,6,7\n", "line 1: expected 16 numbers between commas"),
+        ("a,0,0,0,0,1,0,0,0,0,1,0,5,6,7,1\n", "line 1: expected 16 numbers"),
+        ("\nnan,0,0,0,0,1,0,0,0,0,1,0,5,6,7,1\n", "line 2: expected 16 numbers"),
+        ("1,0,0,5,0,1,0,6,0,0,1,7,0,0,0,1\n", "line 1: expected a rotation, with the translation last"),
+        ("2,0,0,0,0,1,0,0,0,0,1,0,5,6,7,1\n", "line 1: expected a rotation"),
+    ],
+)
+def test_poses_that_are_none(tmp_path, text, message):
+    path = tmp_path / "pose.txt"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message) as caught:
+        datasets.c3vd_poses(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+# Folders -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("write", "layout", "name"),
+    [(write_c3vd, "c3vd", "0042_color.png"), (write_simcol3d, "simcol3d", "FrameBuffer_0007.png")],
+)
+def test_a_folder_tells_its_layout(tmp_path, write, layout, name):
+    write(tmp_path)
+    (tmp_path / "notes.txt").write_text("a frame")
+    folder = folders.open_folder(tmp_path)
+    assert (folder.layout, folder.names, len(folder)) == (layout, (name,), 1)
+    by_position, by_name = folder[0], folder[name]
+    np.testing.assert_array_equal(by_position.distance, by_name.distance)
+    assert by_position.frame.name == name
+    assert [sample.frame.name for sample in folder] == [name]
+    with pytest.raises(ValueError, match="there is no frame 7"):
+        folder["7"]
+    with pytest.raises(ValueError, match=f"the camera of {layout} is known; give none"):
+        folders.open_folder(tmp_path, datasets.calibration("simple").camera)
+
+
+def test_the_frames_of_a_folder_are_in_order(tmp_path):
+    for index in (10, 2, 1):
+        (tmp_path / f"{index:04d}_color.png").touch()
+    assert folders.open_folder(tmp_path).names == ("0001_color.png", "0002_color.png", "0010_color.png")
+
+
+def test_a_folder_of_no_known_layout(tmp_path):
+    with pytest.raises(FileNotFoundError, match="none: there is no such folder"):
+        folders.open_folder(tmp_path / "none")
+    (tmp_path / "1_colour.png").touch()
+    with pytest.raises(ValueError, match=r"expected C3VD's NNNN_color\.png, .* found 1 other files"):
+        folders.open_folder(tmp_path)
+    (tmp_path / "0001_color.png").touch()
+    (tmp_path / "FrameBuffer_0001.png").touch()
+    with pytest.raises(ValueError, match="found c3vd and simcol3d together"):
+        folders.open_folder(tmp_path)
+
+
 def test_true_z_of_something_else(tmp_path):
     with pytest.raises(ValueError, match=r"truth\.png: expected truth\.npz, C3VD's NNNN_depth.png"):
         datasets.true_z(tmp_path / "truth.png")
@@ -175,6 +326,15 @@ def test_known_pixels(data, name, index, shape, stored, pixel, z):
     assert 90 < np.nanmax(sample.distance) < 200
     assert np.isfinite(sample.distance).mean() > 0.85
     assert sample.calibration.photometry.gain is None
+
+
+@pytest.mark.parametrize(("name", "count"), [("c3vd_trans_t1_a", 2), ("simcol3d", 5)])
+def test_the_folders_open(data, name, count):
+    if not (data / name).is_dir():
+        pytest.skip(f"{data / name} is not there")
+    folder = folders.open_folder(data / name)
+    assert len(folder) == count
+    assert np.isfinite(folder[count - 1].distance).mean() > 0.85
 
 
 def test_the_octagon_of_c3vd(data):
