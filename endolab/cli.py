@@ -1,4 +1,4 @@
-"""The command line: python -m endolab reconstruct | calibrate | target | simulate | evaluate | lab."""
+"""The command line: python -m endolab reconstruct, sweep, calibrate, target, simulate, evaluate, lab."""
 
 from __future__ import annotations
 
@@ -10,102 +10,13 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 
 from endolab.cli_calibration import SHEET, add_calibration_commands, add_sheet_options, simulate_sheet
-
-SNAPSHOTS = 12  # of a march, in its recording
-
-
-class _Progress:
-    """An observer that shows a bar on stderr, of the iterations that are done."""
-
-    def __init__(self, total: int | None) -> None:
-        from tqdm import tqdm
-
-        self.bar = tqdm(total=total, unit="it", leave=False, disable=None, desc="solving")
-
-    def __call__(self, iterate: Any) -> None:
-        self.bar.set_postfix_str(f"energy {iterate.energy:.3e}", refresh=False)
-        self.bar.update(iterate.k - self.bar.n)  # the start is none
-
-    def close(self) -> None:
-        self.bar.close()
-
-
-def _calibration(name: str) -> Any:
-    """Return the calibration in a file, or one that endolab knows by name."""
-    from endolab.datasets import CALIBRATIONS
-    from endolab.endoscope import Calibration
-
-    if name in CALIBRATIONS and not Path(name).exists():
-        return CALIBRATIONS[name]
-    return Calibration.load(name)
-
-
-def _of_a_wall(calibration: Any, albedo: str | None) -> Any:
-    """Replace the BRDF by that of a matt wall, as one must after calibrating on a sheet of paper."""
-    from endolab.brdf import Lambertian
-
-    if albedo is None:
-        evidence = calibration.evidence.get("photometry")
-        if isinstance(evidence, dict) and evidence.get("brdf_of"):
-            print("The BRDF is that of the calibration sheet; --albedo 0.5 takes a matt wall instead.")
-        return calibration
-    try:
-        values = tuple(float(part) for part in albedo.split(","))
-        brdf = Lambertian(values[0] if len(values) == 1 else values)  # type: ignore[arg-type]
-    except ValueError as error:
-        raise ValueError(f"--albedo must be one number in (0, 1] or three (R,G,B), got {albedo}") from error
-    return replace(calibration, photometry=replace(calibration.photometry, brdf=brdf))
-
-
-def _reconstruct(arguments: argparse.Namespace) -> None:
-    from endolab.files import read_frame, save_result, staged_folder
-    from endolab.reconstruction import DEFAULT_SOLVER, reconstruct
-    from endolab.recording import record
-
-    calibration = _of_a_wall(_calibration(arguments.calibration), arguments.albedo)
-    frame = read_frame(arguments.frame, calibration, arguments.mask)
-    solver = DEFAULT_SOLVER if arguments.solver is None else arguments.solver
-    snapshots = arguments.snapshots
-    if snapshots is None and solver == "fast_marching":
-        snapshots = SNAPSHOTS
-    options = {} if snapshots is None else {"snapshots": snapshots}
-    with staged_folder(arguments.out) as folder:
-        result = reconstruct(
-            frame,
-            calibration,
-            solver=solver,
-            xi=arguments.xi,
-            regulariser=arguments.regulariser,
-            lam=arguments.lam,
-            channel=arguments.channel,
-            width=arguments.width,
-            smooth=arguments.smooth,
-            median_distance=arguments.median_distance,
-            observers=[record(folder / "recording.rrd"), _Progress(snapshots)],
-            **options,
-        )
-        save_result(result, folder)
-        if arguments.mesh:
-            from endolab.meshes import mesh_of, write_mesh
-
-            write_mesh(folder / "mesh.ply", mesh_of(result))
-    near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
-    print(f"{result.status.name}: {result.status.value}")
-    count, first = result.iterations, result.history[0]["energy"]
-    print(
-        f"{solver}, {count} iteration{'' if count == 1 else 's'}, {result.seconds:.2f} s, "
-        f"energy {f'{first:.3e} to ' if count else ''}{result.energy:.3e}, {int(result.mask.sum())} pixels"
-    )
-    print(f"distance: median {middle:.4g}, 1 % below {near:.4g}, 1 % above {far:.4g} ({result.problem.unit})")
-    if not result.metric:
-        print("The gain is unknown, so distances have no unit; --median-distance MM fixes the scale.")
-    mesh = "mesh.ply, " if arguments.mesh else ""
-    print(f"written to {arguments.out}: cloud.ply, depth.npz, {mesh}overview.png, recording.rrd, report.json")
+from endolab.cli_reconstruct import add_reconstruct_commands
+from endolab.cli_solving import read_calibration
 
 
 def _simulate(arguments: argparse.Namespace) -> None:
@@ -115,7 +26,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
 
     if arguments.scene not in (*SCENES, SHEET):
         raise ValueError(f"unknown scene {arguments.scene!r}; choose {', '.join(SCENES)} or {SHEET}")
-    calibration = _calibration(arguments.calibration)
+    calibration = read_calibration(arguments.calibration)
     if arguments.width is not None:
         if arguments.width < 16:
             raise ValueError(f"--width must be at least 16 px, got {arguments.width}")
@@ -227,33 +138,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="endolab", description="See how one endoscope frame becomes 3D.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    add = commands.add_parser("reconstruct", help="a frame and a calibration in, a surface out")
-    add.add_argument("frame", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits")
-    add.add_argument(
-        "--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name"
-    )
-    add.add_argument("--out", required=True, metavar="DIR", help="folder for the results")
-    add.add_argument("--mask", metavar="M.png", help="bright where the frame is to be used")
-    add.add_argument("--solver", help="facing, fast_marching, gauss_newton (default) or primal_dual")
-    add.add_argument("--xi", default="1/d", help="what the regulariser sees: 1/z, d or 1/d (default)")
-    add.add_argument("--regulariser", default="second", help="first or second (default)")
-    add.add_argument(
-        "--lam", type=float, default=1.0, metavar="λ", help="its weight; larger is smoother (default 1)"
-    )
-    add.add_argument("--channel", help="red, green (default), blue or grey")
-    add.add_argument(
-        "--albedo", metavar="A", help="of a matt wall, or R,G,B, in place of the calibration's BRDF"
-    )
-    add.add_argument("--median-distance", type=float, metavar="MM", help="fix the scale of the result")
-    add.add_argument("--width", type=int, metavar="PX", help="shrink the frame to this width first")
-    add.add_argument(
-        "--smooth", type=float, metavar="PX", help="blur the light first (default: by the noise)"
-    )
-    add.add_argument(
-        "--snapshots", type=int, metavar="N", help=f"of fast_marching in the recording (default {SNAPSHOTS})"
-    )
-    add.add_argument("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
-    add.set_defaults(run=_reconstruct)
+    add_reconstruct_commands(commands)
 
     add = commands.add_parser("simulate", help="render a scene: a frame with its truth")
     add.add_argument(

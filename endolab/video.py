@@ -16,6 +16,7 @@ from endolab.files import PathLike, read_image
 from endolab.operators import FloatArray
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv")
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what FFmpeg would print is said in one sentence
 
 
@@ -68,9 +69,8 @@ class Frames:
             return
         capture = _open(self.path)
         try:
-            alive = True
             for name in self.names:
-                alive = alive and capture.grab()
+                alive = capture.grab()  # after a break some decoders go on, with the next whole frame
                 if name in wanted:
                     done, stored = capture.retrieve() if alive else (False, None)
                     yield name, np.asarray(stored)[..., ::-1] / 255.0 if done else None
@@ -93,6 +93,13 @@ def _open(path: Path) -> cv2.VideoCapture:
     if not capture.isOpened():
         raise ValueError(f"{path}: not a video that can be decoded")
     return capture
+
+
+def is_sequence(path: PathLike) -> bool:
+    """Whether this names a folder or a video, by what it is or how it ends, rather than one picture."""
+    source = Path(path)
+    suffix = source.suffix.lower()
+    return suffix not in PICTURES and (suffix in VIDEOS or source.is_dir())
 
 
 def open_frames(path: PathLike) -> Frames:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import cli, reconstruction
+from endolab import cli, cli_reconstruct, reconstruction
 from endolab.files import read_image, write_image
 from endolab.reconstruction import DEFAULT_SOLVER, SOLVERS
 
@@ -176,7 +176,7 @@ def test_the_bar_counts_what_the_report_counts(monkeypatch):
             return True
 
     monkeypatch.setattr(sys, "stderr", Terminal())
-    bar = cli._Progress(None)
+    bar = cli_reconstruct._Progress(None)
     for k in range(4):
         bar(SimpleNamespace(k=k, energy=0.1**k))
         assert bar.bar.n == k
@@ -399,6 +399,7 @@ def test_a_bad_simulation(tmp_path, refused, options, message):
         (["frobnicate"], "invalid choice: 'frobnicate'"),
         ([], "the following arguments are required: COMMAND"),
         (["reconstruct"], "the following arguments are required: FRAME, --calibration, --out"),
+        (["sweep"], "the following arguments are required: FRAME, --calibration"),
         (["evaluate", "depth.npz"], "the following arguments are required: TRUTH"),
     ],
 )
@@ -492,7 +493,7 @@ def test_a_failure_at_the_end_leaves_nothing(sim, tmp_path, monkeypatch, capsys,
     assert names(tmp_path) == []
 
 
-@pytest.mark.parametrize("command", [[], ["reconstruct"], ["simulate"], ["evaluate"], ["lab"]])
+@pytest.mark.parametrize("command", [[], ["reconstruct"], ["sweep"], ["simulate"], ["evaluate"], ["lab"]])
 def test_help(capsys, command):
     assert call(*command, "--help") == 0
     assert capsys.readouterr().out.startswith("usage: endolab")
@@ -522,7 +523,7 @@ def test_it_runs_as_a_module(tmp_path):
         timeout=60,
     )
     assert (done.returncode, done.stderr) == (0, "")
-    for word in ("reconstruct", "simulate", "evaluate"):
+    for word in ("reconstruct", "sweep", "simulate", "evaluate"):
         assert word in done.stdout
 
 

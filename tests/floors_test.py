@@ -10,13 +10,15 @@ import pytest
 PACKAGE = Path(__file__).resolve().parent.parent / "endolab"
 FLOORS = [
     "operators penalties roots",
-    "rays cameras lights brdf photometry surface scenes rendering",
-    "iteration preprocess bounces contours depth calibration",
-    "reconstruction evaluation views tuning",
+    "rays cameras lights brdf photometry surface scenes rendering mucosa",
+    "iteration preprocess highlights preparation bounces contours depth calibration",
+    "reconstruction evaluation views tuning sequence",
     "endoscope sections sheets files video sightings datasets recording recordings blueprints embed "
     "viewer style side_view plots meshes mesh_views light_plots pictures boards knobs pair widgets "
-    "cli lab pages cli_calibration calibration_plots calibration_facts calibration_report "
-    "calibration_recording __init__ __main__",
+    "cli lab pages sequence_recording sequence_folder sweeps cli_solving cli_sequence cli_reconstruct "
+    "cli_calibration calibration_plots calibration_facts calibration_report "
+    "calibration_recording endomapper ucl folders preparation_plots path_tracing traced_set "
+    "__init__ __main__",
 ]
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names.split()}
 UPSTAIRS_ONLY = {

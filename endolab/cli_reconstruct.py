@@ -1,0 +1,142 @@
+"""The commands that solve: reconstruct, of a frame or a video, and sweep."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from endolab.cli_sequence import reconstruct_video
+from endolab.cli_solving import add_solving_options, calibration_of, solving_keywords
+
+SNAPSHOTS = 12  # of a march, in its recording
+
+
+class _Progress:
+    """An observer that shows a bar on stderr, of the iterations that are done."""
+
+    def __init__(self, total: int | None) -> None:
+        from tqdm import tqdm
+
+        self.bar = tqdm(total=total, unit="it", leave=False, disable=None, desc="solving")
+
+    def __call__(self, iterate: Any) -> None:
+        self.bar.set_postfix_str(f"energy {iterate.energy:.3e}", refresh=False)
+        self.bar.update(iterate.k - self.bar.n)  # the start is none
+
+    def close(self) -> None:
+        self.bar.close()
+
+
+def _reconstruct(arguments: argparse.Namespace) -> None:
+    from endolab.files import read_frame, save_result, staged_folder
+    from endolab.reconstruction import reconstruct
+    from endolab.recording import record
+    from endolab.video import is_sequence
+
+    if is_sequence(arguments.frame):
+        reconstruct_video(arguments)
+        return
+    for option in ("every", "limit"):
+        if getattr(arguments, option) is not None:
+            raise ValueError(f"--{option} is of a folder or a video, and {arguments.frame} is one picture")
+    calibration = calibration_of(arguments)
+    frame = read_frame(arguments.frame, calibration, arguments.mask)
+    keywords = solving_keywords(arguments)
+    solver, snapshots = keywords["solver"], arguments.snapshots
+    if snapshots is None and solver == "fast_marching":
+        snapshots = SNAPSHOTS
+    options = {} if snapshots is None else {"snapshots": snapshots}
+    with staged_folder(arguments.out) as folder:
+        result = reconstruct(
+            frame,
+            calibration,
+            **keywords,
+            observers=[record(folder / "recording.rrd"), _Progress(snapshots)],
+            **options,
+        )
+        save_result(result, folder)
+        if arguments.mesh:
+            from endolab.meshes import mesh_of, write_mesh
+
+            write_mesh(folder / "mesh.ply", mesh_of(result))
+    near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
+    print(f"{result.status.name}: {result.status.value}")
+    count, first = result.iterations, result.history[0]["energy"]
+    print(
+        f"{solver}, {count} iteration{'' if count == 1 else 's'}, {result.seconds:.2f} s, "
+        f"energy {f'{first:.3e} to ' if count else ''}{result.energy:.3e}, {int(result.mask.sum())} pixels"
+    )
+    print(f"distance: median {middle:.4g}, 1 % below {near:.4g}, 1 % above {far:.4g} ({result.problem.unit})")
+    if not result.metric:
+        print("The gain is unknown, so distances have no unit; --median-distance MM fixes the scale.")
+    mesh = "mesh.ply, " if arguments.mesh else ""
+    print(f"written to {arguments.out}: cloud.ply, depth.npz, {mesh}overview.png, recording.rrd, report.json")
+
+
+def _sweep(arguments: argparse.Namespace) -> None:
+    from tqdm import tqdm
+
+    from endolab.cli_solving import listed
+    from endolab.sweeps import sweep
+
+    keywords = solving_keywords(arguments)
+    for name, kind in (("lam", float), ("xi", str), ("regulariser", str)):
+        keywords[name] = listed(keywords[name], name, kind)
+    if arguments.jobs < 1 and arguments.jobs != -1:
+        raise ValueError(f"--jobs must be at least 1, or -1 for every core, got {arguments.jobs}")
+    calibration = calibration_of(arguments)
+    with tqdm(unit="row", leave=False, disable=None, desc="sweep") as bar:
+
+        def show(done: int, total: int, row: dict[str, Any]) -> None:
+            bar.total = total
+            bar.set_postfix_str(f"{row['frame']} λ {row['lam']:g}", refresh=False)
+            bar.update(done - bar.n)
+
+        rows = sweep(
+            arguments.frames,
+            calibration,
+            truth=arguments.truth,
+            table=arguments.out,
+            n_jobs=arguments.jobs,
+            backend=arguments.backend,
+            progress=show,
+            **keywords,
+        )
+    failed = [row for row in rows if row["error"]]
+    if len(failed) == len(rows):
+        raise ValueError(f"no row could be made; the first: {failed[0]['error']}")
+    for row in failed:
+        print(
+            f"not done: {row['frame']}, ξ {row['xi']}, {row['regulariser']}, λ {row['lam']:g}: {row['error']}"
+        )
+    print(f"{len(rows) - len(failed)} of {len(rows)} rows")
+    print(f"written to {arguments.out}")
+
+
+def add_reconstruct_commands(commands: Any) -> None:
+    """Add the commands `reconstruct` and `sweep` to a parser."""
+    add = commands.add_parser("reconstruct", help="a frame or a video and a calibration in, surfaces out")
+    add.add_argument(
+        "frame", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video"
+    )
+    add_solving_options(add)
+    add.add_argument("--out", required=True, metavar="DIR", help="folder for the results")
+    add.add_argument("--mask", metavar="M.png", help="bright where the frame is to be used")
+    add.add_argument(
+        "--snapshots", type=int, metavar="N", help=f"of fast_marching in the recording (default {SNAPSHOTS})"
+    )
+    add.add_argument("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
+    add.add_argument("--every", type=int, metavar="N", help="of a video, every N-th frame only")
+    add.add_argument("--limit", type=int, metavar="N", help="of a video, N frames at most")
+    add.set_defaults(run=_reconstruct)
+
+    add = commands.add_parser("sweep", help="frames × λ × ξ × order: one table, which can be gone on with")
+    add.add_argument("frames", nargs="+", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits")
+    add.add_argument("--out", default="sweep.csv", metavar="T.csv", help="the table (default sweep.csv)")
+    add_solving_options(add, several=True)
+    add.add_argument("--truth", nargs="+", metavar="T.npz", help="truth.npz of each frame")
+    add.add_argument("--jobs", type=int, default=1, metavar="N", help="at once; -1: as many as cores")
+    add.add_argument("--backend", help="of joblib: loky (processes, the default), threading or dask")
+    add.set_defaults(run=_sweep)

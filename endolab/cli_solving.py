@@ -1,0 +1,88 @@
+"""How the command line says how to solve: the options, in one place, and the keywords they stand for."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+
+def read_calibration(name: str) -> Any:
+    """Return the calibration in a file, or one that endolab knows by name."""
+    from endolab.datasets import CALIBRATIONS
+    from endolab.endoscope import Calibration
+
+    if name in CALIBRATIONS and not Path(name).exists():
+        return CALIBRATIONS[name]
+    return Calibration.load(name)
+
+
+def _of_a_wall(calibration: Any, albedo: str | None) -> Any:
+    """Replace the BRDF by that of a matt wall, as one must after calibrating on a sheet of paper."""
+    from endolab.brdf import Lambertian
+
+    if albedo is None:
+        evidence = calibration.evidence.get("photometry")
+        if isinstance(evidence, dict) and evidence.get("brdf_of"):
+            print("The BRDF is that of the calibration sheet; --albedo 0.5 takes a matt wall instead.")
+        return calibration
+    try:
+        values = tuple(float(part) for part in albedo.split(","))
+        brdf = Lambertian(values[0] if len(values) == 1 else values)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(f"--albedo must be one number in (0, 1] or three (R,G,B), got {albedo}") from error
+    return replace(calibration, photometry=replace(calibration.photometry, brdf=brdf))
+
+
+def calibration_of(arguments: argparse.Namespace) -> Any:
+    """Return the calibration that the options name, with the wall that they say."""
+    return _of_a_wall(read_calibration(arguments.calibration), arguments.albedo)
+
+
+def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) -> None:
+    """Add what `solving_keywords` and `calibration_of` read.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+    several : bool
+        Whether λ, ξ and order may be lists, as for a sweep.
+    """
+    add = parser.add_argument
+    more = "; several as 1,2,3" if several else ""
+    add("--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name")
+    add("--solver", help="facing, fast_marching, gauss_newton (default) or primal_dual")
+    add("--xi", default="1/d", help=f"what the regulariser sees: 1/z, d or 1/d (default){more}")
+    add("--regulariser", default="second", help=f"first or second (default){more}")
+    add(
+        "--lam",
+        type=str if several else float,
+        default=1.0,
+        metavar="λ",
+        help=f"its weight; larger is smoother (default 1){more}",
+    )
+    add("--channel", help="red, green (default), blue or grey")
+    add("--albedo", metavar="A", help="of a matt wall, or R,G,B, in place of the calibration's BRDF")
+    add("--median-distance", type=float, metavar="MM", help="fix the scale of the result")
+    add("--width", type=int, metavar="PX", help="shrink the frame to this width first")
+    add("--smooth", type=float, metavar="PX", help="blur the light first (default: by the noise)")
+
+
+def solving_keywords(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the keywords of `endolab.reconstruct` that the options stand for."""
+    from endolab.reconstruction import DEFAULT_SOLVER
+
+    names = ("xi", "regulariser", "lam", "channel", "width", "smooth", "median_distance")
+    keywords = {name: getattr(arguments, name) for name in names}
+    solver = DEFAULT_SOLVER if arguments.solver is None else arguments.solver
+    return {"solver": solver} | keywords
+
+
+def listed(text: object, name: str, kind: Callable[[str], Any]) -> list[Any]:
+    """Read several values, ``0.1,1,10``."""
+    try:
+        return [kind(part.strip()) for part in str(text).split(",")]
+    except ValueError as error:
+        raise ValueError(f"--{name} must be numbers such as 0.1,1,10, got {text}") from error
