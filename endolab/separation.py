@@ -1,0 +1,208 @@
+"""Direct light out of a colour picture: what bounced is computed from the surface, and taken out.
+
+A wall of albedo ρ shows I_c = g ρ/π (E + S), the lamp's light E and light S from other walls. The
+three colours see one E, but the more a colour is reflected, the more of it bounces. From a surface
+that is known roughly follows S/E for each colour (`bounces`); divided by 1 + S/E, the three pictures
+are three measurements of E, which are merged and solved, and S/E follows anew from a better surface.
+
+Albedos that are not given are found from the colours: the tissue looks more alike all over the
+picture the better the bounced light is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from endolab.bounces import Walls
+from endolab.contours import find_contours
+from endolab.depth.energy import EXACT, NONE, Problem
+from endolab.depth.fast_marching import fast_marching
+from endolab.depth.gauss_newton import gauss_newton
+from endolab.iteration import Result, run
+from endolab.operators import BoolArray, FloatArray
+from endolab.preprocess import noise_level
+
+ROUNDS = 2
+DOUBT = 0.3  # share of S/E that may be wrong
+FLOOR = 0.01  # of light: what colours differ by anyway
+QUIET = 0.3 / 255  # the noise of rounding to 8 bits
+GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
+GAIN = 0.6  # contours are kept if tearing the surface there leaves less than this share of the energy
+LEVELS = np.linspace(0.05, 0.95, 13)  # albedos for which S/E is computed, to be interpolated
+ALIKE = 0.1  # albedos that differ by no more, as a share, tell nothing
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What was found of a picture's bounced light.
+
+    Attributes
+    ----------
+    inflation : (H, W, 3) float array
+        S/E in red, green and blue; 0 where nothing is known.
+    albedo : (3,) float array
+    cuts : (2, H, W) bool array or None
+        Steps over which the surface is torn, see `Problem`.
+    surface : Result
+        Of the last problem that was solved.
+    """
+
+    inflation: FloatArray
+    albedo: FloatArray
+    cuts: BoolArray | None
+    surface: Result
+
+
+def merged(colours: Sequence[Problem], inflation: FloatArray, albedo: FloatArray) -> Problem:
+    """Merge three colours into one problem of direct light.
+
+    Parameters
+    ----------
+    colours : sequence of 3 Problem
+        Red, green and blue of one picture.
+    inflation : (H, W, 3) float array
+        S/E.
+    albedo : (3,) float array
+
+    Returns
+    -------
+    Problem
+        Green's, with the picture that direct light alone would have made. Each colour counts by its
+        noise and by what may be wrong with S/E; what is saturated does not.
+    """
+    gamma = colours[1].photometry.gamma
+    mask = np.any([one.mask for one in colours], axis=0)
+    said = np.stack([np.where(one.mask, _evidence(one), NONE) for one in colours])
+    evidence = said.min(axis=0).astype(np.int8)  # EXACT before AT_LEAST before NONE
+    total, weights = np.zeros(mask.shape), np.zeros(mask.shape)
+    for one, speaks, ratio, s in zip(
+        colours, said == evidence, albedo[1] / albedo, np.moveaxis(inflation, -1, 0), strict=True
+    ):
+        noise = max(noise_level(one.image, one.mask), QUIET)
+        shade = np.maximum(one.image, noise)
+        doubt = (gamma * noise / shade) ** 2 + (DOUBT * s / (1 + s)) ** 2 + FLOOR**2
+        weight = np.where(one.mask & speaks, 1 / doubt, 0.0)
+        total, weights = total + weight * ratio * shade**gamma / (1 + s), weights + weight
+    light = np.where(mask, total / np.where(mask, weights, 1.0), 0.0)
+    return replace(
+        colours[1],
+        image=light ** (1 / gamma),
+        mask=mask,
+        evidence=np.where(mask, evidence, EXACT).astype(np.int8) if evidence[mask].any() else None,
+    )
+
+
+def _evidence(problem: Problem) -> NDArray[np.int8]:
+    return np.zeros(problem.mask.shape, np.int8) if problem.evidence is None else problem.evidence
+
+
+class _Bounces:
+    """S/E of a surface as a function of the albedo, computed at `LEVELS` and interpolated."""
+
+    def __init__(self, surface: Result) -> None:
+        problem = surface.problem
+        walls = Walls.of(
+            surface.iterate.log_distance, problem.mask, problem.field, problem.photometry.k, problem.cuts
+        )
+        self.table = np.stack([walls.inflation(level) for level in LEVELS])
+
+    def __call__(self, albedo: FloatArray) -> FloatArray:
+        """S/E (..., 3) for three albedos."""
+        place = np.interp(albedo, LEVELS, np.arange(len(LEVELS)))
+        low = np.minimum(place.astype(int), len(LEVELS) - 2)
+        return np.stack(
+            [(1 - p) * self.table[i] + p * self.table[i + 1] for p, i in zip(place - low, low, strict=True)],
+            axis=-1,
+        )
+
+
+def estimated_albedo(
+    colours: Sequence[Problem], inflation: Callable[[FloatArray], FloatArray]
+) -> tuple[FloatArray, float]:
+    """Find the albedos that make the tissue's colour most alike all over the picture.
+
+    Parameters
+    ----------
+    colours : sequence of 3 Problem
+        Red, green and blue of one picture.
+    inflation : callable
+        Gives S/E (H, W, 3) for three albedos.
+
+    Returns
+    -------
+    albedo : (3,) float array
+    spread : float
+        What is left of the colours' spread, as a share of what there was.
+    """
+    gamma = colours[1].photometry.gamma
+    exact = np.all([one.mask & (_evidence(one) == EXACT) for one in colours], axis=0)
+    log = gamma * np.log(np.stack([one.image[exact] for one in colours], axis=-1))
+
+    def corrected(albedo: FloatArray) -> FloatArray:
+        return log - np.log1p(inflation(albedo)[exact])
+
+    def of_level(level: float) -> FloatArray:
+        ratio = np.exp(np.median(log - log.max(axis=-1, keepdims=True), axis=0))
+        for _ in range(3):
+            light = np.median(corrected(np.clip(level * ratio / ratio.max(), LEVELS[0], LEVELS[-1])), axis=0)
+            ratio = np.exp(light - light.max())
+        return np.clip(level * ratio, LEVELS[0], LEVELS[-1])
+
+    def spread(light: FloatArray) -> float:
+        apart = light - light.mean(axis=-1, keepdims=True)
+        return float(np.abs(apart - np.median(apart, axis=0)).mean())
+
+    levels = np.arange(0.2, 0.96, 0.05)
+    best = min((of_level(level) for level in levels), key=lambda albedo: spread(corrected(albedo)))
+    return best, spread(corrected(best)) / max(spread(log), 1e-12)
+
+
+def separate(
+    colours: Sequence[Problem], albedo: FloatArray | None = None, contours: bool | None = None
+) -> Separation:
+    """Find the bounced light of a picture, its surface, and where it is torn.
+
+    Parameters
+    ----------
+    colours : sequence of 3 Problem
+        Red, green and blue of one picture.
+    albedo : (3,) float array, optional
+        Of the wall; estimated from the colours if it is not given.
+    contours : bool, optional
+        Whether to tear the surface at the occluding contours that are found; by default if that
+        explains the picture much better.
+
+    Returns
+    -------
+    Separation
+    """
+    known = albedo
+    albedo = np.array([0.7, 0.35, 0.3]) if known is None else np.asarray(known, dtype=np.float64)
+    inflation = np.broadcast_to(GUESS * albedo / (1 - GUESS * albedo), (*colours[1].mask.shape, 3))
+    surface = _solved(merged(colours, inflation, albedo), contours)
+    for _ in range(ROUNDS):
+        bounces = _Bounces(surface)
+        if known is None:
+            albedo, _ = estimated_albedo(colours, bounces)
+        inflation = bounces(albedo)
+        surface = _solved(merged(colours, inflation, albedo), contours)
+    return Separation(inflation, albedo, surface.problem.cuts, surface)
+
+
+def _solved(problem: Problem, contours: bool | None) -> Result:
+    """Solve with and without the contours that are found, and choose."""
+    smooth = run(gauss_newton(problem))
+    if contours is False:
+        return smooth
+    edges, cuts = find_contours(problem.log_facing, problem.mask)
+    if not edges.any():
+        return smooth
+    torn = replace(problem, cuts=cuts)
+    # Half-way between the two: what lies between two contours is held by neither.
+    starts = [run(fast_marching(one)).iterate.log_distance for one in (problem, torn)]
+    result = run(gauss_newton(torn, start=(starts[0] + starts[1]) / 2))
+    return result if contours or result.energy < GAIN * smooth.energy else smooth
