@@ -166,7 +166,7 @@ def _parser() -> argparse.ArgumentParser:
 
     add = commands.add_parser("evaluate", help="compare a depth map with the truth")
     add.add_argument("depth", metavar="DEPTH.npz")
-    add.add_argument("truth", metavar="TRUTH", help="truth.npz, or a depth map of C3VD or SimCol3D")
+    add.add_argument("truth", metavar="TRUTH", help="truth.npz, or a depth map of C3VD, SimCol3D or UCL 2019")
     add.add_argument(
         "--scale", choices=("none", "median"), help="default: median for relative units, else none"
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from endolab.cli_sequence import reconstruct_video
-from endolab.cli_solving import add_solving_options, calibration_of, solving_keywords
+from endolab.cli_solving import add_solving_options, calibration_of, known_length, solving_keywords
 
 SNAPSHOTS = 12  # of a march, in its recording
 
@@ -33,6 +33,7 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
     from endolab.files import read_frame, save_result, staged_folder
     from endolab.reconstruction import reconstruct
     from endolab.recording import record
+    from endolab.scale import notes
     from endolab.video import is_sequence
 
     if is_sequence(arguments.frame):
@@ -43,7 +44,7 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
             raise ValueError(f"--{option} is of a folder or a video, and {arguments.frame} is one picture")
     calibration = calibration_of(arguments)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
-    keywords = solving_keywords(arguments)
+    keywords = solving_keywords(arguments) | known_length(arguments)
     solver, snapshots = keywords["solver"], arguments.snapshots
     if snapshots is None and solver == "fast_marching":
         snapshots = SNAPSHOTS
@@ -70,7 +71,12 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
     )
     print(f"distance: median {middle:.4g}, 1 % below {near:.4g}, 1 % above {far:.4g} ({result.problem.unit})")
     if not result.metric:
-        print("The gain is unknown, so distances have no unit; --median-distance MM fixes the scale.")
+        print(
+            "The gain is unknown, so distances have no unit; "
+            "--median-distance, --known-distance or --known-diameter fixes the scale."
+        )
+    for note in notes(result):
+        print(note)
     mesh = "mesh.ply, " if arguments.mesh else ""
     print(f"written to {arguments.out}: cloud.ply, depth.npz, {mesh}overview.png, recording.rrd, report.json")
 

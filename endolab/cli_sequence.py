@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from endolab.cli_solving import calibration_of, solving_keywords
+from endolab.cli_solving import calibration_of, known_length, solving_keywords
 
 if TYPE_CHECKING:
     from endolab.cameras import Camera
@@ -35,7 +35,8 @@ def reconstruct_video(arguments: argparse.Namespace) -> None:
             raise ValueError(f"--{option} must be at least 1, got {value}")
     if arguments.mesh or arguments.snapshots is not None:
         raise ValueError("--mesh and --snapshots are of one frame, not of a folder or a video")
-    calibration, keywords = calibration_of(arguments), solving_keywords(arguments)
+    calibration = calibration_of(arguments)
+    keywords = solving_keywords(arguments) | known_length(arguments)
     mask = None if arguments.mask is None else read_mask(arguments.mask)
     frames = open_frames(arguments.frame)
     wanted = list(frames.names[:: arguments.every or 1][: arguments.limit])

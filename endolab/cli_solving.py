@@ -8,6 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+CONTOURS = {"auto": None, "yes": True, "no": False}
+KNOWN = {"distance": "MM,COLUMN,ROW", "diameter": "MM,COLUMN1,ROW1,COLUMN2,ROW2"}
+
 
 def read_calibration(name: str) -> Any:
     """Return the calibration in a file, or one that endolab knows by name."""
@@ -63,9 +66,26 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
         metavar="λ",
         help=f"its weight; larger is smoother (default 1){more}",
     )
-    add("--channel", help="red, green (default), blue or grey")
+    add(
+        "--channel",
+        help="red, green (default), blue or grey; separated: all three, light that bounced taken out",
+    )
     add("--albedo", metavar="A", help="of a matt wall, or R,G,B, in place of the calibration's BRDF")
+    add(
+        "--contours",
+        choices=tuple(CONTOURS),
+        default="auto",
+        help="whether folds may hide what is behind them",
+    )
+    add("--highlights", choices=("keep", "ignore", "inpaint"), help="what to do with mirrored light")
     add("--median-distance", type=float, metavar="MM", help="fix the scale of the result")
+    if not several:
+        add("--known-distance", metavar=KNOWN["distance"], help="fix it by the distance at a pixel")
+        add(
+            "--known-diameter",
+            metavar=KNOWN["diameter"],
+            help="fix it by the length between the surface at two pixels: a polyp, the lumen",
+        )
     add("--width", type=int, metavar="PX", help="shrink the frame to this width first")
     add("--smooth", type=float, metavar="PX", help="blur the light first (default: by the noise)")
 
@@ -77,7 +97,42 @@ def solving_keywords(arguments: argparse.Namespace) -> dict[str, Any]:
     names = ("xi", "regulariser", "lam", "channel", "width", "smooth", "median_distance")
     keywords = {name: getattr(arguments, name) for name in names}
     solver = DEFAULT_SOLVER if arguments.solver is None else arguments.solver
-    return {"solver": solver} | keywords
+    chosen = {"contours": CONTOURS[arguments.contours], "highlights": arguments.highlights}
+    return {"solver": solver} | keywords | {key: value for key, value in chosen.items() if value is not None}
+
+
+def known_length(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the one length that the options know, as `known_distance` or `known_diameter`.
+
+    Raises
+    ------
+    ValueError
+        In one sentence, if it is none, or if more than one option fixes the scale.
+    """
+    from endolab.scale import check_scale
+
+    options = {"median-distance": arguments.median_distance}
+    options |= {"known-distance": arguments.known_distance, "known-diameter": arguments.known_diameter}
+    given = [f"--{name}" for name, value in options.items() if value is not None]
+    if len(given) > 1:
+        raise ValueError(f"{' and '.join(given)} exclude each other; give one")
+    known: dict[str, Any] = {}
+    for name, form in KNOWN.items():
+        text = options[f"known-{name}"]
+        if text is None:
+            continue
+        try:
+            numbers = tuple(float(part) for part in text.split(","))
+        except ValueError:
+            numbers = ()
+        if len(numbers) != form.count(",") + 1:
+            raise ValueError(
+                f"--known-{name} must be {form}, such as 30{',80' * form.count(',')}, got {text}"
+            )
+        length = numbers if name == "distance" else (numbers[0], numbers[1:3], numbers[3:5])
+        known[f"known_{name}"] = length
+    check_scale(**known)
+    return known
 
 
 def listed(text: object, name: str, kind: Callable[[str], Any]) -> list[Any]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from endolab.iteration import Result
 from endolab.operators import BoolArray, FloatArray
 from endolab.preprocess import Frame
+from endolab.scale import meaning, scale_of
 
 if TYPE_CHECKING:
     from endolab.endoscope import Calibration
@@ -282,18 +283,20 @@ def save_depth(
 
 
 def report(result: Result) -> dict[str, Any]:
-    """What `report.json` holds: status, energy, settings, the range of distances."""
+    """What `report.json` holds: status, energy, settings, the range of distances and what they mean."""
     known = result.distance[result.mask]
     photometry = result.problem.photometry
     return {
         "status": result.status.name,
-        "meaning": result.status.value,
+        "ended": result.status.value,
         "iterations": result.iterations,
         "energy": result.energy,
         "terms": dict(result.iterate.terms),
         "seconds": result.seconds,
         "unit": result.problem.unit,
         "metric": result.metric,
+        "scale": scale_of(result),
+        "meaning": list(meaning(result)),
         "distance": {
             "median": float(np.median(known)),
             "least": float(known.min()),

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from endolab.operators import BoolArray, FloatArray
-from endolab.preprocess import noise_level
+from endolab.preprocess import QUIET, noise_level
 
 # Sizes are shares of the width of what the endoscope shows, amounts are mirrored light over the tissue's.
 SMALL, LARGE = 1 / 100, 1 / 30  # half the width of highlights: most, and the largest
@@ -30,7 +30,6 @@ SURE, LIKELY = 4.0, 2.0  # of seeds and skirts, in standard deviations of the no
 STEEPEST = 0.7  # change of log light over twice a highlight's width that still counts as a slope
 COLOURLESS = 0.8  # green or blue over red, from which on tissue can't be told from lamps
 STRAY = 0.02  # linear light that scatters into every pixel: in the dark, ratios say little
-QUIET = 0.3 / 255  # the noise of rounding to 8 bits
 ROUNDING = 0.5 / 255
 
 

@@ -19,6 +19,7 @@ from endolab.depth.energy import model_image
 from endolab.iteration import Iterate, Result
 from endolab.operators import FloatArray
 from endolab.rays import RayField
+from endolab.scale import meaning
 from endolab.side_view import show_cloud
 from endolab.style import (
     BLUE,
@@ -388,6 +389,7 @@ def overview(
         if isinstance(shown, Result):
             what.insert(0, shown.status.value.rstrip("."))
         if not problem.metric:
-            what.append("relative units: the gain is unknown")
+            what.append("relative units")
         figure.suptitle("  ·  ".join(what), fontsize=15)
+        figure.supxlabel(meaning(shown)[0], fontsize=13)
     return figure

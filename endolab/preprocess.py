@@ -14,6 +14,7 @@ DARK = 4 / 255  # below this rounding and noise say more than the surface does
 MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
 FRAME = 8 / 255  # the black around an endoscope's picture, codec noise included
 BRIGHT = 254.5 / 255  # from here on it is saturated
+QUIET = 0.3 / 255  # the noise of rounding to 8 bits
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import psutil
 
 from endolab.depth.energy import Problem
 from endolab.depth.fast_marching import fast_marching
@@ -16,8 +15,9 @@ from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.initial import facing
 from endolab.depth.primal_dual import primal_dual
 from endolab.iteration import Observer, Result, Solver, run
-from endolab.operators import BoolArray, FloatArray
-from endolab.preprocess import Frame, field_of_view, noise_level, smooth_light, usable
+from endolab.posing import enlarged, pose, posed, started
+from endolab.preprocess import Frame
+from endolab.scale import KnownDiameter, KnownDistance, check_scale, with_known_length
 
 if TYPE_CHECKING:
     from endolab.endoscope import Calibration
@@ -29,7 +29,6 @@ SOLVERS: dict[str, Callable[..., Solver]] = {
     "primal_dual": primal_dual,
 }
 DEFAULT_SOLVER = "gauss_newton"
-BYTES_PER_PIXEL = 900  # at the peak of the solver that needs most, the frame's own arrays included
 
 
 def _checked_solver(name: str, options: Mapping[str, Any]) -> Callable[..., Solver]:
@@ -48,93 +47,6 @@ def _options_of(solver: str) -> list[str]:
     return list(inspect.signature(SOLVERS[solver]).parameters)[1:]
 
 
-def _check_memory(width: int, height: int) -> None:
-    needed, free = width * height * BYTES_PER_PIXEL, psutil.virtual_memory().available
-    if needed > free:
-        raise MemoryError(
-            f"a frame of {width}x{height} px needs about {needed / 1e9:.1f} GB of memory, "
-            f"{free / 1e9:.1f} GB are free; make it smaller with width="
-        )
-
-
-def pose(
-    frame: Frame,
-    calibration: Calibration,
-    *,
-    channel: str | None = None,
-    width: int | None = None,
-    smooth: float | None = None,
-    xi: str = "1/d",
-    regulariser: str = "second",
-    lam: float = 1.0,
-    epsilon: float = 1e-3,
-    threshold: float = 0.05,
-    cuts: BoolArray | None = None,
-) -> Problem:
-    """Turn a frame and a calibration into the problem that solvers take.
-
-    See `reconstruct` for the parameters. With an unknown gain, one is chosen that makes the
-    median of d₀ one unit.
-    """
-    camera, photometry = calibration.camera, calibration.photometry
-    if (frame.width, frame.height) != (camera.width, camera.height):
-        raise ValueError(
-            f"{frame.name} is {frame.width}x{frame.height} px, "
-            f"but the calibration is for {camera.width}x{camera.height} px"
-        )
-    if width is not None and width != frame.width:
-        height = max(1, round(frame.height * width / frame.width))
-        frame, camera = frame.resize(width, height, photometry.gamma), camera.resize(width, height)
-    _check_memory(frame.width, frame.height)
-    name, image = frame.channel(channel)
-    one = photometry.simplified().channel(name)
-    seen = frame.mask & camera.field.valid
-    if frame.mask.all():
-        seen &= field_of_view(image)
-    if smooth is None:
-        # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
-        # loses nothing on the simple scenes that noise has not taken already.
-        smooth = 2 * float(np.sqrt(255 * noise_level(image, seen)))
-    elif not (np.isfinite(smooth) and smooth >= 0):
-        raise ValueError(f"smooth must be finite and at least 0 (px), got {smooth}")
-    elif smooth > frame.width:
-        raise ValueError(f"smooth must not exceed the frame's width of {frame.width} px, got {smooth}")
-    image = smooth_light(image, seen, photometry.gamma, smooth)
-    mask = usable(image, seen, camera.field.cos_alpha, frame.name)
-    problem = Problem(
-        image=image,
-        mask=mask,
-        camera=camera,
-        photometry=one if one.gain is not None else replace(one, gain=1.0),
-        xi=xi,
-        regulariser=regulariser,
-        lam=lam,
-        epsilon=epsilon,
-        threshold=threshold,
-        metric=one.gain is not None,
-        cuts=cuts,
-        picture=frame.image,
-        settings={
-            "frame": frame.name,
-            "channel": name,
-            "width": camera.width,
-            "height": camera.height,
-            "smooth": smooth,
-        },
-    )
-    if problem.metric:
-        return problem
-    return _rescaled(problem, problem.log_facing, 1.0)
-
-
-def _rescaled(problem: Problem, log_distance: np.ndarray, median: float) -> Problem:
-    """Return the problem with the gain that would give this solution the median wanted."""
-    factor = median / float(np.median(np.exp(log_distance[problem.mask])))
-    gain = problem.photometry.gain
-    assert gain is not None  # a problem's gain is always chosen
-    return replace(problem, photometry=replace(problem.photometry, gain=gain * factor**2))
-
-
 def solve(problem: Problem, solver: str = DEFAULT_SOLVER, **options: Any) -> Solver:
     """Iterates of one solver on a problem; the options are the solver's own."""
     return _checked_solver(solver, options)(problem, **options)
@@ -148,7 +60,11 @@ def iterate(
     Takes the keywords of `pose`; others are the solver's own.
     """
     posing = {key: options.pop(key) for key in list(options) if key in (pose.__kwdefaults__ or {})}
-    return solve(pose(frame, calibration, **posing), solver, **options)
+    _checked_solver(solver, options)
+    problem, start = posed(frame, calibration, **posing)
+    if start is not None and "start" in _options_of(solver):
+        options.setdefault("start", start)
+    return solve(problem, solver, **options)
 
 
 def reconstruct(
@@ -162,7 +78,11 @@ def reconstruct(
     channel: str | None = None,
     width: int | None = None,
     smooth: float | None = None,
+    highlights: str | None = None,
+    contours: bool | None = None,
     median_distance: float | None = None,
+    known_distance: KnownDistance | None = None,
+    known_diameter: KnownDiameter | None = None,
     start: Result | None = None,
     observers: Iterable[Observer] = (),
     max_iterations: int | None = None,
@@ -187,15 +107,27 @@ def reconstruct(
         Total variation of ξ or of its gradient.
     lam : float
         λ, the regulariser's weight; larger is smoother.
-    channel : {"red", "green", "blue", "grey"}, optional
-        Of a colour picture; green by default.
+    channel : {"red", "green", "blue", "grey", "separated"}, optional
+        Of a colour picture; green by default. `separated` finds how much of each colour's light came
+        by way of other walls, takes it out, and merges the three (`separation`). It uses the
+        wall's albedos of the calibration, if there are three, and estimates them otherwise.
     width : int, optional
         Shrink the picture to this many columns first, px.
     smooth : float, optional
         Standard deviation of a Gaussian that averages the light first, px. By default 2 √n,
         n being the noise that the picture shows, in grey levels.
+    highlights : {"keep", "ignore", "inpaint"}, optional
+        What to do with mirrored light: take it as it is, as no evidence, or fill it in from around.
+        By default "ignore" with `separated` and "keep" otherwise.
+    contours : bool, optional
+        Whether to tear the surface at the occluding contours that are found in the picture. By
+        default not, but with `separated` if the surface explains the picture much better then.
     median_distance : float, optional
         Fix the scale so that the median distance is this, mm.
+    known_distance : (mm, column, row), optional
+        Fix it so that the surface at this pixel of the picture is so far away.
+    known_diameter : (mm, (column, row), (column, row)), optional
+        Fix it so that the surface points at two pixels are so far apart.
     start : Result, optional
         An earlier result of the same frame, to start from: after a small change of λ, say, the
         next result is a step or two away.
@@ -211,7 +143,7 @@ def reconstruct(
     -------
     Result
         Distances in mm, or in relative units (`metric` is False) if the gain is unknown and no
-        median distance is given.
+        length is given.
 
     Raises
     ------
@@ -220,42 +152,42 @@ def reconstruct(
     MemoryError
         If the problem is too large for this machine, before anything is computed.
     """
-    posing = {key: options.pop(key) for key in ("epsilon", "threshold", "cuts") if key in options}
+    posing: dict[str, Any] = {"xi": xi, "regulariser": regulariser, "lam": lam}
+    posing |= {key: options.pop(key) for key in ("epsilon", "threshold", "cuts") if key in options}
     make = _checked_solver(solver, options if start is None else options | {"start": start})
-    if median_distance is not None and not (np.isfinite(median_distance) and median_distance > 0):
-        raise ValueError(f"median_distance must be positive and finite (mm), got {median_distance}")
-    problem = pose(
+    check_scale(median_distance, known_distance, known_diameter)
+    problem, found = posed(
         frame,
         calibration,
         channel=channel,
         width=width,
         smooth=smooth,
-        xi=xi,
-        regulariser=regulariser,
-        lam=lam,
+        highlights=highlights,
+        contours=contours,
+        before=start,
         **posing,
     )
     if max_iterations is not None and "max_iterations" in _options_of(solver):
         options["max_iterations"], max_iterations = max_iterations, None  # the solver counts itself
-    if start is not None:
-        options["start"] = _started(problem, start)
-    if median_distance is not None:
+    if start is not None and found is None:
+        found = started(problem, start)
+    if found is not None and "start" in _options_of(solver):
+        options["start"] = found
+    settings: dict[str, object] = {"solver": solver} | posing
+    settings.pop("cuts", None)
+    lengths = {"median_distance": median_distance, "known_distance": known_distance}
+    settings |= lengths | {"known_diameter": known_diameter}
+    problem = replace(problem, settings=problem.settings | settings)
+    if not all(length is None for length in (*lengths.values(), known_diameter)):
         # Distances scale with √gain and nothing else changes: solve once to learn the factor.
         pilot = run(make(problem, **options), max_iterations=max_iterations)
-        problem = replace(_rescaled(problem, pilot.iterate.log_distance, median_distance), metric=True)
-        if start is not None:
-            options["start"] = _started(problem, start)
-    settings: dict[str, object] = {"solver": solver, "xi": xi, "regulariser": regulariser, "lam": lam}
-    settings |= {key: value for key, value in posing.items() if key != "cuts"}
-    settings["median_distance"] = median_distance
-    problem = replace(problem, settings=problem.settings | settings)
+        if median_distance is not None:
+            factor = median_distance / float(np.median(pilot.distance[pilot.mask]))
+        else:
+            whole = with_known_length(pilot, known_distance, known_diameter)
+            factor = float(np.median(whole.distance[pilot.mask] / pilot.distance[pilot.mask]))
+            problem = replace(problem, settings=whole.problem.settings)
+        problem = enlarged(problem, factor)
+        if "start" in options:
+            options["start"] = options["start"] + np.log(factor)
     return run(make(problem, **options), observers, max_iterations)
-
-
-def _started(problem: Problem, start: Result) -> FloatArray:
-    """Log-distance of an earlier result, at the scale that this problem's gain gives it."""
-    gains = [one.photometry.gain or 1.0 for one in (problem, start.problem)]
-    if start.mask.shape != problem.mask.shape:
-        raise ValueError(f"start has shape {start.mask.shape}, the frame {problem.mask.shape}")
-    v = np.where(start.mask, start.iterate.log_distance, np.nan) + 0.5 * np.log(gains[0] / gains[1])
-    return np.where(np.isnan(v), problem.log_facing, v)  # where only the new mask reaches

@@ -24,16 +24,21 @@ from endolab.depth.fast_marching import fast_marching
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.iteration import Result, run
 from endolab.operators import BoolArray, FloatArray
-from endolab.preprocess import noise_level
+from endolab.preprocess import QUIET, noise_level
 
 ROUNDS = 2
 DOUBT = 0.3  # share of S/E that may be wrong
 FLOOR = 0.01  # of light: what colours differ by anyway
-QUIET = 0.3 / 255  # the noise of rounding to 8 bits
+TISSUE = (0.7, 0.35, 0.28)  # red, green and blue of mucosa, before anything is known
 GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
 GAIN = 0.6  # contours are kept if tearing the surface there leaves less than this share of the energy
 LEVELS = np.linspace(0.05, 0.95, 13)  # albedos for which S/E is computed, to be interpolated
+TRIED = np.arange(0.2, 0.96, 0.05)  # albedos of the brightest colour
 ALIKE = 0.1  # albedos that differ by no more, as a share, tell nothing
+
+
+class NoColour(ValueError):
+    """The three colours of a picture are one, so that nothing of bounced light can be told from them."""
 
 
 @dataclass(frozen=True)
@@ -100,29 +105,7 @@ def _evidence(problem: Problem) -> NDArray[np.int8]:
     return np.zeros(problem.mask.shape, np.int8) if problem.evidence is None else problem.evidence
 
 
-class _Bounces:
-    """S/E of a surface as a function of the albedo, computed at `LEVELS` and interpolated."""
-
-    def __init__(self, surface: Result) -> None:
-        problem = surface.problem
-        walls = Walls.of(
-            surface.iterate.log_distance, problem.mask, problem.field, problem.photometry.k, problem.cuts
-        )
-        self.table = np.stack([walls.inflation(level) for level in LEVELS])
-
-    def __call__(self, albedo: FloatArray) -> FloatArray:
-        """S/E (..., 3) for three albedos."""
-        place = np.interp(albedo, LEVELS, np.arange(len(LEVELS)))
-        low = np.minimum(place.astype(int), len(LEVELS) - 2)
-        return np.stack(
-            [(1 - p) * self.table[i] + p * self.table[i + 1] for p, i in zip(place - low, low, strict=True)],
-            axis=-1,
-        )
-
-
-def estimated_albedo(
-    colours: Sequence[Problem], inflation: Callable[[FloatArray], FloatArray]
-) -> tuple[FloatArray, float]:
+def estimated_albedo(colours: Sequence[Problem], inflation: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """Find the albedos that make the tissue's colour most alike all over the picture.
 
     Parameters
@@ -134,31 +117,39 @@ def estimated_albedo(
 
     Returns
     -------
-    albedo : (3,) float array
-    spread : float
-        What is left of the colours' spread, as a share of what there was.
+    (3,) float array
+
+    Raises
+    ------
+    NoColour
+        If the colours are one.
     """
     gamma = colours[1].photometry.gamma
     exact = np.all([one.mask & (_evidence(one) == EXACT) for one in colours], axis=0)
+    if not exact.any():
+        raise NoColour("no pixel shows all three of them")
     log = gamma * np.log(np.stack([one.image[exact] for one in colours], axis=-1))
 
     def corrected(albedo: FloatArray) -> FloatArray:
         return log - np.log1p(inflation(albedo)[exact])
 
     def of_level(level: float) -> FloatArray:
-        ratio = np.exp(np.median(log - log.max(axis=-1, keepdims=True), axis=0))
-        for _ in range(3):
-            light = np.median(corrected(np.clip(level * ratio / ratio.max(), LEVELS[0], LEVELS[-1])), axis=0)
-            ratio = np.exp(light - light.max())
-        return np.clip(level * ratio, LEVELS[0], LEVELS[-1])
+        """Albedos whose largest is this, in the ratio that the picture's medians have."""
+        light = np.median(log, axis=0)
+        for _ in range(4):
+            albedo = np.clip(level * np.exp(light - light.max()), LEVELS[0], LEVELS[-1])
+            light = np.median(corrected(albedo), axis=0)
+        return albedo
 
-    def spread(light: FloatArray) -> float:
+    def spread(albedo: FloatArray) -> float:
+        light = corrected(albedo)
         apart = light - light.mean(axis=-1, keepdims=True)
         return float(np.abs(apart - np.median(apart, axis=0)).mean())
 
-    levels = np.arange(0.2, 0.96, 0.05)
-    best = min((of_level(level) for level in levels), key=lambda albedo: spread(corrected(albedo)))
-    return best, spread(corrected(best)) / max(spread(log), 1e-12)
+    best = min((of_level(level) for level in TRIED), key=spread)
+    if np.ptp(best) < ALIKE * best.max():
+        raise NoColour("they are as good as equal")
+    return best
 
 
 def separate(
@@ -179,18 +170,72 @@ def separate(
     Returns
     -------
     Separation
+
+    Raises
+    ------
+    NoColour
+        If the albedos are not known and the colours are one.
     """
     known = albedo
-    albedo = np.array([0.7, 0.35, 0.3]) if known is None else np.asarray(known, dtype=np.float64)
+    albedo = np.array(TISSUE) if known is None else np.asarray(known, dtype=np.float64)
     inflation = np.broadcast_to(GUESS * albedo / (1 - GUESS * albedo), (*colours[1].mask.shape, 3))
     surface = _solved(merged(colours, inflation, albedo), contours)
     for _ in range(ROUNDS):
-        bounces = _Bounces(surface)
-        if known is None:
-            albedo, _ = estimated_albedo(colours, bounces)
-        inflation = bounces(albedo)
+        inflation, albedo = _bounced(colours, surface.iterate.log_distance, surface.problem.cuts, known)
         surface = _solved(merged(colours, inflation, albedo), contours)
     return Separation(inflation, albedo, surface.problem.cuts, surface)
+
+
+def continued(
+    colours: Sequence[Problem], albedo: FloatArray | None, contours: bool, log_distance: FloatArray
+) -> Separation:
+    """Do the same with a surface that is nearly the right one, the last frame's say: one round.
+
+    Parameters
+    ----------
+    colours, albedo
+        See `separate`.
+    contours : bool
+        Whether to tear the surface at the occluding contours that are found.
+    log_distance : (H, W) float array
+        log d of that surface wherever a colour is known, in the unit that the gain of `colours` gives.
+
+    Returns
+    -------
+    Separation
+    """
+    cuts = None
+    if contours:
+        edges, found = find_contours(colours[1].log_facing, colours[1].mask)
+        cuts = found if edges.any() else None
+    inflation, albedo = _bounced(colours, log_distance, cuts, albedo)
+    problem = merged(colours, inflation, albedo)
+    if contours:
+        edges, found = find_contours(problem.log_facing, problem.mask)
+        problem = replace(problem, cuts=found if edges.any() else None)
+    start = np.where(np.isfinite(log_distance), log_distance, problem.log_facing)
+    return Separation(inflation, albedo, problem.cuts, run(gauss_newton(problem, start=start)))
+
+
+def _bounced(
+    colours: Sequence[Problem], log_distance: FloatArray, cuts: BoolArray | None, albedo: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """S/E (H, W, 3) of a surface, and the albedos, estimated if they are not known."""
+    green = colours[1]
+    mask = np.any([one.mask for one in colours], axis=0) & np.isfinite(log_distance)
+    walls = Walls.of(log_distance, mask, green.field, green.photometry.k, cuts)
+    if albedo is not None:
+        return np.stack([walls.inflation(one) for one in albedo], axis=-1), albedo
+    table = np.stack([walls.inflation(level) for level in LEVELS])
+
+    def inflation(albedo: FloatArray) -> FloatArray:
+        place = np.interp(albedo, LEVELS, np.arange(len(LEVELS)))
+        low = np.minimum(place.astype(int), len(LEVELS) - 2)
+        parts = [(1 - p) * table[i] + p * table[i + 1] for p, i in zip(place - low, low, strict=True)]
+        return np.stack(parts, axis=-1)
+
+    found = estimated_albedo(colours, inflation)
+    return inflation(found), found
 
 
 def _solved(problem: Problem, contours: bool | None) -> Result:

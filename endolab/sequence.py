@@ -19,6 +19,7 @@ from endolab.iteration import Result, Status
 from endolab.operators import FloatArray
 from endolab.preprocess import Frame
 from endolab.reconstruction import DEFAULT_SOLVER, SOLVERS, reconstruct
+from endolab.scale import check_scale, rescaled, with_known_length
 
 if TYPE_CHECKING:
     from endolab.endoscope import Calibration
@@ -123,7 +124,11 @@ def reconstruct_sequence(
     ------
     MemoryError
         If frames of that size need more memory than there is.
+    ValueError
+        If a known distance or diameter cannot be used: it is said of the first frame alone.
     """
+    lengths = {name: options.pop(name, None) for name in SCALES[1:]}
+    check_scale(options.get("median_distance"), **lengths)
     solver = SOLVERS.get(options.get("solver", DEFAULT_SOLVER))
     can_start = solver is not None and "start" in inspect.signature(solver).parameters
     known_gain = calibration.photometry.gain is not None
@@ -149,14 +154,19 @@ def reconstruct_sequence(
                 warm = result is not None and result.energy < cold.energy
                 if result is None or not warm:
                     result = cold
+            if before is None:
+                result = with_known_length(result, **lengths, size=(frame.width, frame.height))
         except (ValueError, OSError) as error:
+            if before is None and any(length is not None for length in lengths.values()):
+                raise ValueError(_sentence(name, error)) from error  # another frame shows other places
             yield Step(index, name, None, _sentence(name, error), False, time.perf_counter() - started)
             continue
         age += 1
         if before is not None:
             gain = result.problem.photometry.gain or 1.0
             factor = np.sqrt(before.gain / gain) if known_gain else scale_between(before, result)
-            result = rescaled(result, float(factor), before.metric)
+            linked = {} if known_gain and np.isclose(factor, 1) else {"scale": "frame before"}
+            result = rescaled(result, float(factor), before.metric, **linked)
         before = Surface.of(result)
         last, last_light = result, light
         yield Step(index, name, result, "", warm, time.perf_counter() - started)
@@ -192,29 +202,6 @@ def _as_bright(last: Result, ratio: float) -> Result:
 def _sentence(name: str, error: Exception) -> str:
     said = str(error)
     return said if name in said else f"{name}: {said}"
-
-
-def rescaled(result: Result, factor: float, metric: bool) -> Result:
-    """Return the same surface in another unit.
-
-    Parameters
-    ----------
-    result : Result
-    factor : float
-        What distances are multiplied by; the gain goes with its square, the energy stays.
-    metric : bool
-        Whether the new unit is the millimetre.
-
-    Returns
-    -------
-    Result
-    """
-    old = result.problem
-    photometry = replace(old.photometry, gain=(old.photometry.gain or 1.0) * factor**2)
-    problem = replace(old, photometry=photometry, metric=metric)
-    moved = result.iterate.log_distance + np.log(factor)
-    moved.flags.writeable = False
-    return replace(result, iterate=replace(result.iterate, problem=problem, log_distance=moved))
 
 
 def scale_between(before: Surface, result: Result) -> float:

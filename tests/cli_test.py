@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import cli, cli_reconstruct, reconstruction
+from endolab import cli, cli_reconstruct, posing, reconstruction
 from endolab.files import read_image, write_image
 from endolab.reconstruction import DEFAULT_SOLVER, SOLVERS
 
@@ -188,7 +188,8 @@ def test_the_bar_counts_what_the_report_counts(monkeypatch):
 
 def test_relative_units_are_written_down(work):
     report = json.loads((work / "rel/report.json").read_text(encoding="utf-8"))
-    assert (report["unit"], report["metric"]) == ("relative units", False)
+    assert (report["unit"], report["metric"], report["scale"]) == ("relative units", False, "none")
+    assert "The gain is unknown" in report["meaning"][0]
     known, relative = maps(work / "out/depth.npz"), maps(work / "rel/depth.npz")
     assert not relative["metric"]
     ratio = (known["distance"] / relative["distance"])[known["mask"]]
@@ -218,6 +219,68 @@ def test_options_arrive(work, sim, tmp_path):
     assert not depth["mask"][:, 41:].any()
     assert np.nanmedian(depth["distance"]) == pytest.approx(33, rel=1e-4)
     assert report["metric"]
+
+
+@pytest.mark.parametrize(("name", "width"), [("distance", ["--width", "80"]), ("diameter", [])])
+def test_a_known_length_fixes_the_scale(work, sim, tmp_path, capsys, name, width):
+    """Pixels are those of the picture, however much it was shrunk."""
+    with np.load(sim / "truth.npz") as truth:
+        points = truth["distance"][..., None] * el.Calibration.load(sim / "endoscope.json").camera.field.rays
+    one, other = points[40, 30], points[85, 120]
+    known = {"distance": f"{np.linalg.norm(one)},30,40"}
+    known["diameter"] = f"{np.linalg.norm(one - other)},30,40,120,85"
+    options = ["--calibration", work / "unknown.json", "--out", tmp_path, *width]
+    assert call("reconstruct", sim / "frame.png", *options, f"--known-{name}", known[name]) == 0
+    said = capsys.readouterr().out
+    assert "(mm)" in said
+    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert (report["scale"], report["metric"]) == (f"known {name}", True)
+    assert "column 30, row 40" in report["meaning"][0]
+    found = maps(tmp_path / "depth.npz")
+    true = np.median(np.linalg.norm(points, axis=-1)[maps(work / "out/depth.npz")["mask"]])
+    assert np.median(found["distance"][found["mask"]]) == pytest.approx(true, rel=0.01)
+
+
+def test_what_is_said_is_passed_on(sim, tmp_path, monkeypatch):
+    """Highlights and contours reach `reconstruct` only if they are asked for."""
+    seen = []
+
+    def solve(frame, calibration, **options):
+        seen.append({key: options.get(key, "not given") for key in ("highlights", "contours", "channel")})
+        raise ValueError("seen")
+
+    monkeypatch.setattr(reconstruction, "reconstruct", solve)
+    arguments = ("reconstruct", sim / "frame.png", "--calibration", sim / "endoscope.json", "--out", tmp_path)
+    call(*arguments)
+    call(*arguments, "--contours", "yes", "--highlights", "ignore", "--channel", "separated")
+    call(*arguments, "--contours", "no", "--highlights", "inpaint")
+    call(*arguments, "--contours", "auto", "--highlights", "keep")
+    none = "not given"
+    assert [tuple(each.values()) for each in seen] == [
+        (none, none, None),
+        ("ignore", True, "separated"),
+        ("inpaint", False, None),
+        ("keep", none, None),
+    ]
+
+
+@pytest.mark.parametrize(("row", "code"), [(40, 0), (400, 2)])
+def test_a_known_length_in_a_video_is_of_its_first_frame(work, sim, tmp_path, capsys, row, code):
+    film = tmp_path / "film"
+    film.mkdir()
+    picture = read_image(sim / "frame.png")
+    for name, light in (("a.png", 1.0), ("b.png", 0.8), ("c.png", 0.9)):
+        write_image(film / name, light * picture)
+    options = ["--calibration", work / "unknown.json", "--out", tmp_path / "out"]
+    assert call("reconstruct", film, *options, "--known-distance", f"44,30,{row}") == code
+    if code:
+        assert "a.png: the pixel at column 30, row 400 is outside" in capsys.readouterr().err
+        assert not (tmp_path / "out").exists()
+        return
+    for name in "abc":  # the same scene: the gain changed
+        found = maps(tmp_path / f"out/frames/{name}/depth.npz")
+        assert found["metric"]
+        assert found["distance"][40, 30] == pytest.approx(44, rel=0.06)
 
 
 def test_reconstruct_again_replaces_the_files_and_keeps_others(sim, tmp_path):
@@ -282,6 +345,22 @@ def test_evaluate_reads_a_data_sets_depth_map(work, sim, tmp_path, capsys):
         (["--lam", "much"], "argument --lam: invalid float value: 'much'"),
         (["--median-distance", "0"], "median_distance must be positive"),
         (["--median-distance", "-3"], "median_distance must be positive"),
+        (["--known-distance", "30"], "--known-distance must be MM,COLUMN,ROW, such as 30,80,80, got 30"),
+        (["--known-distance", "30,a,2"], "--known-distance must be MM,COLUMN,ROW"),
+        (["--known-distance", "0,80,60"], "known_distance must be positive and finite (mm)"),
+        (["--known-distance", "30,160,60"], "the pixel at column 160, row 60 is outside the picture of 160x"),
+        (["--known-diameter", "9,1,2"], "--known-diameter must be MM,COLUMN1,ROW1,COLUMN2,ROW2"),
+        (["--known-diameter", "9,80,60,81,60"], "are 1 px apart in the depth map, too near to measure by"),
+        (
+            ["--known-distance", "30,80,60", "--median-distance", "30"],
+            "--median-distance and --known-distance exclude each other; give one",
+        ),
+        (
+            ["--known-distance", "30,80,60", "--known-diameter", "9,70,60,90,60"],
+            "--known-distance and --known-diameter exclude each other; give one",
+        ),
+        (["--highlights", "paint"], "argument --highlights: invalid choice: 'paint'"),
+        (["--contours", "maybe"], "argument --contours: invalid choice: 'maybe'"),
         (["--width", "0"], "cannot shrink 160x120 px to 0x1 px"),
         (["--width", "161"], "cannot shrink 160x120 px to 161x121 px"),
         (["--smooth", "-1"], "smooth must be finite and at least 0"),
@@ -508,7 +587,7 @@ def test_help_names_the_solvers(capsys):
 
 
 def test_a_frame_too_large_for_the_memory_is_refused(sim, tmp_path, refused, monkeypatch):
-    monkeypatch.setattr(reconstruction, "BYTES_PER_PIXEL", 10**12)
+    monkeypatch.setattr(posing, "BYTES_PER_PIXEL", 10**12)
     calibration = ("--calibration", sim / "endoscope.json", "--out", tmp_path / "new")
     assert "needs about 19200000.0 GB of memory" in refused("reconstruct", sim / "frame.png", *calibration)
 

@@ -21,6 +21,7 @@ import endolab as el
 from endolab import files
 from endolab.files import read_image, read_mask, staged_folder, write_atomically, write_cloud, write_image
 from endolab.reconstruction import DEFAULT_SOLVER
+from endolab.scale import meaning
 
 CAMERA = el.Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5)
 CALIBRATION = el.Calibration(CAMERA, el.Photometry())
@@ -197,7 +198,9 @@ def test_a_result_is_saved_whole(tmp_path, result):
     known = result.distance[result.mask]
     assert list(report["distance"].values()) == pytest.approx([np.median(known), known.min(), known.max()])
     assert report["settings"]["solver"] == DEFAULT_SOLVER
-    assert (report["unit"], report["metric"]) == ("mm", True)
+    assert (report["unit"], report["metric"], report["scale"]) == ("mm", True, "gain")
+    assert report["ended"] == result.status.value
+    assert report["meaning"] == list(meaning(result))
     overview = np.asarray(Image.open(tmp_path / "a/b/overview.png").convert("L"))
     assert min(overview.shape) > 200
     assert overview.std() > 10
@@ -206,7 +209,7 @@ def test_a_result_is_saved_whole(tmp_path, result):
 def test_relative_units_are_written_down(tmp_path, result):
     relative = replace(result, iterate=replace(result.iterate, problem=replace(result.problem, metric=False)))
     report = files.report(relative)
-    assert (report["unit"], report["metric"]) == ("relative units", False)
+    assert (report["unit"], report["metric"], report["scale"]) == ("relative units", False, "none")
     el.save_result(relative, tmp_path)
     with np.load(tmp_path / "depth.npz", allow_pickle=False) as depth:
         assert bool(depth["metric"]) is False

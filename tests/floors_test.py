@@ -12,7 +12,7 @@ FLOORS = [
     "operators penalties roots",
     "rays cameras lights brdf photometry surface scenes rendering mucosa",
     "iteration preprocess highlights preparation bounces contours depth calibration",
-    "reconstruction evaluation views tuning sequence",
+    "separation posing reconstruction evaluation views tuning sequence scale",
     "endoscope sections sheets files video sightings datasets recording recordings blueprints embed "
     "viewer style side_view plots meshes mesh_views light_plots pictures boards knobs pair widgets "
     "cli lab pages sequence_recording sequence_folder sweeps cli_solving cli_sequence cli_reconstruct "

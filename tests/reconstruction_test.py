@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets, reconstruction
+from endolab import datasets, posing
 from endolab.depth.energy import energy_terms
 from endolab.evaluation import compare
 from endolab.reconstruction import DEFAULT_SOLVER, SOLVERS, pose, solve
@@ -357,7 +357,7 @@ def test_a_start_must_be_of_the_frames_size(small, ball):
 
 
 def test_a_frame_too_large_for_the_memory_is_refused_at_once(small, monkeypatch):
-    monkeypatch.setattr(reconstruction, "BYTES_PER_PIXEL", 10**15)
+    monkeypatch.setattr(posing, "BYTES_PER_PIXEL", 10**15)
     with pytest.raises(MemoryError, match=r"a frame of 80x60 px needs about .* make it smaller with width="):
         small.reconstruct()
 
