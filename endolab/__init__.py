@@ -45,6 +45,7 @@ _HOME = {
     "calibration.targets": ("TARGETS",),
     "calibration_report": ("to_calibration",),
     "cameras": ("KannalaBrandt", "Pinhole", "Scaramuzza"),
+    "datasets": ("traced",),
     "embed": ("show",),
     "endoscope": ("Calibration",),
     "files": ("read_frame", "save_result"),
@@ -62,7 +63,6 @@ _HOME = {
     "scenes": ("SCENES", "Bowl", "Colon", "Plane", "Tube"),
     "sequence": ("reconstruct_sequence",),
     "sweeps": ("sweep",),
-    "traced_set": ("traced",),
     "video": ("open_frames",),
     "widgets": ("tuner",),
 }

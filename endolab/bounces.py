@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from endolab.depth.fast_marching import kernel
 from endolab.operators import BoolArray, FloatArray, gradient
@@ -157,17 +158,28 @@ class Walls:
         direct = np.where(mask, light * cosine / distance**2, 0.0)
         return cls(points, normals, areas, lit, exchange, seen, direct)
 
-    def bounced(self, albedo: float) -> FloatArray:
-        """S of every patch, (N,), for walls of one albedo."""
-        outgoing = albedo * self.lit
+    def bounced(self, albedo: ArrayLike) -> FloatArray:
+        """S of every patch, (N,), for walls of one albedo; (N, n) for n albedos."""
+        one = np.asarray(albedo, dtype=np.float64)
+        lit = self.lit[:, None]
+        outgoing = lit * one.ravel()
         for _ in range(BOUNCES):
-            outgoing = albedo * (self.lit + self.exchange @ outgoing)
-        return outgoing / albedo - self.lit
+            outgoing = one.ravel() * (lit + self.exchange @ outgoing)
+        return (outgoing / one.ravel() - lit).reshape(len(lit), *one.shape)
 
-    def inflation(self, albedo: float) -> FloatArray:
-        """S/E of every pixel, (H, W): bounced light over direct light; 0 outside the mask."""
+    def inflation(self, albedo: ArrayLike) -> FloatArray:
+        """S/E of every pixel, (H, W), or (H, W, n) for n albedos: bounced light over direct light.
+
+        It is 0 outside the mask.
+        """
+        bounced = self.bounced(albedo)
+        if bounced.ndim == 1:
+            return self._spread(bounced)
+        return np.stack([self._spread(one) for one in bounced.T], axis=-1)
+
+    def _spread(self, bounced: FloatArray) -> FloatArray:
         coarse, known = np.zeros(self.seen.shape), self.seen.astype(np.float64)
-        coarse[self.seen] = self.bounced(albedo)[: int(self.seen.sum())]
+        coarse[self.seen] = bounced[: int(self.seen.sum())]
         # Light that has bounced is smooth: what patches make of it is blurred a little, and spread
         # to the cells that are no patches.
         for _ in range(2):

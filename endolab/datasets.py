@@ -342,13 +342,15 @@ def simcol3d(folder: PathLike, index: int) -> Sample:
     return Sample(Frame(image, np.ones(image.shape[:2], bool), colour.name), known_as, distance)
 
 
-def traced(name: str) -> TracedSample:
+def traced(name: str = "diffuse-1") -> TracedSample:
     """Load a path-traced frame that comes with endolab, with its truth and its layers of light.
 
     Parameters
     ----------
-    name : str
-        One of `TRACED`; the fisheye is diffuse-2's, wet-2's and foggy's.
+    name : {"matt", "diffuse-1", "diffuse-2", "diffuse-3", "wet-1", "wet-2", "foggy"}
+        `matt` is a bare wall; `diffuse-1` to `diffuse-3` have mottles, vessels and one grey level of
+        noise; `wet-1`, `wet-2` and `foggy` three lights, a wet film and three grey levels. The second
+        and the last two are of a fisheye.
 
     Raises
     ------

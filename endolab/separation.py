@@ -28,7 +28,7 @@ from endolab.preprocess import QUIET, noise_level
 
 ROUNDS = 2
 DOUBT = 0.3  # share of S/E that may be wrong
-FLOOR = 0.01  # of light: what colours differ by anyway
+TEXTURE = (0.05, 0.2, 0.2)  # of the albedos' logarithms: blood takes green and blue light, hardly red
 TISSUE = (0.7, 0.35, 0.28)  # red, green and blue of mucosa, before anything is known
 GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
 GAIN = 0.6  # contours are kept if tearing the surface there leaves less than this share of the energy
@@ -77,22 +77,22 @@ def merged(colours: Sequence[Problem], inflation: FloatArray, albedo: FloatArray
     -------
     Problem
         Green's, with the picture that direct light alone would have made. Each colour counts by its
-        noise and by what may be wrong with S/E; what is saturated does not.
+        noise, its texture and what may be wrong with S/E; what is saturated does not.
     """
     gamma = colours[1].photometry.gamma
     mask = np.any([one.mask for one in colours], axis=0)
     said = np.stack([np.where(one.mask, _evidence(one), NONE) for one in colours])
     evidence = said.min(axis=0).astype(np.int8)  # EXACT before AT_LEAST before NONE
     total, weights = np.zeros(mask.shape), np.zeros(mask.shape)
-    for one, speaks, ratio, s in zip(
-        colours, said == evidence, albedo[1] / albedo, np.moveaxis(inflation, -1, 0), strict=True
-    ):
+    shares = np.moveaxis(inflation, -1, 0)
+    for one, speaks, rho, s, texture in zip(colours, said == evidence, albedo, shares, TEXTURE, strict=True):
         noise = max(noise_level(one.image, one.mask), QUIET)
         shade = np.maximum(one.image, noise)
-        doubt = (gamma * noise / shade) ** 2 + (DOUBT * s / (1 + s)) ** 2 + FLOOR**2
+        doubt = (gamma * noise / shade) ** 2 + (DOUBT * s / (1 + s)) ** 2 + texture**2
         weight = np.where(one.mask & speaks, 1 / doubt, 0.0)
-        total, weights = total + weight * ratio * shade**gamma / (1 + s), weights + weight
-    light = np.where(mask, total / np.where(mask, weights, 1.0), 0.0)
+        log_light = gamma * np.log(shade) - np.log1p(s) + np.log(albedo[1] / rho)
+        total, weights = total + weight * log_light, weights + weight
+    light = np.where(mask, np.exp(total / np.where(mask, weights, 1.0)), 0.0)
     return replace(
         colours[1],
         image=light ** (1 / gamma),
@@ -225,13 +225,15 @@ def _bounced(
     mask = np.any([one.mask for one in colours], axis=0) & np.isfinite(log_distance)
     walls = Walls.of(log_distance, mask, green.field, green.photometry.k, cuts)
     if albedo is not None:
-        return np.stack([walls.inflation(one) for one in albedo], axis=-1), albedo
-    table = np.stack([walls.inflation(level) for level in LEVELS])
+        return walls.inflation(albedo), albedo
+    table = walls.inflation(LEVELS)
 
     def inflation(albedo: FloatArray) -> FloatArray:
         place = np.interp(albedo, LEVELS, np.arange(len(LEVELS)))
         low = np.minimum(place.astype(int), len(LEVELS) - 2)
-        parts = [(1 - p) * table[i] + p * table[i + 1] for p, i in zip(place - low, low, strict=True)]
+        parts = [
+            (1 - p) * table[..., i] + p * table[..., i + 1] for p, i in zip(place - low, low, strict=True)
+        ]
         return np.stack(parts, axis=-1)
 
     found = estimated_albedo(colours, inflation)

@@ -193,30 +193,6 @@ def read(path: PathLike) -> TracedSample:
     return TracedSample(frame, made_with, distance, normals, scene=scene, **layers)
 
 
-def traced(name: str = "diffuse-1") -> TracedSample:
-    """Return a path-traced frame that comes with endolab; no renderer is needed.
-
-    Parameters
-    ----------
-    name : str
-        `matt` is a bare wall; `diffuse-1` to `diffuse-3` have mottles, vessels and one grey level of
-        noise; `wet-1`, `wet-2` and `foggy` three lights, a wet film and three grey levels. The second
-        and the last two are of a fisheye.
-
-    Returns
-    -------
-    TracedSample
-
-    Raises
-    ------
-    ValueError
-        If there is none of that name.
-    """
-    if name not in CASES:
-        raise ValueError(f"unknown frame {name!r}; choose {', '.join(CASES)}")
-    return read(FOLDER / f"{name}.npz")
-
-
 def _show(bar: Any, share: float) -> None:
     bar.update(100 * share - bar.n)
 

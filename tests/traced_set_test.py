@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from endolab import path_tracing, traced_set
-from endolab.datasets import calibration
+from endolab.datasets import calibration, traced
 from endolab.path_tracing import Traced
 from endolab.rendering import VEIL
-from endolab.traced_set import CASES, traced
+from endolab.traced_set import CASES
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -78,7 +78,7 @@ def test_a_frame_beyond_the_files_reach_is_refused(tmp_path):
 
 
 def test_unknown_missing_and_broken_frames(tmp_path, capsys):
-    with pytest.raises(ValueError, match="unknown frame 'dry'; choose matt, diffuse-1"):
+    with pytest.raises(ValueError, match="unknown traced frame 'dry'; choose matt, diffuse-1"):
         traced("dry")
     with pytest.raises(FileNotFoundError, match="there is no such file"):
         traced_set.read(tmp_path / "none.npz")
