@@ -54,7 +54,8 @@ def write_target(arguments: argparse.Namespace) -> None:
 
     target = read_target(arguments.name)
     write_sheet(target, arguments.out)
-    print(f"{describe(target)}; print at 100 %, check the ruler, and glue it on something flat")
+    glue = "something flat" if target.fold is None else "two boards, folded by 10 to 30°, away from you"
+    print(f"{describe(target)}; print at 100 %, check the ruler, and glue it on {glue}")
     print(f"written to {arguments.out}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,7 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
     if snapshots is None and solver == "fast_marching":
         snapshots = SNAPSHOTS
     options = {} if snapshots is None else {"snapshots": snapshots}
+    started = time.perf_counter()
     with staged_folder(arguments.out) as folder:
         result = reconstruct(
             frame,
@@ -57,6 +59,7 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
             observers=[record(folder / "recording.rrd"), _Progress(snapshots)],
             **options,
         )
+        seconds = time.perf_counter() - started  # with all that came before the solver
         save_result(result, folder)
         if arguments.mesh:
             from endolab.meshes import mesh_of, write_mesh
@@ -67,7 +70,8 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
     count, first = result.iterations, result.history[0]["energy"]
     print(
         f"{solver}, {count} iteration{'' if count == 1 else 's'}, {result.seconds:.2f} s, "
-        f"energy {f'{first:.3e} to ' if count else ''}{result.energy:.3e}, {int(result.mask.sum())} pixels"
+        f"energy {f'{first:.3e} to ' if count else ''}{result.energy:.3e}, {int(result.mask.sum())} pixels; "
+        f"{seconds:.1f} s in all"
     )
     print(f"distance: median {middle:.4g}, 1 % below {near:.4g}, 1 % above {far:.4g} ({result.problem.unit})")
     if not result.metric:
@@ -93,9 +97,12 @@ def _sweep(arguments: argparse.Namespace) -> None:
     if arguments.jobs < 1 and arguments.jobs != -1:
         raise ValueError(f"--jobs must be at least 1, or -1 for every core, got {arguments.jobs}")
     calibration = calibration_of(arguments)
+    made = 0
     with tqdm(unit="row", leave=False, disable=None, desc="sweep") as bar:
 
         def show(done: int, total: int, row: dict[str, Any]) -> None:
+            nonlocal made
+            made += 1
             bar.total = total
             bar.set_postfix_str(f"{row['frame']} λ {row['lam']:g}", refresh=False)
             bar.update(done - bar.n)
@@ -118,6 +125,8 @@ def _sweep(arguments: argparse.Namespace) -> None:
             f"not done: {row['frame']}, ξ {row['xi']}, {row['regulariser']}, λ {row['lam']:g}: {row['error']}"
         )
     print(f"{len(rows) - len(failed)} of {len(rows)} rows")
+    if made < len(rows):
+        print(f"made by an earlier call: {len(rows) - made} of them")
     print(f"written to {arguments.out}")
 
 

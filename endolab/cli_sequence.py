@@ -76,7 +76,7 @@ def reconstruct_video(arguments: argparse.Namespace) -> None:
         raise kind(
             f"{said}; {count} of {len(wanted)} frames are done and stay, the same command goes on"
         ) from failure
-    _tell(folder, wanted, recording, arguments.out)
+    _tell(folder, wanted, len(done), recording, arguments.out)
 
 
 def _gaps(wanted: list[str], folder: SequenceFolder) -> Iterator[tuple[str | None, list[str]]]:
@@ -148,8 +148,8 @@ class _Recording:
             self.recorder.close()
 
 
-def _tell(folder: SequenceFolder, wanted: list[str], recording: _Recording, out: str) -> None:
-    """End the folder and say what is in it."""
+def _tell(folder: SequenceFolder, wanted: list[str], before: int, recording: _Recording, out: str) -> None:
+    """End the folder and say what is in it; so many frames were done by an earlier call."""
     rows = [folder.rows[name] for name in wanted]
     done, broken = ([row for row in rows if bool(row["error"]) is wrong] for wrong in (False, True))
     if not done:
@@ -161,6 +161,8 @@ def _tell(folder: SequenceFolder, wanted: list[str], recording: _Recording, out:
     seconds = sum(row["seconds"] for row in done)
     warm = sum(int(row["warm"]) for row in done)
     print(f"{len(done)} of {len(rows)} frames, {warm} started from the last, {seconds:.2f} s")
+    if before:
+        print(f"done by an earlier call: {before} of them")
     middle = [row["median_distance"] for row in done]
     print(f"median distance: {min(middle):.4g} to {max(middle):.4g} ({done[0]['unit']})")
     if done[0]["unit"] != "mm":

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+CHANNELS = ("red", "green", "blue", "grey", "separated")
 CONTOURS = {"auto": None, "yes": True, "no": False}
 KNOWN = {"distance": "MM,COLUMN,ROW", "diameter": "MM,COLUMN1,ROW1,COLUMN2,ROW2"}
 
@@ -91,11 +92,20 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
 
 
 def solving_keywords(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the keywords of `endolab.reconstruct` that the options stand for."""
+    """Return the keywords of `endolab.reconstruct` that the options stand for.
+
+    Raises
+    ------
+    ValueError
+        In one sentence, if there is no such channel.
+    """
     from endolab.reconstruction import DEFAULT_SOLVER
 
     names = ("xi", "regulariser", "lam", "channel", "width", "smooth", "median_distance")
     keywords = {name: getattr(arguments, name) for name in names}
+    if arguments.channel not in (None, *CHANNELS):
+        choice = f"{', '.join(CHANNELS[:-1])} or {CHANNELS[-1]}"
+        raise ValueError(f"unknown channel {arguments.channel!r}; choose {choice}")
     solver = DEFAULT_SOLVER if arguments.solver is None else arguments.solver
     chosen = {"contours": CONTOURS[arguments.contours], "highlights": arguments.highlights}
     return {"solver": solver} | keywords | {key: value for key, value in chosen.items() if value is not None}

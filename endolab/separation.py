@@ -26,7 +26,6 @@ from endolab.iteration import Result, run
 from endolab.operators import BoolArray, FloatArray
 from endolab.preprocess import QUIET, noise_level
 
-ROUNDS = 2
 DOUBT = 0.3  # share of S/E that may be wrong
 TEXTURE = (0.05, 0.2, 0.2)  # of the albedos' logarithms: blood takes green and blue light, hardly red
 TISSUE = (0.7, 0.35, 0.28)  # red, green and blue of mucosa, before anything is known
@@ -34,6 +33,7 @@ GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
 GAIN = 0.6  # contours are kept if tearing the surface there leaves less than this share of the energy
 LEVELS = np.linspace(0.05, 0.95, 13)  # albedos for which S/E is computed, to be interpolated
 TRIED = np.arange(0.2, 0.96, 0.05)  # albedos of the brightest colour
+STEPS = 10, 10, 30  # of the solves, the last of which is the result; islands behind contours are slow
 ALIKE = 0.1  # albedos that differ by no more, as a share, tell nothing
 
 
@@ -179,10 +179,10 @@ def separate(
     known = albedo
     albedo = np.array(TISSUE) if known is None else np.asarray(known, dtype=np.float64)
     inflation = np.broadcast_to(GUESS * albedo / (1 - GUESS * albedo), (*colours[1].mask.shape, 3))
-    surface = _solved(merged(colours, inflation, albedo), contours)
-    for _ in range(ROUNDS):
+    surface = _solved(merged(colours, inflation, albedo), contours, STEPS[0])
+    for steps in STEPS[1:]:
         inflation, albedo = _bounced(colours, surface.iterate.log_distance, surface.problem.cuts, known)
-        surface = _solved(merged(colours, inflation, albedo), contours)
+        surface = _solved(merged(colours, inflation, albedo), contours, steps)
     return Separation(inflation, albedo, surface.problem.cuts, surface)
 
 
@@ -214,7 +214,8 @@ def continued(
         edges, found = find_contours(problem.log_facing, problem.mask)
         problem = replace(problem, cuts=found if edges.any() else None)
     start = np.where(np.isfinite(log_distance), log_distance, problem.log_facing)
-    return Separation(inflation, albedo, problem.cuts, run(gauss_newton(problem, start=start)))
+    surface = run(gauss_newton(problem, start=start, max_iterations=STEPS[0]))
+    return Separation(inflation, albedo, problem.cuts, surface)
 
 
 def _bounced(
@@ -240,9 +241,9 @@ def _bounced(
     return inflation(found), found
 
 
-def _solved(problem: Problem, contours: bool | None) -> Result:
+def _solved(problem: Problem, contours: bool | None, steps: int) -> Result:
     """Solve with and without the contours that are found, and choose."""
-    smooth = run(gauss_newton(problem))
+    smooth = run(gauss_newton(problem, max_iterations=steps))
     if contours is False:
         return smooth
     edges, cuts = find_contours(problem.log_facing, problem.mask)
@@ -251,5 +252,5 @@ def _solved(problem: Problem, contours: bool | None) -> Result:
     torn = replace(problem, cuts=cuts)
     # Half-way between the two: what lies between two contours is held by neither.
     starts = [run(fast_marching(one)).iterate.log_distance for one in (problem, torn)]
-    result = run(gauss_newton(torn, start=(starts[0] + starts[1]) / 2))
+    result = run(gauss_newton(torn, start=(starts[0] + starts[1]) / 2, max_iterations=steps))
     return result if contours or result.energy < GAIN * smooth.energy else smooth

@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 
 from endolab.files import PathLike, as_json, save_depth, staged_folder, write_atomically
+from endolab.scale import meaning
 from endolab.sequence import Step, Surface
 
 NUMBERS = (
     *("iterations", "energy", "data", "regulariser_energy", "seconds", "gain"),
     *("median_distance", "pixels"),
 )
+COUNTS = ("iterations", "pixels")
 COLUMNS = ("index", "frame", "status", "warm", "unit", *NUMBERS, "error")
 PLOTTED = ("energy", "iterations", "seconds", "gain", "median_distance")
 
@@ -43,6 +45,8 @@ class SequenceFolder:
     ----------
     rows : dict of str to dict
         What is known of each frame, by its name.
+    meaning : list of str
+        What the numbers of the first frame that was done mean; the others take their scale from it.
 
     Raises
     ------
@@ -54,6 +58,7 @@ class SequenceFolder:
         self.folder, self.source = Path(folder), source
         self.settings = json.loads(as_json(settings))
         self.rows: dict[str, Row] = {}
+        self.meaning: list[str] = []
         self.names = tuple(names)
         stems = [Path(name).stem for name in self.names]
         alone = len(set(stems)) == len(stems)
@@ -66,11 +71,13 @@ class SequenceFolder:
             report = json.loads((self.folder / "report.json").read_text(encoding="utf-8"))
             found = report["sequence"], report["settings"]
             table = self.folder / "frames.csv"
+            self.meaning = list(report.get("meaning", ()))
             text = table.read_text(encoding="utf-8") if table.exists() else ""  # stopped just before it
             reader = csv.DictReader(io.StringIO(text))
             for cells in reader:
                 row: Row = dict(cells)
                 row |= {name: float(cells[name] or "nan") for name in NUMBERS}
+                row |= {name: int(row[name]) for name in COUNTS if cells[name]}
                 self.rows[row["frame"]] = row | {"index": int(row["index"])}
         except (ValueError, KeyError, TypeError) as error:
             raise ValueError(f"{self.folder} holds other results; choose another folder") from error
@@ -145,6 +152,7 @@ class SequenceFolder:
             }
             self.rows[step.name] = row
             if first:
+                self.meaning = list(meaning(result))
                 self.report([])
         self.rows[step.name] = row
         if any(not known["error"] for known in self.rows.values()):
@@ -169,6 +177,7 @@ class SequenceFolder:
             "frames": len(self.names),
             "done": len(done),
             "unit": next((self.rows[name]["unit"] for name in done), None),
+            "meaning": self.meaning,
             "broken": broken,
             "settings": self.settings,
         }

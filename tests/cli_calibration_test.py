@@ -237,7 +237,11 @@ def test_a_bad_place_or_source(work, tmp_path, refused):
 def test_a_sheet_to_print(tmp_path, capsys):
     assert call("target", "vicalib_folded", "--out", tmp_path / "s.pdf") == 0
     assert (tmp_path / "s.pdf").read_bytes().startswith(b"%PDF")
-    assert "print at 100 %" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "print at 100 %" in said
+    assert "folded by 10 to 30°" in said
+    assert call("target", "vicalib_small", "--out", tmp_path / "s.pdf") == 0
+    assert "something flat" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("command", ["target", "calibrate"])

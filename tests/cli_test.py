@@ -339,7 +339,7 @@ def test_evaluate_reads_a_data_sets_depth_map(work, sim, tmp_path, capsys):
         (["--snapshots", "3"], "solver 'gauss_newton' has no option 'snapshots'"),
         (["--xi", "z"], "unknown xi 'z'; choose 1/z, d, 1/d"),
         (["--regulariser", "third"], "unknown regulariser 'third'; choose first or second"),
-        (["--channel", "pink"], "unknown channel 'pink'"),
+        (["--channel", "pink"], "unknown channel 'pink'; choose red, green, blue, grey or separated"),
         (["--lam", "-1"], "lam must be finite and at least 0, got -1"),
         (["--lam", "nan"], "lam must be finite and at least 0, got nan"),
         (["--lam", "much"], "argument --lam: invalid float value: 'much'"),

@@ -14,7 +14,7 @@ from endolab.posing import posed
 from endolab.separation import NoColour, estimated_albedo, merged, separate
 
 ALBEDO = np.array([0.75, 0.38, 0.30])
-WIDTH = 160  # a quarter of the pixels, for speed
+WIDTH = 240  # for speed
 
 
 @pytest.fixture(scope="module")
@@ -28,26 +28,26 @@ def separated(dry):
 
 
 def error(result, sample, scale="none"):
-    step = sample.distance.shape[1] // result.distance.shape[1]
-    # Between the 2x2 centres of the truth lies that of the shrunk pixel.
-    truth = sample.distance.reshape(result.mask.shape[0], step, -1, step).mean(axis=(1, 3))
-    return compare(result.distance, truth, result.problem.field.cos_alpha, scale=scale).mean_percent
+    field = result.problem.field
+    return compare(
+        result.distance, sample.scene.distance(field.rays), field.cos_alpha, scale=scale
+    ).mean_percent
 
 
 def without(calibration, **changes):
     return replace(calibration, photometry=replace(calibration.photometry, **changes))
 
 
-def colours(frame, calibration, **options):
+def colours(frame, calibration, width=WIDTH, **options):
     return [
-        posed(frame, calibration, channel=name, width=WIDTH, **options)[0]
+        posed(frame, calibration, channel=name, width=width, **options)[0]
         for name in ("red", "green", "blue")
     ]
 
 
 def test_a_third_of_the_error_is_left(dry, separated):
     plain = el.reconstruct(dry.frame, dry.calibration, width=WIDTH)
-    assert error(separated, dry) < 9.5
+    assert error(separated, dry) < 9
     assert error(plain, dry) > 14
     settings = separated.problem.settings
     assert settings["channel"] == "separated"
@@ -58,10 +58,10 @@ def test_a_third_of_the_error_is_left(dry, separated):
 
 
 def test_the_computed_share_is_the_renderers(dry):
-    found = separate(colours(dry.frame, dry.calibration), ALBEDO)
-    true = np.log1p(dry.indirect / dry.direct)[1::2, 1::2]
+    found = separate(colours(dry.frame, dry.calibration, 320), ALBEDO)
+    true = np.log1p(dry.indirect / dry.direct)
     made = np.log1p(found.inflation)
-    for index, tolerance in enumerate((0.15, 0.06, 0.05)):
+    for index, tolerance in enumerate((0.2, 0.08, 0.06)):
         assert np.median(made[..., index]) == pytest.approx(np.median(true[..., index]), abs=tolerance)
 
 
@@ -93,7 +93,7 @@ def test_a_known_distance_fixes_the_scale(dry):
         dry.frame, unknown, channel="separated", width=WIDTH, known_distance=(dry.distance[150, 60], *place)
     )
     assert result.metric
-    assert result.distance[75, 30] == pytest.approx(dry.distance[150, 60], rel=0.02)
+    assert result.distance[112, 45] == pytest.approx(dry.distance[150, 60], rel=0.02)
     assert error(result, dry) < 12
 
 
@@ -107,10 +107,11 @@ def test_wider_frames_are_separated_small_and_solved_whole(dry):
     camera = dry.calibration.camera.resize(480, 360)
     image = cv2.resize(dry.frame.image, (480, 360), interpolation=cv2.INTER_LINEAR)
     frame = el.Frame(image, np.ones((360, 480), bool), "wide")
-    result = el.reconstruct(frame, replace(dry.calibration, camera=camera), channel="separated")
+    wide = replace(dry.calibration, camera=camera)
+    result = el.reconstruct(frame, wide, channel="separated", contours=False)
     assert result.distance.shape == (360, 480)
     truth = dry.scene.distance(camera.field.rays)
-    assert compare(result.distance, truth, camera.field.cos_alpha, scale="none").mean_percent < 10
+    assert compare(result.distance, truth, camera.field.cos_alpha, scale="none").mean_percent < 12
 
 
 def test_every_solver_takes_it(dry):
@@ -119,7 +120,8 @@ def test_every_solver_takes_it(dry):
             dry.frame,
             dry.calibration,
             channel="separated",
-            width=WIDTH,
+            contours=False,
+            width=80,
             solver=solver,
             max_iterations=20 if solver == "primal_dual" else None,
         )
@@ -129,12 +131,12 @@ def test_every_solver_takes_it(dry):
 def test_highlights_are_no_evidence():
     wet = el.traced("wet-1")
     results = {
-        how: el.reconstruct(wet.frame, wet.calibration, channel="separated", width=WIDTH, highlights=how)
-        for how in ("ignore", "inpaint", "keep")
+        how: el.reconstruct(wet.frame, wet.calibration, channel="separated", width=160, highlights=how)
+        for how in ("ignore", "keep")
     }
     errors = {how: error(result, wet) for how, result in results.items()}
     assert errors["ignore"] < 12
-    assert max(errors["ignore"], errors["inpaint"]) < errors["keep"]
+    assert errors["ignore"] < errors["keep"]
     assert np.any(results["ignore"].problem.evidence == NONE)
     assert results["keep"].problem.evidence is None or not np.any(results["keep"].problem.evidence == NONE)
 
@@ -157,13 +159,13 @@ def test_a_saturated_colour_does_not_count(dry):
     three = colours(dry.frame, dry.calibration)
     shape = three[1].mask.shape
     clipped = np.zeros(shape, np.int8)
-    clipped[:40] = AT_LEAST
+    clipped[:60] = AT_LEAST
     spoilt = [replace(three[0], image=np.where(clipped == AT_LEAST, 0.05, three[0].image), evidence=clipped)]
     inflation = np.full((*shape, 3), 0.2)
     result = merged(spoilt + three[1:], inflation, ALBEDO)
     assert result.evidence is None
-    expected = merged(three, inflation, ALBEDO).image[:40]
-    assert np.median(result.image[:40] / expected) == pytest.approx(1, abs=0.15)
+    expected = merged(three, inflation, ALBEDO).image[:60]
+    assert np.median(result.image[:60] / expected) == pytest.approx(1, abs=0.2)
     everywhere = [replace(one, evidence=clipped) for one in three]
     assert np.all(merged(everywhere, inflation, ALBEDO).evidence == clipped)
 

@@ -214,6 +214,7 @@ def test_a_folder_becomes_a_folder(film, capsys):
     assert [bool(row["error"]) for row in rows] == [False, False, True, True, False]
     report = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert report["complete"]
+    assert "The gain is unknown" in report["meaning"][0]
     assert set(report["broken"]) == {"frame_2.png", "frame_3.png"}
     with np.load(out / "frames/frame_4/depth.npz", allow_pickle=False) as depth:
         middle = float(np.median(depth["distance"][depth["mask"]]))
@@ -251,7 +252,12 @@ def test_an_interrupted_video_goes_on_where_it_was(film, monkeypatch, capsys):
     recording = read_recording(out / "recording.rrd")
     assert recording is not None
     stamp = (out / "recording.rrd").stat().st_mtime_ns
+    report = (out / "report.json").read_text(encoding="utf-8")
+    assert "done by an earlier call: 2 of them" in capsys.readouterr().out
+    assert all(row["iterations"].isdigit() and row["pixels"].isdigit() for row in rows)
     assert call(*command(film)) == 0  # there is nothing left to do
+    assert "done by an earlier call: 5 of them" in capsys.readouterr().out
+    assert (out / "report.json").read_text(encoding="utf-8") == report
     assert (out / "recording.rrd").stat().st_mtime_ns == stamp
 
 

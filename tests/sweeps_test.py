@@ -179,6 +179,8 @@ def test_the_command(seen, tmp_path, capsys):
     command += ["--lam", "0.1,1", "--xi", "1/d,d", "--regulariser", "first", "--truth", *truths]
     assert cli.main(command) == 0
     assert "8 of 8 rows" in capsys.readouterr().out
+    assert cli.main(command) == 0
+    assert "made by an earlier call: 8 of them" in capsys.readouterr().out
     assert all(row["median_mm"] < 20 for row in read_table(out).values())
     for wrong, message in (
         (["--lam", "a,b"], "--lam must be numbers such as 0.1,1,10, got a,b"),
