@@ -127,7 +127,7 @@ def posed(
             tear = contours is not False and before.problem.cuts is not None
             found = continued(coarse, albedo, tear, _resampled(before, coarse[1]))
     except NoColour as error:
-        best = max(fine, key=_signal)
+        best = max((fine[index] for index in (1, 2, 0)), key=_signal)  # of equals, not red
         name = best.settings["channel"]
         notes = (f"The colours tell nothing of bounced light ({error}), so {name} is taken as it is.",)
         return replace(best, settings=best.settings | {"notes": notes, "contours": False}), None

@@ -346,7 +346,7 @@ def _of_bounces(result: Result | Iterate) -> str:
         )
     albedo = cast("tuple[float, ...] | None", settings.get("albedo"))
     values = ", ".join(f"{one:.2g}" for one in albedo or ())
-    told = f", with albedos of {values} (R, G, B)" if values else ""
+    told = f", with albedos of {values} (R, G, B)," if values else ""
     return f"Light that bounced from wall to wall was estimated{told} and taken out."
 
 

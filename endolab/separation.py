@@ -33,6 +33,7 @@ GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
 GAIN = 0.6  # contours are kept if tearing the surface there leaves less than this share of the energy
 LEVELS = np.linspace(0.05, 0.95, 13)  # albedos for which S/E is computed, to be interpolated
 TRIED = np.arange(0.2, 0.96, 0.05)  # albedos of the brightest colour
+SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
 STEPS = 10, 10, 30  # of the solves, the last of which is the result; islands behind contours are slow
 ALIKE = 0.1  # albedos that differ by no more, as a share, tell nothing
 
@@ -174,8 +175,9 @@ def separate(
     Raises
     ------
     NoColour
-        If the albedos are not known and the colours are one.
+        If the colours are one.
     """
+    _check_colours(colours)
     known = albedo
     albedo = np.array(TISSUE) if known is None else np.asarray(known, dtype=np.float64)
     inflation = np.broadcast_to(GUESS * albedo / (1 - GUESS * albedo), (*colours[1].mask.shape, 3))
@@ -216,6 +218,15 @@ def continued(
     start = np.where(np.isfinite(log_distance), log_distance, problem.log_facing)
     surface = run(gauss_newton(problem, start=start, max_iterations=STEPS[0]))
     return Separation(inflation, albedo, problem.cuts, surface)
+
+
+def _check_colours(colours: Sequence[Problem]) -> None:
+    """Raise NoColour if the three are one picture, such as a grey one that was stored as RGB."""
+    mask = np.all([one.mask for one in colours], axis=0)
+    if mask.any():
+        images = [one.image[mask] for one in colours]
+        if max(np.median(np.abs(one / images[1] - 1)) for one in images) < SAME:
+            raise NoColour("red, green and blue are one")
 
 
 def _bounced(

@@ -11,6 +11,7 @@ from endolab.style import BACKDROP, house, new_axes, scale_bar
 
 VIEW_WIDTH = 320  # columns of a surface that `show_cloud` draws; more cost time and show no more
 JUMP = 1.25  # neighbours whose distances differ by more are not joined
+EDGE_ON = 0.15  # cosine to the line of sight below which a patch joins the two sides of a contour
 FARTHEST = 8.0  # median distances that the view reaches
 LAMP = np.array([-0.35, 0.35, 0.87])  # over the left shoulder of the viewer
 
@@ -111,7 +112,7 @@ def show_cloud(
     Notes
     -----
     A parallel projection. What the viewer would see from behind is not drawn, so that a tube
-    lies open, and neither are jumps in depth.
+    lies open, and neither are jumps in depth nor what the camera sees edge-on.
     """
     ax = new_axes(ax)
     step = -(-points.shape[1] // VIEW_WIDTH)
@@ -124,9 +125,12 @@ def show_cloud(
     distance = corners(np.linalg.norm(points, axis=-1))
     # Rows and columns turn clockwise around a patch for the camera; so they must for the viewer.
     normal = np.cross(patch[:, :, 2] - patch[:, :, 0], patch[:, :, 3] - patch[:, :, 1])
+    sight = patch.mean(axis=2)
     with np.errstate(invalid="ignore", divide="ignore"):
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
         kept = (normal[..., 2] > 0) & (distance.max(axis=-1) < JUMP * distance.min(axis=-1))
+        kept &= np.abs(np.sum(normal * sight, axis=-1)) > EDGE_ON
     patch = patch[kept]
     colour = colours[:-1, :-1][kept]
     colour = np.repeat(colour[:, None], 3, axis=-1) if colour.ndim == 1 else colour

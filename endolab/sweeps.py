@@ -7,6 +7,7 @@ import io
 import itertools
 import math
 import time
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
@@ -17,7 +18,7 @@ import numpy as np
 
 from endolab.endoscope import Calibration
 from endolab.evaluation import compare
-from endolab.files import PathLike, read_frame, write_atomically
+from endolab.files import PathLike, as_json, read_frame, write_atomically
 from endolab.iteration import Result, Status
 from endolab.operators import FloatArray
 from endolab.preprocess import Frame
@@ -67,7 +68,8 @@ def sweep(
         CSV with the columns `COLUMNS`: a row for every reconstruction; errors in mm, % and degrees
         (of results in relative units after scaling by the median); an error is one sentence. It is
         replaced whole after each reconstruction. Rows that are there already are not made again,
-        but for those with an error; other rows of it are kept.
+        but for those with an error and those that lack a truth which is given now; other rows of
+        it are kept. A checksum in the column `options` tells calibrations apart.
     n_jobs, backend
         Of `joblib.Parallel`: how many at once, and by what: ``"loky"`` (processes), ``"threading"``,
         ``"dask"`` for more than one machine… By default what ``joblib.parallel_config`` says. A
@@ -90,10 +92,12 @@ def sweep(
     """
     import joblib
 
-    tasks = list(_tasks(list(frames), list(lam), list(xi), list(regulariser), solver, truth, options))
+    tasks = list(
+        _tasks(list(frames), calibration, list(lam), list(xi), list(regulariser), solver, truth, options)
+    )
     target = Path(table)
     rows = read_table(target) if target.exists() else {}
-    todo = [task for task in tasks if _unfinished(rows.get(_key(task[0])))]
+    todo = [task for task in tasks if _unfinished(rows.get(_key(task[0])), task[2] is not None)]
     total = len(tasks)
     calibration = replace(calibration, camera=replace(calibration.camera))  # its ray field stays here
     write_table(target, rows.values())  # now, rather than after an hour's run
@@ -135,8 +139,15 @@ def _config(backend: str | None) -> AbstractContextManager[Any]:
     return joblib.parallel_config(backend=backend, **threads)
 
 
+def _checksum(calibration: Calibration) -> str:
+    """Eight digits that tell calibrations apart, whatever they were found from."""
+    known = {key: value for key, value in calibration.to_dict().items() if key != "evidence"}
+    return f"{zlib.crc32(as_json(known)):08x}"
+
+
 def _tasks(
     frames: list[Frame | PathLike],
+    calibration: Calibration,
     lam: list[float],
     xi: list[str],
     regulariser: list[str],
@@ -155,6 +166,7 @@ def _tasks(
     if len(truths) != len(names):
         raise ValueError(f"expected a truth for each of {len(names)} frames, found {len(truths)}")
     told = " ".join(f"{name}={options[name]}" for name in sorted(options) if options[name] is not None)
+    told = f"calibration={_checksum(calibration)} {told}".strip()
     settings = list(itertools.product(dict.fromkeys(xi), dict.fromkeys(regulariser), dict.fromkeys(lam)))
     for name, frame, known in zip(names, frames, truths, strict=True):
         for a, b, c in settings:
@@ -166,8 +178,8 @@ def _key(row: Row) -> tuple[object, ...]:
     return tuple(row[name] for name in KEY)
 
 
-def _unfinished(row: Row | None) -> bool:
-    return row is None or bool(row["error"])
+def _unfinished(row: Row | None, compared: bool) -> bool:
+    return row is None or bool(row["error"]) or (compared and math.isnan(row["mean_percent"]))
 
 
 def _solved(
@@ -260,5 +272,6 @@ def read_table(path: PathLike) -> dict[tuple[object, ...], Row]:
         except (AttributeError, ValueError) as error:
             raise ValueError(f"{path}, line {number}: not a row of a sweep") from error
         row = {name: values.get(name, cells[name]) for name in COLUMNS}
+        row["iterations"] = row["iterations"] if math.isnan(row["iterations"]) else int(row["iterations"])
         rows[_key(row)] = row
     return rows

@@ -285,7 +285,7 @@ def test_bounced_light_and_notes_are_told(relative):
         "notes": ["The colours say little."],
     }
     result = posed(relative, settings=settings)
-    assert "with albedos of 0.75, 0.38, 0.3 (R, G, B) and taken out" in said(result, "bounced")
+    assert "with albedos of 0.75, 0.38, 0.3 (R, G, B), and taken out" in said(result, "bounced")
     assert meaning(result)[-1] == "The colours say little."
     assert "was estimated and taken out" in said(
         posed(relative, settings=settings | {"albedo": None}), "bounced"

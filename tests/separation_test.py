@@ -185,15 +185,26 @@ def test_estimated_albedos_are_exact_where_the_model_is(dry):
 # Bad input ------------------------------------------------------------------------------
 
 
-def test_without_colour_the_best_channel_is_taken(dry):
-    image = np.repeat(dry.frame.image[..., 1:2], 3, axis=-1)
-    calibration = without(dry.calibration, brdf=Lambertian(0.38))
-    result = el.reconstruct(
-        el.Frame(image, dry.frame.mask, "grey"), calibration, channel="separated", width=WIDTH
+@pytest.mark.parametrize("brdf", [Lambertian(0.38), Lambertian(tuple(ALBEDO))])
+def test_without_colour_one_channel_is_taken(dry, brdf):
+    grey = el.Frame(np.repeat(dry.frame.image[..., 1:2], 3, axis=-1), dry.frame.mask, "grey")
+    result = el.reconstruct(grey, without(dry.calibration, brdf=brdf), channel="separated", width=WIDTH)
+    assert result.problem.settings["channel"] == "green"
+    assert (
+        "tell nothing of bounced light (red, green and blue are one)" in result.problem.settings["notes"][0]
     )
-    assert result.problem.settings["channel"] in ("red", "green", "blue")
-    assert "tell nothing of bounced light (they are as good as equal)" in result.problem.settings["notes"][0]
-    with pytest.raises(NoColour):
+
+
+def test_colours_of_one_ratio_tell_nothing(dry):
+    """A white wall: noise differs, albedos do not."""
+    rng = np.random.default_rng(3)
+    white = np.clip(dry.frame.image[..., 1:2] + rng.normal(scale=0.02, size=dry.frame.image.shape), 0, 1)
+    plain = without(dry.calibration, brdf=Lambertian(0.38))
+    result = el.reconstruct(
+        el.Frame(white, dry.frame.mask, "w"), plain, channel="separated", width=160, smooth=0.0
+    )
+    assert "colours tell nothing of bounced light" in result.problem.settings["notes"][0]
+    with pytest.raises(NoColour, match="as good as equal"):
         estimated_albedo([result.problem] * 3, lambda rho: np.zeros((*result.mask.shape, 3)))
 
 

@@ -73,7 +73,9 @@ def test_a_second_call_makes_only_what_is_not_there(frames, tmp_path, solved):
     again = sweep(frames, CALIBRATION, lam=(0.1, 1, 10), table=path)
     assert solved == [("plane", 0.1), ("plane", 1.0), ("plane", 10.0)] + [("tube", x) for x in (0.1, 1, 10)]
     assert again[:2] == [pytest.approx(row, nan_ok=True) for row in first]
-    assert sweep(frames[:1], CALIBRATION, lam=(0.1,), width=48, table=path)[0]["options"] == "width=48"
+    assert sweep(frames[:1], CALIBRATION, lam=(0.1,), width=48, table=path)[0]["options"].endswith(
+        " width=48"
+    )
     assert len(read_table(path)) == 7
     assert math.isnan(again[0]["mean_mm"])
 
@@ -91,6 +93,20 @@ def test_an_interrupted_sweep_goes_on(frames, tmp_path, solved):
     assert len(read_table(path)) == 3
     assert len(sweep(frames, CALIBRATION, lam=(0.1, 1), table=path)) == 4
     assert len(solved) == len(set(solved)) == 4
+
+
+def test_another_calibration_and_a_new_truth_are_made_anew(frames, seen, tmp_path, solved):
+    path = tmp_path / "t.csv"
+    sweep(frames[:1], CALIBRATION, table=path)
+    darker = replace(CALIBRATION, photometry=replace(GREEN, brdf=el.Lambertian(0.2)))
+    (other,) = sweep(frames[:1], darker, table=path)
+    assert len(solved) == len(read_table(path)) == 2
+    assert np.isnan(other["mean_percent"])
+    for _ in range(2):
+        (row,) = sweep(frames[:1], darker, table=path, truth=[seen["plane"].distance])
+        assert row["mean_percent"] > 0
+    assert len(solved) == 3
+    assert len(read_table(path)) == 2
 
 
 def test_a_run_that_was_stopped_is_no_row(frames, tmp_path, monkeypatch):
