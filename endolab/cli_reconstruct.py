@@ -32,6 +32,7 @@ class _Progress:
 
 def _reconstruct(arguments: argparse.Namespace) -> None:
     from endolab.files import read_frame, save_result, staged_folder
+    from endolab.preparation import prepare
     from endolab.reconstruction import reconstruct
     from endolab.recording import record
     from endolab.scale import notes
@@ -45,6 +46,7 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
             raise ValueError(f"--{option} is of a folder or a video, and {arguments.frame} is one picture")
     calibration = calibration_of(arguments)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
+    prepared = prepare(frame, calibration, highlights="keep") if arguments.prepare else None
     keywords = solving_keywords(arguments) | known_length(arguments)
     solver, snapshots = keywords["solver"], arguments.snapshots
     if snapshots is None and solver == "fast_marching":
@@ -53,7 +55,7 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
     started = time.perf_counter()
     with staged_folder(arguments.out) as folder:
         result = reconstruct(
-            frame,
+            frame if prepared is None else prepared.frame,
             calibration,
             **keywords,
             observers=[record(folder / "recording.rrd"), _Progress(snapshots)],
@@ -61,6 +63,10 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
         )
         seconds = time.perf_counter() - started  # with all that came before the solver
         save_result(result, folder)
+        if prepared is not None:
+            from endolab.preparation_plots import prepare_figure
+
+            prepare_figure(prepared, result).savefig(folder / "preparation.png")
         if arguments.mesh:
             from endolab.meshes import mesh_of, write_mesh
 
@@ -79,10 +85,11 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
             "The gain is unknown, so distances have no unit; "
             "--median-distance, --known-distance or --known-diameter fixes the scale."
         )
-    for note in notes(result):
+    for note in (*(prepared.notes if prepared is not None else ()), *notes(result)):
         print(note)
     mesh = "mesh.ply, " if arguments.mesh else ""
-    print(f"written to {arguments.out}: cloud.ply, depth.npz, {mesh}overview.png, recording.rrd, report.json")
+    drawn = "overview.png" if prepared is None else "overview.png, preparation.png"
+    print(f"written to {arguments.out}: cloud.ply, depth.npz, {mesh}{drawn}, recording.rrd, report.json")
 
 
 def _sweep(arguments: argparse.Namespace) -> None:
@@ -141,6 +148,11 @@ def add_reconstruct_commands(commands: Any) -> None:
     add.add_argument("--mask", metavar="M.png", help="bright where the frame is to be used")
     add.add_argument(
         "--snapshots", type=int, metavar="N", help=f"of fast_marching in the recording (default {SNAPSHOTS})"
+    )
+    add.add_argument(
+        "--prepare",
+        action="store_true",
+        help="leave out text and dark lumen, undo interlacing, and draw it all: preparation.png",
     )
     add.add_argument("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
     add.add_argument("--every", type=int, metavar="N", help="of a video, every N-th frame only")

@@ -33,8 +33,8 @@ def reconstruct_video(arguments: argparse.Namespace) -> None:
         value = getattr(arguments, option)
         if value is not None and value < 1:
             raise ValueError(f"--{option} must be at least 1, got {value}")
-    if arguments.mesh or arguments.snapshots is not None:
-        raise ValueError("--mesh and --snapshots are of one frame, not of a folder or a video")
+    if arguments.mesh or arguments.prepare or arguments.snapshots is not None:
+        raise ValueError("--mesh, --prepare and --snapshots are of one frame, not of a folder or a video")
     calibration = calibration_of(arguments)
     keywords = solving_keywords(arguments) | known_length(arguments)
     mask = None if arguments.mask is None else read_mask(arguments.mask)

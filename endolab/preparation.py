@@ -361,7 +361,7 @@ def prepare(
     lumen &= ~mirrored
     if lumen.any():
         notes.append(f"Dark lumen, where noise says more than the wall: {_share(lumen, field)}.")
-    treated = {"ignore": "left out", "inpaint": "filled in from around", "keep": "kept as they are"}
+    treated = {"ignore": "left out", "inpaint": "filled in from around", "keep": "left to the solver"}
     if mirrored.any():
         notes.append(f"Highlights: {_share(mirrored, field)}, {treated[highlights]}.")
     canonical = canonical_picture(Frame(image, field, frame.name), calibration)

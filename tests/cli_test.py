@@ -614,3 +614,11 @@ def test_a_refusal_is_one_line_also_from_what_is_not_python(sim, tmp_path):
     assert done.returncode == 2
     assert done.stderr == f"endolab: unknown solver 'none'; choose {', '.join(SOLVERS)}\n"
     assert not (tmp_path / "out").exists()
+
+
+def test_a_frame_is_prepared_and_drawn(sim, tmp_path, capsys):
+    options = ["--calibration", sim / "endoscope.json", "--out", tmp_path / "out", "--prepare"]
+    assert call("reconstruct", sim / "frame.png", *options, "--solver", "fast_marching") == 0
+    assert "preparation.png" in (said := capsys.readouterr().out)
+    assert "The endoscope shows 100 % of the picture." in said
+    assert read_image(tmp_path / "out/preparation.png").shape[1] == 1600

@@ -295,7 +295,7 @@ def test_other_settings_want_another_folder(film, capsys):
     ("options", "message"),
     [
         (["--every", "0"], "--every must be at least 1, got 0"),
-        (["--mesh"], "--mesh and --snapshots are of one frame"),
+        (["--mesh"], "--mesh, --prepare and --snapshots are of one frame"),
         (["--lam", "-1"], "no frame could be reconstructed; the first: frame_0.png: lam must be finite"),
         (["--solver", "magic"], "unknown solver 'magic'"),
     ],
