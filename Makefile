@@ -56,6 +56,9 @@ bench: $(READY) ## measure speed
 	$(BIN)/python tests/bench_calibration.py
 	$(BIN)/python tests/bench_session.py
 	$(BIN)/python tests/bench_targets.py
+	$(BIN)/python tests/bench_colon.py
+	$(BIN)/python tests/bench_highlights.py
+	$(BIN)/python tests/bench_sequence.py
 
 traced: $(READY) ## path-trace the frames in endolab/frames anew, with Mitsuba (about 10 minutes)
 	$(PIP) install --quiet 'mitsuba>=3.9'

@@ -16,7 +16,6 @@ import numpy as np
 from endolab.depth.energy import AT_LEAST, NONE
 from endolab.iteration import Iterate, Result
 from endolab.operators import FloatArray
-from endolab.preprocess import BRIGHT
 
 Pixel = tuple[float, float]
 KnownDistance = tuple[float, float, float]  # mm, column, row
@@ -373,9 +372,6 @@ def _of_evidence(result: Result | Iterate) -> Iterator[str]:
         return f"{count} of {total} pixels ({100 * count / max(total, 1):.2g} %)"
 
     if problem.evidence is None:
-        saturated = int((problem.mask & (problem.image >= BRIGHT)).sum())
-        if saturated:
-            yield f"The sensor is saturated in {share(saturated)}, which come out too far away."
         return
     saturated, silent = (int((problem.evidence[problem.mask] == what).sum()) for what in (AT_LEAST, NONE))
     if saturated:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -35,33 +35,31 @@ def scores(image: np.ndarray, mask: np.ndarray, ratio: np.ndarray, gamma: float)
     return [*row, f"{seconds:.2f} s"]
 
 
-def filled_error(frame: Any) -> str:
+def filled_error(sample: Any) -> str:
     """Mean error of what is filled in, of the tissue's own green, stored values."""
-    gamma, mask = frame.photometry.gamma, frame.mask
-    holes = grown(find_highlights(frame.image, mask, gamma), 2 / 320 * mask.shape[1]) & mask
+    gamma, mask = sample.calibration.photometry.gamma, sample.frame.mask
+    holes = grown(find_highlights(sample.frame.image, mask, gamma), 2 / 320 * mask.shape[1]) & mask
     if not holes.any():
         return "–"
-    truth = np.clip(frame.direct + frame.indirect, 0, 1)[..., 1] ** (1 / gamma)
-    green = (picture[..., 1] for picture in (inpaint(frame.image, holes, mask), frame.image))
+    truth = np.clip(sample.direct + sample.indirect, 0, 1)[..., 1] ** (1 / gamma)
+    green = (picture[..., 1] for picture in (inpaint(sample.frame.image, holes, mask), sample.frame.image))
     after, before = (255 * np.abs(values - truth)[holes].mean() for values in green)
     return f"{before:.1f} -> {after:.1f}"
 
 
-def report(frames: Mapping[str, Any] | Iterable[tuple[str, Any]]) -> None:
+def report(samples: Mapping[str, Any]) -> None:
     """Print the table of path-traced frames, by name."""
     rows = []
-    for name, frame in dict(frames).items():
-        tissue = np.maximum((frame.direct + frame.indirect)[..., 1], 1e-9)
-        ratio = np.where(frame.mask, frame.mirrored / tissue, 0.0)
+    for name, sample in samples.items():
+        frame, gamma = sample.frame, sample.calibration.photometry.gamma
+        tissue = np.maximum((sample.direct + sample.indirect)[..., 1], 1e-9)
+        ratio = np.where(frame.mask, sample.mirrored / tissue, 0.0)
         for kind, image in (("colour", frame.image), ("green alone", frame.image[..., 1])):
-            line = scores(image, frame.mask, ratio, frame.photometry.gamma)
-            rows.append([name, kind, *line, filled_error(frame) if kind == "colour" else ""])
+            line = scores(image, frame.mask, ratio, gamma)
+            rows.append([name, kind, *line, filled_error(sample) if kind == "colour" else ""])
     heads = [f"precision / recall, > {100 * limit:.0f} %" for limit in LIMITS]
     table("Highlights", ["frame", "picture", "found", *heads, "time", "grey levels off in holes"], rows)
 
 
 if __name__ == "__main__":
-    if not hasattr(datasets, "traced"):
-        sys.exit("the path-traced frames are not there: endolab.datasets has no traced()")
-    names = ("diffuse1", "diffuse2", "diffuse3", "wet1", "wet2", "foggy")
-    report({name: datasets.traced(name) for name in names})
+    report({name: datasets.traced(name) for name in datasets.TRACED if name != "matt"})
