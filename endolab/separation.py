@@ -30,7 +30,7 @@ DOUBT = 0.3  # share of S/E that may be wrong
 TEXTURE = (0.05, 0.2, 0.2)  # of the albedos' logarithms: blood takes green and blue light, hardly red
 TISSUE = (0.7, 0.35, 0.28)  # red, green and blue of mucosa, before anything is known
 GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
-GAIN = 0.6  # contours are kept if tearing the surface there leaves less than this share of the energy
+GAIN = 0.5  # contours are kept if tearing the surface there leaves less than this share of the energy
 LEVELS = np.linspace(0.05, 0.95, 13)  # albedos for which S/E is computed, to be interpolated
 TRIED = np.arange(0.2, 0.96, 0.05)  # albedos of the brightest colour
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one

@@ -135,7 +135,7 @@ def c3vd(widths=(338,)):
 def simcol3d():
     folder = datasets.data_folder()
     print("SimCol3D, median-scaled; AbsRel, RMSE and L1 of z in cm, as its challenge has them")
-    for index in range(1, 6):
+    for index in range(5):
         sample = datasets.simcol3d(folder / "simcol3d", index)
         frame, calibration, truth = at_width(sample, 320)
         for way in ("marched", "solved", "separated"):
