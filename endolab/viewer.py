@@ -23,6 +23,8 @@ from endolab.files import PathLike, write_atomically
 from endolab.operators import BoolArray, FloatArray
 
 PORT = 9876  # the viewer's own default
+SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")  # variables, one of which Linux has then
+NO_SCREEN = "the Rerun viewer did not start: it needs a screen; record to a file instead"
 START = (86, 180, 233)
 THIN = rr.Radius.ui_points(1.5)
 
@@ -114,14 +116,16 @@ def start_viewer(path: Path | None = None) -> subprocess.Popen[bytes] | None:
     there = _listening(PORT)
     if there and path is None:
         return None
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in SCREENS):
+        raise OSError(NO_SCREEN)
     viewer = _start(PORT, "--expect-data-soon" if path is None else str(path.resolve()))
     started = time.monotonic()
-    # Without a screen it listens for a moment before it gives up.
+    # With a screen that it cannot use it listens for a moment before it gives up.
     while time.monotonic() < started + 1.5 or (not _listening(PORT) and time.monotonic() < started + 20):
         if viewer.poll() is not None:
             if there and viewer.returncode == 0:  # it has passed the recording on
                 return None
-            raise OSError("the Rerun viewer did not start: it needs a screen; record to a file instead")
+            raise OSError(NO_SCREEN)
         time.sleep(0.1)
     return viewer
 
