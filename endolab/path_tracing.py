@@ -31,9 +31,9 @@ from endolab.brdf import Lambertian
 from endolab.cameras import Camera
 from endolab.lights import SpotLight
 from endolab.mucosa import film_radiance, rippled, tissue
-from endolab.operators import BoolArray, FloatArray
+from endolab.operators import FloatArray
 from endolab.photometry import Photometry
-from endolab.rendering import VEIL
+from endolab.rendering import VEIL, Rendered
 from endolab.scenes import IntArray, Scene
 
 VARIANT = "llvm_ad_rgb"
@@ -46,35 +46,17 @@ GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 @dataclass(frozen=True)
-class Traced:
-    """A path-traced frame and its truth.
+class Traced(Rendered):
+    """A path-traced frame, its truth, and where its light came from.
 
     Attributes
     ----------
-    image : (H, W, 3) float array
-        Stored values in [0, 1].
-    distance : (H, W) float array
-        Euclidean distance from the optical centre, mm, of the scene itself, not of its mesh; nan
-        where there is no surface.
-    normals : (H, W, 3) float array
-        Unit normals in the camera frame, towards the camera.
-    mask : (H, W) bool array
-        Pixels that see the surface.
-    camera : Camera
-    photometry : Photometry
-        With the gain that was used, and the mean albedos.
     direct, indirect : (H, W, 3) float arrays
         Linear light times gain, 1 being the sensor's maximum; averages over the pixel.
     mirrored : (H, W) float array
         The same, of the wet film; equal in all channels.
     """
 
-    image: FloatArray
-    distance: FloatArray
-    normals: FloatArray
-    mask: BoolArray
-    camera: Camera
-    photometry: Photometry
     direct: FloatArray
     indirect: FloatArray
     mirrored: FloatArray

@@ -19,6 +19,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ import numpy as np
 from endolab.brdf import Lambertian
 from endolab.datasets import Sample, calibration
 from endolab.endoscope import Calibration
-from endolab.files import PathLike, staged_folder
+from endolab.files import PathLike, staged_folder, write_atomically
 from endolab.lights import SpotLight
 from endolab.operators import FloatArray
 from endolab.path_tracing import Traced, trace
@@ -149,12 +150,9 @@ def write(path: PathLike, traced: Traced, case: Case, samples: int) -> None:
     for name, layer in layers.items():
         code = np.clip(np.round(layer), 0, 65535).astype(np.uint16)
         arrays[name] = np.diff(code, axis=1, prepend=np.uint16(0))
-    try:
-        with open(path, "wb") as stream:
-            np.savez_compressed(stream, **arrays)
-    except OSError as error:
-        Path(path).unlink(missing_ok=True)
-        raise OSError(f"cannot write {path}: {error.strerror or error}") from error
+    packed = BytesIO()
+    np.savez_compressed(packed, **arrays)
+    write_atomically(path, packed.getvalue())
 
 
 def read(path: PathLike) -> TracedSample:
