@@ -97,6 +97,7 @@ class TunerBox(w.VBox):
     ) -> None:
         self.engine = Tuner(calibration, self._on_outcome, frame=frame, truth=truth)
         self._quiet = False
+        self._answered = False
         self._calibration, self._frame = calibration, frame
         self.pair = Pair(self._cut)
         for picture in (self.pair.picture, self.pair.picture_kept):
@@ -164,6 +165,7 @@ class TunerBox(w.VBox):
     def ask(self) -> None:
         """Ask the engine for what the knobs say; returns at once."""
         if not self._quiet:
+            self._answered = False
             settings = self.settings()
             rendered = settings.scene is not None
             self.knobs["noise"].disabled = not rendered
@@ -177,11 +179,16 @@ class TunerBox(w.VBox):
             try:
                 action(*given)
             except Exception as error:
-                self._say(sentence_of(error), bad=True)
+                self._answer(sentence_of(error), bad=True)
 
         return guarded
 
     # Pictures ----------------------------------------------------------------------------
+
+    def _answer(self, text: str, bad: bool = False) -> None:
+        """Say what a button did; a solve that was asked for before does not wipe it off."""
+        self._answered = True
+        self._say(text, bad)
 
     def _say(self, text: str, bad: bool = False) -> None:
         text = html.escape(text)
@@ -195,10 +202,14 @@ class TunerBox(w.VBox):
             return
         started = time.perf_counter()
         try:
-            self.pair.show(outcome, lambda: self._say(summary(outcome, time.perf_counter() - started)))
+            self.pair.show(outcome, lambda: self._summarise(outcome, time.perf_counter() - started))
         except Exception as error:
             self._say(sentence_of(error), bad=True)
             raise
+
+    def _summarise(self, outcome: Outcome, drawing: float) -> None:
+        if not self._answered:
+            self._say(summary(outcome, drawing))
 
     def _cut(self) -> Cut:
         return Cut(self.knobs["section"].value / 100, self.knobs["across"].value == "row")
@@ -241,7 +252,7 @@ class TunerBox(w.VBox):
         """Keep what is shown as A, to compare; from now on it stands beside what is shown."""
         kept = self.pair.keep()
         self.keeper.description, self.keeper.tooltip = "drop A", "back to one picture"
-        self._say(f"kept as A: {summary(kept)}")
+        self._answer(f"kept as A: {summary(kept)}")
 
     def drop(self) -> None:
         """Forget A."""
@@ -297,10 +308,10 @@ class TunerBox(w.VBox):
         folder = self.folder.value.strip()
         if not folder:
             raise ValueError("name a folder to export into")
-        self._say(f"exporting into {folder} ...")
+        self._answer(f"exporting into {folder} ...")
 
         def work() -> None:
-            self._say(f"exported into {self.export(folder).resolve()}")
+            self._answer(f"exported into {self.export(folder).resolve()}")
 
         threading.Thread(target=self._guarded(work), name="endolab export", daemon=True).start()
 

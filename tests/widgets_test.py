@@ -269,6 +269,20 @@ def test_what_cannot_be_read_is_said_and_changes_nothing(make, files, words):
     assert box.engine.wait(1) is before
 
 
+def test_a_solve_under_way_does_not_wipe_off_what_a_button_said(make):
+    box = make()
+    box.engine.wait(30)
+    before = box.pair.picture.value
+    box.knobs["lam"].value = 0.01
+    box._guarded(lambda: box.take({"a.json": b"{"}))()
+    box.engine.wait(30)
+    assert box.pair.picture.value != before
+    assert "a.json" in box.status.value
+    box.knobs["lam"].value = 1.0
+    box.engine.wait(30)
+    assert "energy" in box.status.value
+
+
 def test_wrong_arguments_are_refused(seen):
     threads = threading.active_count()
     with pytest.raises(ValueError, match="unknown scene 'moon'"):
