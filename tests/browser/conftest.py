@@ -11,6 +11,10 @@ from pathlib import Path
 import pytest
 from conftest import missing_system
 
+import endolab as el
+from endolab import datasets
+from endolab.reconstruction import SOLVERS
+
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 SCREENSHOTS = Path(os.environ.get("ENDOLAB_SCREENSHOTS") or ROOT / "build" / "screenshots")
@@ -104,7 +108,17 @@ def a_free_port():
 
 
 @pytest.fixture(scope="package")
-def lab(tmp_path_factory):
+def compiled():
+    """Every solver's kernels in the cache: a page that waits for a cell does not wait for a compiler."""
+    camera = datasets.calibration("paper", width=32).camera
+    scene = el.render(el.SCENES["colon"], camera, el.Photometry())
+    frame, calibration = el.Frame(scene.image, scene.mask), el.Calibration(camera, scene.photometry)
+    for solver in SOLVERS:
+        el.reconstruct(frame, calibration, solver=solver)
+
+
+@pytest.fixture(scope="package")
+def lab(tmp_path_factory, compiled):
     """Address of a JupyterLab on a copy of the notebooks, started as ``make lab`` does."""
     root = tmp_path_factory.mktemp("lab")
     shutil.copytree(ROOT / "notebooks", root / "notebooks", ignore=shutil.ignore_patterns(".*"))
