@@ -49,8 +49,18 @@ STATE = """() => {
 }"""
 
 
+# Opened as with a double click on its name; closed without a question whether to save it.
+OPEN = """async path => { await window.jupyterapp.commands.execute('docmanager:open', {path}) }"""
+CLOSE = """async () => {
+    const widget = window.jupyterapp.shell.currentWidget;
+    await widget.sessionContext.shutdown();
+    widget.context.model.dirty = false;
+    widget.dispose();
+}"""
+
+
 class OpenNotebook:
-    """A notebook that is open in JupyterLab, in a page of its own, cut off from the world.
+    """A notebook that is open in JupyterLab, in a page that is cut off from the world.
 
     Attributes
     ----------
@@ -60,16 +70,12 @@ class OpenNotebook:
         Addresses other than this machine's that the page asked for, and was not given.
     """
 
-    def __init__(self, browser, lab, name, width=1400, height=9000):
-        self.name, self.outside = name, []
-        self.page = browser.new_page(viewport={"width": width, "height": height})  # all cells at once
-        self.page.route(lambda url: not url.startswith(OWN), self._refuse)
-        self.page.goto(f"{lab}/lab/workspaces/{Path(name).stem}/tree/notebooks/{name}?reset")
-        self.page.wait_for_function(READY, timeout=90_000)
-
-    def _refuse(self, route):
-        self.outside.append(route.request.url)
-        route.abort()
+    def __init__(self, page, outside, name, width=1400, height=9000):
+        self.name, self.page, self.outside = name, page, outside
+        outside.clear()
+        page.set_viewport_size({"width": width, "height": height})  # all cells at once
+        page.evaluate(OPEN, f"notebooks/{name}")
+        page.wait_for_function(READY)
 
     def command(self, name):
         """Execute one of JupyterLab's commands, without waiting for its end."""
@@ -95,9 +101,8 @@ class OpenNotebook:
         self.page.screenshot(path=SCREENSHOTS / f"{name}.png")
 
     def close(self):
-        """Close the page and its kernel."""
-        self.page.evaluate(f"async () => {{ await {CURRENT}.sessionContext.shutdown() }}")
-        self.page.close()
+        """Close the notebook and its kernel."""
+        self.page.evaluate(CLOSE)
 
 
 def a_free_port():
@@ -154,13 +159,32 @@ def browser():
         chromium.close()
 
 
+@pytest.fixture(scope="package")
+def lab_page(lab, browser):
+    """A page with JupyterLab and no notebook, and the list of addresses that were refused."""
+    outside = []
+
+    def refuse(route):
+        outside.append(route.request.url)
+        route.abort()
+
+    page = browser.new_page()
+    page.set_default_timeout(90_000)  # another worker may want both cores
+    page.route(lambda url: not url.startswith(OWN), refuse)
+    page.goto(f"{lab}/lab?reset")
+    page.wait_for_function("() => window.jupyterapp?.shell?.layoutModified")
+    page.evaluate("async () => { await window.jupyterapp.restored }")
+    yield page, outside
+    page.close()
+
+
 @pytest.fixture
-def open_notebook(lab, browser):
+def open_notebook(lab_page):
     """Function that opens a notebook by its file's name (and page's width and height): an `OpenNotebook`."""
     opened = []
 
     def open_it(name, **size):
-        opened.append(OpenNotebook(browser, lab, name, **size))
+        opened.append(OpenNotebook(*lab_page, name, **size))
         return opened[-1]
 
     yield open_it

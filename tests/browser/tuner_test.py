@@ -13,7 +13,7 @@ CELLS = ["from endolab.widgets import tuner\nbox = tuner(scene='tube', width=160
 
 
 @pytest.fixture
-def opened(open_notebook, lab):
+def opened(open_notebook):
     """Notebook 06, cut down to a small tuner, which has given its first answer."""
     opened = open_notebook("06_tuner.ipynb", height=1400)
     opened.page.evaluate(
@@ -26,7 +26,7 @@ def opened(open_notebook, lab):
     )
     state = opened.run_all()
     assert state["complaints"] == []
-    opened.page.wait_for_function(FINE, timeout=60_000)
+    opened.page.wait_for_function(FINE)
     return opened
 
 
@@ -51,7 +51,7 @@ def test_a_slider_changes_the_picture(opened):
     for _ in range(8):
         press(page, "ArrowLeft")
     page.wait_for_function(
-        f"old => document.querySelector('{PICTURE}').src !== old && ({FINE})()", arg=before, timeout=60_000
+        f"old => document.querySelector('{PICTURE}').src !== old && ({FINE})()", arg=before
     )
     page.wait_for_timeout(1500)
     assert page.locator(PICTURE).first.get_attribute("src") != before
@@ -84,7 +84,7 @@ def test_ends_errors_and_a_kept_result_leave_the_page_alive(opened):
     opened.photograph("06_tuner_error")
     for index in (0, 1, 2):
         press(page, "ArrowLeft", index)
-    page.wait_for_function(FINE, timeout=60_000)
+    page.wait_for_function(FINE)
     assert opened.state()["complaints"] == []
     assert opened.outside == []
 
@@ -106,7 +106,6 @@ def section_is(page, percent):
         "([index, wished]) => Math.abs(wished - parseFloat("
         "document.querySelectorAll('.endolab-tuner .widget-readout')[index].innerText)) < 1",
         arg=[6, percent],
-        timeout=60_000,
     )
 
 
@@ -122,7 +121,7 @@ def test_the_section_follows_the_pointer(opened):
         page.mouse.move(*at(page, 0.9 - 0.02 * step, 0.5 + 0.02 * step))
     page.mouse.up()
     section_is(page, 10)
-    page.wait_for_function(f"old => ({source})() !== old", arg=before, timeout=60_000)
+    page.wait_for_function(f"old => ({source})() !== old", arg=before)
     page.wait_for_timeout(1000)
     assert page.evaluate("() => window.pictures") <= 42  # never more than one for each move
     assert page.locator(STATUS).inner_text() == said  # nothing was solved
@@ -145,7 +144,6 @@ def test_a_stands_beside_b_and_is_dropped_again(opened):
     page.wait_for_function(
         "() => document.querySelector('.endolab-now .endolab-caption')"
         ".innerText.startsWith('B (now): λ = 0.1')",
-        timeout=60_000,
     )
     assert page.locator(".endolab-kept .endolab-caption").inner_text().startswith("A: λ = 1 ")
     kept, now = (page.locator(picture).bounding_box() for picture in (KEPT, PICTURE))
@@ -170,7 +168,7 @@ def test_a_restarted_kernel_is_a_line_and_the_cell_runs_again(opened):
     page.evaluate(
         "async () => { await window.jupyterapp.shell.currentWidget.sessionContext.session.kernel.restart() }"
     )
-    lost.wait_for(state="visible", timeout=60_000)
+    lost.wait_for(state="visible")
     assert "run the cell again" in lost.inner_text()
     press(page, "ArrowRight")  # nobody listens
     page.mouse.click(*at(page, 0.2, 0.5))
@@ -178,10 +176,10 @@ def test_a_restarted_kernel_is_a_line_and_the_cell_runs_again(opened):
     page.wait_for_timeout(500)
     assert page.locator(".jp-Dialog").count() == 0
     opened.photograph("06_tuner_restarted")
-    page.wait_for_function(READY, timeout=60_000)
+    page.wait_for_function(READY)
     opened.run_all()
-    page.locator(".endolab-now .endolab-lost").wait_for(state="hidden", timeout=30_000)
-    page.wait_for_function(FINE, timeout=60_000)
+    page.locator(".endolab-now .endolab-lost").wait_for(state="hidden")
+    page.wait_for_function(FINE)
     for _ in range(20):
         press(page, "ArrowLeft")
     page.wait_for_function(
