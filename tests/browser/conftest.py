@@ -85,7 +85,7 @@ class OpenNotebook:
         """Numbers of ``cells``, those ``waiting``, ``pictures``, and a list of ``complaints``."""
         return self.page.evaluate(STATE)
 
-    def run_all(self, seconds=90):
+    def run_all(self, seconds=150):
         """Run all cells; return the state at their end, at the first complaint, or when time is up."""
         self.command("notebook:run-all-cells")
         for _ in range(int(seconds / 0.25)):

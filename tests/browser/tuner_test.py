@@ -78,9 +78,7 @@ def test_ends_errors_and_a_kept_result_leave_the_page_alive(opened):
     choosing.value.set_files(
         [{"name": "broken.json", "mimeType": "application/json", "buffer": json.dumps([1]).encode()}]
     )
-    page.wait_for_function(
-        f"() => document.querySelector('{STATUS}').innerText.includes('broken.json')", timeout=60_000
-    )
+    page.wait_for_function(f"() => document.querySelector('{STATUS}').innerText.includes('broken.json')")
     opened.photograph("06_tuner_error")
     for index in (0, 1, 2):
         press(page, "ArrowLeft", index)
@@ -182,8 +180,6 @@ def test_a_restarted_kernel_is_a_line_and_the_cell_runs_again(opened):
     page.wait_for_function(FINE)
     for _ in range(20):
         press(page, "ArrowLeft")
-    page.wait_for_function(
-        f"() => document.querySelector('{STATUS}').innerText.includes('λ = 0.1 ')", timeout=60_000
-    )
+    page.wait_for_function(f"() => document.querySelector('{STATUS}').innerText.includes('λ = 0.1 ')")
     assert page.locator(".jp-Dialog").count() == 0
     assert opened.state()["complaints"] == []
