@@ -33,7 +33,7 @@ demo: $(READY) ## simulate a frame of a colon, reconstruct it, and compare it wi
 	@if [ -f "$(FRAME)" ]; then ls demo/real/overview.png; fi
 
 test: $(READY) ## run the tests, then every notebook with the solutions of its exercises
-	@unset MPLBACKEND; status=0; \
+	@unset MPLBACKEND; export OPENBLAS_NUM_THREADS=1; status=0; \
 	$(BIN)/python -m pytest -n 2 --dist worksteal || status=1; \
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(NBVAL) notebooks || status=1; \
 	exit $$status
