@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import overload
 
 from endolab.cameras import Camera
 from endolab.datasets import Sample, c3vd, simcol3d
@@ -39,8 +40,16 @@ class Folder:
     def __len__(self) -> int:
         return len(self.names)
 
-    def __getitem__(self, which: int | str) -> Sample:
-        """Load a frame by its position or by its name in `names`."""
+    @overload
+    def __getitem__(self, which: int | str) -> Sample: ...
+
+    @overload
+    def __getitem__(self, which: slice) -> list[Sample]: ...
+
+    def __getitem__(self, which: int | str | slice) -> Sample | list[Sample]:
+        """Load a frame by its position or by its name in `names`, or those of a slice."""
+        if isinstance(which, slice):
+            return [self._read(name) for name in self.names[which]]
         if isinstance(which, str) and which not in self.names:
             raise ValueError(f"{self.path}: there is no frame {which}")
         return self._read(which if isinstance(which, str) else self.names[which])

@@ -1,6 +1,7 @@
 """Gauss-Newton: its energies, its accuracy, its starts and ends, and frames that show hardly anything."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from endolab.depth.fast_marching import fast_marching
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.evaluation import compare, occlusion_cuts
 
+module = import_module("endolab.depth.gauss_newton")
 ENDED = (el.Status.CONVERGED, el.Status.STALLED)
 
 
@@ -175,16 +177,45 @@ def test_where_it_starts_decides_what_comes_in_over_the_border(tube):
 
 
 def test_a_colon_needs_the_coarse_grids():
-    """Measured in %: 7.1 from coarse to fine, 8.7 from a march, 12.4 and out of steps from d₀."""
+    """Measured in %: 7.3 from coarse to fine, 7.5 from a march, 10.4 after 28 steps from d₀."""
     problem, seen = posed("colon", 160)
     cold = solved(problem)
     from_march = solved(problem, start=el.run(fast_marching(problem)).iterate.log_distance)
     from_facing = solved(problem, start=problem.log_facing)
     assert cold.energy < from_march.energy < from_facing.energy
     assert percent(cold, seen) < 8
-    assert 8 < percent(from_march, seen) < 9.6
-    assert percent(from_facing, seen) > 10
-    assert from_facing.status is el.Status.MAX_ITERATIONS
+    assert percent(from_march, seen) < 8.2
+    assert percent(from_facing, seen) > 9
+    assert from_facing.iterations > 2 * cold.iterations
+
+
+def test_a_far_start_is_brought_near_on_coarser_grids(monkeypatch):
+    """From the surface four columns aside, as in a video."""
+    problem, _ = posed("colon", 320, noise=1, bits=8)
+    cold = solved(problem)
+    start = np.roll(cold.iterate.log_distance, 4, axis=1)
+    near = solved(problem, start=start)
+    monkeypatch.setattr(module, "LOOK", 0)
+    alone = solved(problem, start=start)
+    assert near.status is alone.status is el.Status.CONVERGED
+    assert np.all(np.diff(energies(near)) < 0)
+    assert near.iterations < alone.iterations
+    assert near.energy < 1.02 * min(alone.energy, cold.energy)
+
+
+@pytest.mark.parametrize(("scene", "noise"), [("colon", 0), ("tube", 0), ("tube", 3), ("curved", 1)])
+def test_a_march_that_has_lost_need_not_be_made_again(monkeypatch, scene, noise):
+    problem, _ = posed(scene, 320, camera="paper", noise=noise, bits=8)
+    result, begun, marched = solved(problem), module._begun, []
+
+    def always(grid, guess, lam, march):
+        state, won = begun(grid, guess, lam, True)
+        marched.append(won)
+        return state, won
+
+    monkeypatch.setattr(module, "_begun", always)
+    np.testing.assert_array_equal(solved(problem).distance, result.distance)
+    assert marched == sorted(marched, reverse=True)
 
 
 def test_a_start_that_cannot_be_used_is_refused():

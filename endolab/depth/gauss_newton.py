@@ -12,6 +12,10 @@ solved on ever finer grids: on the coarsest λ falls to its value from ten times
 one marches from the values that the coarser one found where the march enters (or takes over the
 coarser map, if that has the lower energy), and takes a few steps. What is left for the frame's
 own pixels is to be done in two or three.
+
+A start is taken as it is if it is near, as after a small change of λ. If it is not, as in a video
+whose camera moves, a grid of fewer pixels tells at little cost, and the finer ones take up what it
+finds: the whole map, or its change alone, whichever has the lower energy.
 """
 
 from __future__ import annotations
@@ -37,6 +41,8 @@ PRECISION, MOST = 0.1, 20  # of the inner solver: residual left, steps
 COARSEST = 24  # rows and columns of the coarsest grid, at least
 CONTINUATION = (10.0, 3.0, 1.0)  # multiples of λ on the coarsest grid
 STEPS = 4  # on each of the coarser grids
+LOOK = 2  # times the grid is halved to see whether a start is near
+NEAR = 1.2  # it is if its energy there is at most this many times what a step leaves
 
 
 @dataclass(frozen=True)
@@ -93,29 +99,64 @@ class _State:
         return state
 
 
-def _begun(grid: Grid, guess: FloatArray | None, lam: float) -> _State:
+def _begun(grid: Grid, guess: FloatArray | None, lam: float, march: bool = True) -> tuple[_State, bool]:
     """March with the guess's values where it enters, or the guess itself if its energy is less.
 
-    The march is sharper, and right on smooth walls; over folds that hide something it is rough.
-    Where cuts are known it is not, and a coarser grid's blocks mix their two sides.
+    The march is sharper, and right on smooth walls; over folds that hide something it is rough, and
+    so it is in noise, the more so the finer the grid: once it has lost there is no need to `march`
+    on finer ones. Where cuts are known it is not, and a coarser grid's blocks mix their two sides.
     """
-    marched = _State.at(grid, grid.march(guess), lam)
     if guess is None or grid.cuts is not None:
-        return marched
-    return min(marched, _State.at(grid, guess, lam), key=lambda state: state.energy)
+        return _State.at(grid, grid.march(guess), lam), True
+    given = _State.at(grid, guess, lam)
+    if march:
+        marched = _State.at(grid, grid.march(guess), lam)
+        if marched.energy <= given.energy:
+            return marched, True
+    return given, False
 
 
-def _guesses(grids: list[Grid], tolerance: float) -> Generator[FloatArray, None, None]:
-    """Maps at full size, as found on ever finer grids but the finest."""
-    lam, guess = grids[0].problem.lam, None
+def _guesses(grids: list[Grid], tolerance: float) -> Generator[tuple[FloatArray, bool], None, None]:
+    """Maps at full size, as found on ever finer grids but the finest, and whether to march there."""
+    lam, guess, march = grids[0].problem.lam, None, True
     for level in range(len(grids) - 1, 0, -1):
-        v = _begun(grids[level], guess, lam).v
+        state, march = _begun(grids[level], guess, lam, march)
+        v = state.v
         for factor in CONTINUATION if guess is None else (1.0,):
             v = _State.at(grids[level], v, factor * lam).descended(tolerance).v
         shown = guess = grids[level].finer(v, grids[level - 1])
         for coarse in range(level - 1, 0, -1):
             shown = grids[coarse].finer(shown, grids[coarse - 1])
-        yield shown
+        yield shown, march
+
+
+def _coarsened(grid: Grid, most: float = np.inf) -> list[Grid]:
+    """Return the grid and those of fewer pixels, at most so many."""
+    grids = [grid]
+    while len(grids) <= most and min(grids[-1].mask.shape) >= 2 * COARSEST:
+        grids.append(grids[-1].coarser())
+    return grids
+
+
+def _adapted(finest: Grid, start: FloatArray, tolerance: float) -> FloatArray:
+    """Return the start if it is near, or what ever finer grids make of it."""
+    lam, grids, starts = finest.problem.lam, _coarsened(finest, LOOK), [start]
+    for grid in grids[:-1]:
+        starts.append(grid.restrict(starts[-1]))
+    begun = _State.at(grids[-1], starts[-1], lam)
+    state = begun.stepped()
+    if len(grids) == 1 or begun.energy <= NEAR * state.energy:
+        return start
+    state = state.descended(tolerance)
+    for level in range(len(grids) - 2, -1, -1):
+        coarse, fine = grids[level + 1], grids[level]
+        change = coarse.finer(state.v - starts[level + 1], fine)
+        maps = coarse.finer(state.v, fine), starts[level] + change
+        state = min((_State.at(fine, v, lam) for v in maps), key=lambda one: one.energy)
+        if level > 0:
+            state = state.descended(tolerance)
+    given = padded(np.nan_to_num(finest.inflow))
+    return np.where(padded(np.isnan(finest.inflow)), state.v, given)
 
 
 def gauss_newton(
@@ -171,20 +212,24 @@ def gauss_newton(
         state = _State.at(finest, v, problem.lam)
         iterate = Iterate.of(problem, inner(v), terms=state.terms)
         yield iterate
+        if problem.cuts is None and max_iterations > 0:
+            adapted = _State.at(finest, _adapted(finest, v, tolerance), problem.lam)
+            if adapted.energy < state.energy:
+                state = adapted
+                iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms)
+                yield iterate
     else:
-        grids = [finest]
-        while min(grids[-1].mask.shape) >= 2 * COARSEST:
-            grids.append(grids[-1].coarser())
         v = padded(np.where(mask, problem.log_facing, 0.0))
         iterate = Iterate.of(problem, inner(v), terms=finest.terms(v, problem.lam))
         yield iterate
-        guess = None
-        for guess in _guesses(grids, tolerance):
+        guess, march = None, True
+        for guess, again in _guesses(_coarsened(finest), tolerance):
+            march = again
             terms = finest.terms(guess, problem.lam)
             if iterate.k < max_iterations and sum(terms.values()) < iterate.energy:
                 iterate = Iterate.of(problem, inner(guess), iterate, terms=terms)
                 yield iterate
-        state = _begun(finest, guess, problem.lam)
+        state, _ = _begun(finest, guess, problem.lam, march)
         if iterate.k < max_iterations and state.energy < iterate.energy:
             iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms)
             yield iterate
