@@ -99,7 +99,7 @@ class _State:
         return state
 
 
-def _begun(grid: Grid, guess: FloatArray | None, lam: float, march: bool = True) -> tuple[_State, bool]:
+def _begun(grid: Grid, guess: FloatArray | None, lam: float, march: bool) -> tuple[_State, bool]:
     """March with the guess's values where it enters, or the guess itself if its energy is less.
 
     The march is sharper, and right on smooth walls; over folds that hide something it is rough, and
@@ -141,11 +141,13 @@ def _coarsened(grid: Grid, most: float = np.inf) -> list[Grid]:
 def _adapted(finest: Grid, start: FloatArray, tolerance: float) -> FloatArray:
     """Return the start if it is near, or what ever finer grids make of it."""
     lam, grids, starts = finest.problem.lam, _coarsened(finest, LOOK), [start]
+    if len(grids) == 1:
+        return start
     for grid in grids[:-1]:
         starts.append(grid.restrict(starts[-1]))
     begun = _State.at(grids[-1], starts[-1], lam)
     state = begun.stepped()
-    if len(grids) == 1 or begun.energy <= NEAR * state.energy:
+    if begun.energy <= NEAR * state.energy:
         return start
     state = state.descended(tolerance)
     for level in range(len(grids) - 2, -1, -1):
@@ -173,7 +175,8 @@ def gauss_newton(
     problem : Problem
         Any camera, mask and cuts.
     start : (H, W) float array, optional
-        log d to start from, of an earlier result say; then there is no march and no coarse grid.
+        log d to start from, of an earlier result say; then there is no march, and coarser grids
+        are used only if it is far from the frame's surface. With cuts it is taken as it is.
     inflow : (H, W) float array, optional
         log d where it is known, nan elsewhere; it is kept.
     tolerance : float
@@ -184,9 +187,10 @@ def gauss_newton(
     Yields
     ------
     Iterate
-        The start, or d₀; what each coarse grid makes of the frame, as long as its energy is lower;
-        the march at full size, likewise; then one for each step, with the scalars "step" (share of the
-        Gauss-Newton step that was taken), "damping" and "inner" (conjugate gradient steps).
+        The start, and what coarser grids make of it if it is far; or d₀, what each coarse grid makes
+        of the frame, as long as its energy is lower, and the march at full size, likewise. Then one
+        for each step, with the scalars "step" (share of the Gauss-Newton step that was taken),
+        "damping" and "inner" (conjugate gradient steps).
         The energy falls from each to the next.
 
     Raises
