@@ -9,7 +9,7 @@ PIP   := $(BIN)/python -m pip --disable-pip-version-check
 READY := $(VENV)/.ready
 
 FRAME  := $(DATA)/c3vd_trans_t1_a/0001_color.png
-NBVAL  := -p tests.notebook_timeouts -p tests.notebook_solutions
+NBVAL  := -p tests.tools.notebook_timeouts -p tests.tools.notebook_solutions
 NBVAL  += --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
 
 .DEFAULT_GOAL := help
@@ -42,7 +42,7 @@ test-browser: $(READY) ## run the browser's tests alone; they leave screenshots 
 	$(BIN)/python -m pytest tests/browser
 
 html: $(READY) ## render every notebook to a static page: build/html/index.html
-	@unset MPLBACKEND; $(BIN)/python -m endolab.pages notebooks build/html
+	@unset MPLBACKEND; $(BIN)/python -m endolab.cli.pages notebooks build/html
 	@echo 'Look at build/html/index.html'
 
 lint: $(READY) ## check style, format and types
@@ -51,18 +51,18 @@ lint: $(READY) ## check style, format and types
 	$(BIN)/mypy
 
 bench: $(READY) ## measure speed
-	$(BIN)/python tests/bench.py
-	$(BIN)/python tests/bench_solvers.py
-	$(BIN)/python tests/bench_calibration.py
-	$(BIN)/python tests/bench_session.py
-	$(BIN)/python tests/bench_targets.py
-	$(BIN)/python tests/bench_colon.py
-	$(BIN)/python tests/bench_highlights.py
-	$(BIN)/python tests/bench_sequence.py
+	$(BIN)/python -m tests.benchmarks.speed
+	$(BIN)/python -m tests.benchmarks.solvers
+	$(BIN)/python -m tests.benchmarks.calibration
+	$(BIN)/python -m tests.benchmarks.session
+	$(BIN)/python -m tests.benchmarks.targets
+	$(BIN)/python -m tests.benchmarks.colon
+	$(BIN)/python -m tests.benchmarks.highlights
+	$(BIN)/python -m tests.benchmarks.sequence
 
-traced: $(READY) ## path-trace the frames in endolab/frames anew, with Mitsuba (about 10 minutes)
+traced: $(READY) ## path-trace the frames anew, with Mitsuba (about 10 minutes)
 	$(PIP) install --quiet 'mitsuba>=3.9'
-	$(BIN)/python -m endolab.traced_set endolab/frames
+	$(BIN)/python -m endolab.datasets.traced endolab/datasets/frames
 
 lock: | $(BIN)/python ## renew requirements.lock from pyproject.toml
 	$(PIP) install --quiet uv
@@ -81,7 +81,7 @@ $(READY): requirements.lock pyproject.toml | $(BIN)/python
 	$(PIP) install --quiet uv && $(BIN)/uv pip install --python $(BIN)/python -r requirements.lock \
 	  || $(PIP) install -r requirements.lock
 	$(PIP) install --quiet --no-deps --no-build-isolation -e .
-	$(BIN)/python -m endolab.lab $(VENV)
+	$(BIN)/python -m endolab.cli.lab $(VENV)
 	@touch $@
 
 $(BIN)/python:

@@ -1,5 +1,7 @@
 """python -m endolab."""
 
-from endolab.cli import main
+from __future__ import annotations
+
+from endolab.cli.main import main
 
 raise SystemExit(main())

@@ -6,7 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
-from notebook_solutions import solutions
+
+from tests.tools.notebook_solutions import solutions
 
 ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))

@@ -1,1 +1,5 @@
-"""Calibration: targets, their detection, the camera's geometry and the endoscope's light."""
+"""Camera and light of an endoscope from pictures of a printed sheet.
+
+Read `targets`, `detection/`, `geometric/`, `photometric/`, `session`, `summary`; beside them `least_squares`,
+which fits both, and `simulation/`.
+"""

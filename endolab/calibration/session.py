@@ -8,18 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from endolab.calibration.detection import Detection, detect
-from endolab.calibration.geometric import GeometricFit, calibrate_camera, find_pose, views_of
-from endolab.calibration.identifiability import NotIdentifiableError
+from endolab.calibration.detection.detect import Detection, detect
+from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
+from endolab.calibration.geometric.pose import Pose
+from endolab.calibration.geometric.reprojection import find_pose, views_of
 from endolab.calibration.least_squares import FitIterate
-from endolab.calibration.light_fit import HeldOut, PhotometricFit
-from endolab.calibration.photometric import calibrate_light
-from endolab.calibration.poses import Pose
-from endolab.calibration.samples import Samples, sample_sheet
+from endolab.calibration.photometric.fit import calibrate_light
+from endolab.calibration.photometric.identifiability import NotIdentifiableError
+from endolab.calibration.photometric.result import HeldOut, PhotometricFit
+from endolab.calibration.photometric.samples import Samples, sample_sheet
 from endolab.calibration.targets import Target
-from endolab.cameras import KannalaBrandt
-from endolab.operators import FloatArray
-from endolab.photometry import CHANNELS, GREY_WEIGHTS
+from endolab.model.cameras import KannalaBrandt
+from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
+from endolab.numerics.arrays import FloatArray
 
 Progress = Callable[[str, int, int], None]
 Named = Iterable[tuple[str, FloatArray | None]]

@@ -1,1 +1,5 @@
-"""Single-view depth: the energy and the solvers."""
+"""From brightness to depth: the problem, its energy, the solvers.
+
+Read `problem`, `energy`, `result`, `fast_marching`, `gauss_newton`, `primal_dual`, `solvers`; beside them
+`energy_kernels`, `grid`, `normal_equations`, `multigrid`, the compiled parts of Gauss-Newton.
+"""

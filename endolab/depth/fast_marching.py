@@ -23,22 +23,21 @@ far side starts from its own local minima of y₀.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from endolab.depth.energy import Problem
-from endolab.iteration import Iterate, Solver, Status
-from endolab.operators import BoolArray, FloatArray, links, shifted
+from endolab.depth.problem import Problem
+from endolab.depth.result import Iterate, Solver
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.compiled import kernel
+from endolab.numerics.derivatives import links, shifted
+from endolab.numerics.iteration import Status
 
 # Neighbours in turn around a pixel (row, column): consecutive ones make the eight triangles.
 _AROUND = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)])
 _FAR, _ACCEPTED, _OUTSIDE = -1, -2, -3  # else a pixel's entry in `place` is its index in the heap
-
-kernel: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")
 
 
 @kernel

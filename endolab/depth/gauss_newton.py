@@ -25,13 +25,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from endolab.depth.energy import Problem, check_start
 from endolab.depth.fast_marching import check_inflow
 from endolab.depth.grid import Grid
 from endolab.depth.multigrid import Multigrid, dot
-from endolab.depth.padding import inner, padded
-from endolab.iteration import Iterate, Solver, Status
-from endolab.operators import FloatArray
+from endolab.depth.problem import Problem, check_start
+from endolab.depth.result import Iterate, Solver
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.compiled import inner, padded
+from endolab.numerics.iteration import Status
 
 LONGEST = 0.5  # of a step, in log d: a factor of 1.65 in distance
 SHORTEST = 2.0**-6  # share of a step below which the search along it gives up

@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.compiled import differences, fill_xi, linearise, shading_table, sums
-from endolab.depth.energy import AT_LEAST, EXACT, NONE, Problem
-from endolab.depth.fast_marching import March, kernel
+from endolab.depth.energy_kernels import differences, fill_xi, linearise, shading_table, sums
+from endolab.depth.fast_marching import March
 from endolab.depth.normal_equations import Coefficients
-from endolab.depth.padding import PAD, block_sums, halved, halved_links, inner, padded
-from endolab.operators import BoolArray, FloatArray, links
+from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.compiled import PAD, block_sums, halved, halved_links, inner, kernel, padded
+from endolab.numerics.derivatives import links
 
 
 @kernel

@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.fast_marching import kernel
 from endolab.depth.normal_equations import CENTRE, EE, SE, SS, SW, Coefficients, E, S
-from endolab.depth.padding import PAD
-from endolab.operators import FloatArray
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.compiled import PAD, kernel
 
 COARSEST = 64  # pixels; there the equations are swept until they are solved
 SWEEPS = 20

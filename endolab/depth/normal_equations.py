@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.fast_marching import kernel
-from endolab.depth.padding import PAD, block_sums, halved, halved_links, inner
-from endolab.operators import FloatArray
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.compiled import PAD, block_sums, halved, halved_links, inner, kernel
 
 CENTRE, E, EE, S, SS, SE, SW = range(7)  # a pixel's own entry and those towards later pixels
 

@@ -33,22 +33,22 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.compiled import listen
-from endolab.depth.energy import REFERENCE_WIDTH, Problem, check_start
-from endolab.depth.fast_marching import kernel
+from endolab.depth.energy_kernels import listen
 from endolab.depth.grid import Grid
-from endolab.depth.padding import framed, padded
-from endolab.iteration import Iterate, Solver, Status
-from endolab.operators import FloatArray, gradient, hessian_stencils, links
-from endolab.surface import from_xi, to_xi
+from endolab.depth.problem import Problem, check_start
+from endolab.depth.result import Iterate, Solver
+from endolab.model.surface import from_xi, to_xi
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.compiled import framed, kernel, padded
+from endolab.numerics.derivatives import REFERENCE_WIDTH, gradient, hessian_stencils, links
+from endolab.numerics.iteration import Status
 
 BALANCE, LEAST = 0.1, 1e-3  # τ_p and the least θ in units of 1/c at the start
 RANGES = {"coupling": (LEAST, 1e6), "decay": (0, 1), "safety": (1e-3, 1), "patch": (0, 32)}
 
+
 # The loops below each write one row and read few: so compilers can tell that they may use vectors.
 # Pictures have a frame of one pixel that no step leads to, and outside the mask ξ = ξ₀ = I = 1.
-
-
 @kernel
 def _slope(p: Any, low: Any, x: Any, high: Any, to_low: Any, to_high: Any, share: Any, offset: Any) -> None:
     """Central difference of v = ± log ξ by 2 artanh((b - a)/(b + a)) = log b/a; `share` is ±1/steps."""

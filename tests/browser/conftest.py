@@ -9,11 +9,11 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import missing_system
 
 import endolab as el
 from endolab import datasets
-from endolab.reconstruction import SOLVERS
+from endolab.depth.solvers import SOLVERS
+from tests.conftest import missing_system
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -115,7 +115,7 @@ def a_free_port():
 @pytest.fixture(scope="package")
 def compiled():
     """Every solver's kernels in the cache: a page that waits for a cell does not wait for a compiler."""
-    camera = datasets.calibration("paper", width=32).camera
+    camera = datasets.load_calibration("paper", width=32).camera
     scene = el.render(el.SCENES["colon"], camera, el.Photometry())
     frame, calibration = el.Frame(scene.image, scene.mask), el.Calibration(camera, scene.photometry)
     for solver in SOLVERS:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from browser.conftest import NEWER, NOTEBOOKS
+from tests.browser.conftest import NEWER, NOTEBOOKS
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)

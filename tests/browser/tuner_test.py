@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from browser.conftest import READY
+from tests.browser.conftest import READY
 
 PICTURE, STATUS, HANDLE = ".endolab-now img", ".endolab-status", ".endolab-tuner .noUi-handle"
 KEPT = ".endolab-kept img"

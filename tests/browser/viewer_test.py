@@ -5,7 +5,7 @@ import io
 import numpy as np
 from matplotlib.image import imread
 
-from browser.conftest import NEWER, READY
+from tests.browser.conftest import NEWER, READY
 
 SOLVE = """
 import endolab as el
@@ -13,7 +13,7 @@ from endolab import datasets
 from endolab.recording import record
 from endolab.embed import show
 
-calibration = datasets.calibration("paper", width=64)
+calibration = datasets.load_calibration("paper", width=64)
 scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)
 frame, known = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
 """

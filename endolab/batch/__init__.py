@@ -1,0 +1,1 @@
+"""Many frames: sweeps and videos, which go on where they were."""

@@ -1,0 +1,278 @@
+"""Many reconstructions as one table: λ × ξ × order × frame, on as many cores or machines as there are."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import math
+import time
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from endolab.depth.result import Result
+from endolab.depth.solvers import DEFAULT_SOLVER
+from endolab.io.atomic import PathLike, as_json, write_atomically
+from endolab.io.images import read_frame
+from endolab.metrics.depth_errors import compare
+from endolab.model.endoscope import Endoscope
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.iteration import Status
+from endolab.preprocessing.frame import Frame
+from endolab.reconstruction.reconstruct import reconstruct
+
+KEY = ("frame", "xi", "regulariser", "lam", "solver", "options")
+ERRORS = ("mean_mm", "median_mm", "mean_percent", "median_percent", "mean_degrees")
+MEASURED = ("iterations", "energy", "data", "regulariser_energy", "seconds", *ERRORS)
+COLUMNS = (*KEY, "status", *MEASURED, "error")
+
+Row = dict[str, Any]
+Truth = tuple[FloatArray, FloatArray | None] | FloatArray | PathLike
+
+
+def sweep(
+    frames: Iterable[Frame | PathLike],
+    calibration: Endoscope,
+    *,
+    lam: Iterable[float] = (1.0,),
+    xi: Iterable[str] = ("1/d",),
+    regulariser: Iterable[str] = ("second",),
+    solver: str = DEFAULT_SOLVER,
+    truth: Sequence[Truth] | None = None,
+    table: PathLike = "sweep.csv",
+    n_jobs: int | None = None,
+    backend: str | None = None,
+    progress: Callable[[int, int, Row], object] | None = None,
+    **options: Any,
+) -> list[Row]:
+    """Reconstruct every frame with every setting, and write one tidy table.
+
+    Parameters
+    ----------
+    frames : iterable of Frame or path
+        Their names tell the rows apart, so that no two may be alike. Paths are read where the work
+        is done.
+    calibration : Endoscope
+        Of all frames.
+    lam, xi, regulariser : iterables
+        Values of these settings of `endolab.reconstruct`, each with each.
+    solver : str
+        See `endolab.reconstruct`.
+    truth : sequence, optional
+        For each frame the true distances (H, W), mm, or a pair of these and the normals (H, W, 3),
+        or the path of a ``truth.npz``.
+    table : path
+        CSV with the columns `COLUMNS`: a row for every reconstruction; errors in mm, % and degrees
+        (of results in relative units after scaling by the median); an error is one sentence. It is
+        replaced whole after each reconstruction. Rows that are there already are not made again,
+        but for those with an error and those that lack a truth which is given now; other rows of
+        it are kept. A checksum in the column `options` tells calibrations apart.
+    n_jobs, backend
+        Of `joblib.Parallel`: how many at once, and by what: ``"loky"`` (processes), ``"threading"``,
+        ``"dask"`` for more than one machine… By default what ``joblib.parallel_config`` says. A
+        process takes one thread for each reconstruction.
+    progress : callable, optional
+        Called as ``progress(done, total, row)`` after each reconstruction.
+    **options
+        The same for all, see `endolab.reconstruct`; the column `options` tells them.
+
+    Returns
+    -------
+    list of dict
+        The rows asked for, in order, a value that is not known as nan.
+
+    Raises
+    ------
+    ValueError, OSError
+        In one sentence, if the table is none of ours or cannot be written, if frames share a name,
+        or if there is nothing to do. What is in the table stays.
+    """
+    import joblib
+
+    tasks = list(
+        _tasks(list(frames), calibration, list(lam), list(xi), list(regulariser), solver, truth, options)
+    )
+    target = Path(table)
+    rows = read_table(target) if target.exists() else {}
+    todo = [task for task in tasks if _unfinished(rows.get(_key(task[0])), task[2] is not None)]
+    total = len(tasks)
+    calibration = replace(calibration, camera=replace(calibration.camera))  # its ray field stays here
+    write_table(target, rows.values())  # now, rather than after an hour's run
+    with _config(backend):
+        parallel = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+        try:
+            finished = parallel(joblib.delayed(_solved)(*task, calibration, options) for task in todo)
+        except ValueError as error:
+            raise ValueError(
+                "this backend of joblib tells nothing before all is done; choose loky, threading or dask"
+            ) from error
+        done = total - len(todo)
+        try:
+            for row in finished:
+                if row["status"] == Status.STOPPED.name:
+                    raise KeyboardInterrupt(_interruption(done, total))
+                done += 1
+                rows[_key(row)] = row
+                write_table(target, rows.values())
+                if progress is not None:
+                    progress(done, total, row)
+        except KeyboardInterrupt as interrupt:
+            raise KeyboardInterrupt(_interruption(done, total)) from interrupt
+        finally:
+            finished.close()
+    return [rows[_key(task[0])] for task in tasks]
+
+
+def _interruption(done: int, total: int) -> str:
+    return f"interrupted; {done} of {total} rows are in the table, the same command goes on"
+
+
+def _config(backend: str | None) -> AbstractContextManager[Any]:
+    import joblib
+
+    if backend is None:
+        return nullcontext()
+    threads = {"inner_max_num_threads": 1} if backend == "loky" else {}
+    return joblib.parallel_config(backend=backend, **threads)
+
+
+def _checksum(calibration: Endoscope) -> str:
+    """Eight digits that tell calibrations apart, whatever they were found from."""
+    known = {key: value for key, value in calibration.to_dict().items() if key != "evidence"}
+    return f"{zlib.crc32(as_json(known)):08x}"
+
+
+def _tasks(
+    frames: list[Frame | PathLike],
+    calibration: Endoscope,
+    lam: list[float],
+    xi: list[str],
+    regulariser: list[str],
+    solver: str,
+    truth: Sequence[Truth] | None,
+    options: dict[str, Any],
+) -> Iterator[tuple[Row, Frame | PathLike, Truth | None]]:
+    """Give the key of every row, with its frame and the frame's truth."""
+    names = [frame.name if isinstance(frame, Frame) else Path(frame).name for frame in frames]
+    if not (names and lam and xi and regulariser):
+        raise ValueError("a sweep needs at least one frame, lam, xi and regulariser")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"two frames are called {twice[0]}: the table could not tell them apart")
+    truths = [None] * len(names) if truth is None else list(truth)
+    if len(truths) != len(names):
+        raise ValueError(f"expected a truth for each of {len(names)} frames, found {len(truths)}")
+    told = " ".join(f"{name}={options[name]}" for name in sorted(options) if options[name] is not None)
+    told = f"calibration={_checksum(calibration)} {told}".strip()
+    settings = list(itertools.product(dict.fromkeys(xi), dict.fromkeys(regulariser), dict.fromkeys(lam)))
+    for name, frame, known in zip(names, frames, truths, strict=True):
+        for a, b, c in settings:
+            values = (name, a, b, float(c), solver, told)
+            yield dict(zip(KEY, values, strict=True)), frame, known
+
+
+def _key(row: Row) -> tuple[object, ...]:
+    return tuple(row[name] for name in KEY)
+
+
+def _unfinished(row: Row | None, compared: bool) -> bool:
+    return row is None or bool(row["error"]) or (compared and math.isnan(row["mean_percent"]))
+
+
+def _solved(
+    key: Row, frame: Frame | PathLike, truth: Truth | None, calibration: Endoscope, options: dict[str, Any]
+) -> Row:
+    """Make one row; runs in a worker."""
+    row: Row = key | dict.fromkeys(MEASURED, math.nan) | {"status": "", "error": ""}
+    started = time.perf_counter()
+    how = {name: key[name] for name in ("xi", "regulariser", "lam", "solver")}
+    try:
+        picture = frame if isinstance(frame, Frame) else read_frame(frame, calibration)
+        result = reconstruct(picture, calibration, **how, **options)
+        errors = {} if truth is None else _errors(result, truth)
+    except (ValueError, OSError, MemoryError) as error:
+        return row | {"error": " ".join(str(error).split()) or "out of memory"}
+    terms = result.iterate.terms
+    return row | {
+        "status": result.status.name,
+        "iterations": result.iterations,
+        "energy": result.energy,
+        "data": terms.get("data", math.nan),
+        "regulariser_energy": terms.get("regulariser", math.nan),
+        "seconds": time.perf_counter() - started,
+        **errors,
+    }
+
+
+def _errors(result: Result, truth: Truth) -> Row:
+    if isinstance(truth, tuple):
+        distance, normals = truth
+    elif isinstance(truth, np.ndarray):
+        distance, normals = truth, None
+    else:
+        with np.load(truth, allow_pickle=False) as archive:
+            distance, normals = archive["distance"], archive.get("normals")
+    found = compare(
+        result.distance,
+        distance.astype(np.float64),
+        result.problem.field.cos_alpha,
+        normals=result.normals,
+        true_normals=normals,
+        scale="none" if result.metric else "median",
+    )
+    return {name: getattr(found, name) for name in ERRORS}
+
+
+# The table ------------------------------------------------------------------------------
+def write_table(path: PathLike, rows: Iterable[Row]) -> None:
+    """Write rows as CSV, whole or not at all; nan as an empty cell."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({name: "" if row[name] != row[name] else row[name] for name in COLUMNS})
+    write_atomically(path, text.getvalue().encode())
+
+
+def read_table(path: PathLike) -> dict[tuple[object, ...], Row]:
+    """Read a table that `sweep` wrote.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    dict
+        Rows by their key, the values of `KEY`; numbers as float, an empty cell as nan.
+
+    Raises
+    ------
+    ValueError, OSError
+        In one sentence, if it cannot be read or is another table.
+    """
+    try:
+        content = Path(path).read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a table of a sweep") from error
+    except OSError as error:
+        raise OSError(f"{path}: cannot be read: {error.strerror or error}") from error
+    reader = csv.DictReader(io.StringIO(content))
+    if tuple(reader.fieldnames or ()) != COLUMNS:
+        raise ValueError(f"{path}: not a table of a sweep; its columns must be {', '.join(COLUMNS)}")
+    rows = {}
+    for number, cells in enumerate(reader, start=2):
+        try:
+            values: Row = {name: float(cells[name].strip() or "nan") for name in ("lam", *MEASURED)}
+        except (AttributeError, ValueError) as error:
+            raise ValueError(f"{path}, line {number}: not a row of a sweep") from error
+        row = {name: values.get(name, cells[name]) for name in COLUMNS}
+        row["iterations"] = row["iterations"] if math.isnan(row["iterations"]) else int(row["iterations"])
+        rows[_key(row)] = row
+    return rows

@@ -1,0 +1,138 @@
+"""Find dark round spots on lit paper, and where their middles are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from endolab.numerics.arrays import BoolArray
+
+Numbers = NDArray[Any]  # OpenCV works in float32 and uint8, too
+
+LEAST_WHITE = 0.03  # stored value; what is darker than this is no lit paper
+LARGEST = 0.11  # size of a spot over the picture's width
+GREY = 0.6  # darkness of a grey spot over that of a black one, at most
+LEAST_DARKNESS = 0.25  # of a spot, against the paper around it
+GREY_DARKNESS = 0.3  # the same where there is grey, too
+
+
+@dataclass(frozen=True)
+class Blobs:
+    """Dark spots of a picture.
+
+    Attributes
+    ----------
+    centres : (n, 2) float array
+        Centroid of the darkness, px.
+    ink : (n,) float array
+        Area of full darkness that the spot amounts to, px².
+    """
+
+    centres: Numbers
+    ink: Numbers
+
+    def __len__(self) -> int:
+        return len(self.ink)
+
+    def __getitem__(self, which: BoolArray | Numbers) -> Blobs:
+        """Return some of them."""
+        return Blobs(self.centres[which], self.ink[which])
+
+
+def shrunk(image: Numbers) -> Numbers:
+    """Average the pixels of a picture, (H, W), to one of about 360 columns."""
+    height, width = image.shape
+    shrink = max(1, round(width / 360))
+    return cv2.resize(image, (width // shrink, height // shrink), interpolation=cv2.INTER_AREA)
+
+
+def white_of(small: Numbers) -> Numbers:
+    """Brightness of the bare paper at each place of a picture, made up where there is ink."""
+    side = 2 * round(LARGEST / 2 * small.shape[1]) + 1
+    # Closing keeps what is bright and fills what is dark and narrower than the window.
+    white = cv2.morphologyEx(small, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
+    return cv2.GaussianBlur(white, (0, 0), side / 6)
+
+
+def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
+    """Find dark round spots on lit paper.
+
+    Parameters
+    ----------
+    image : (H, W) float32 array
+        Stored values in [0, 1].
+    greys : bool
+        Whether there are grey spots, which are to be left out; faint black ones are then lost.
+
+    Returns
+    -------
+    Blobs
+    """
+    height, width = image.shape
+    small = shrunk(image)
+    # Small glints would pass for white: nothing may be much brighter than the median around it.
+    median = cv2.medianBlur(cv2.convertScaleAbs(small, alpha=255), small.shape[1] // 40 * 2 + 1)
+    white = white_of(np.minimum(small, np.maximum(median, 5) * np.float32(1.25 / 255)))
+    shrink = width / small.shape[1]
+    level = cv2.multiply(image, cv2.resize(1 / np.maximum(white, LEAST_WHITE), (width, height)))
+    least = GREY_DARKNESS if greys else LEAST_DARKNESS
+    dark = (cv2.GaussianBlur(level, (0, 0), 1.0) < 1 - least).astype(np.uint8)
+    _, labels, stats, centroids = cv2.connectedComponentsWithStats(dark, connectivity=4, ltype=cv2.CV_32S)
+    left, top, wide, high, area = stats.T
+    whole = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
+    good = whole & (area >= 9) & (np.maximum(wide, high) <= LARGEST * width)
+    row, column = (np.nan_to_num(centroids[:, ::-1].T) / shrink).astype(int)
+    good &= white[np.minimum(row, white.shape[0] - 1), np.minimum(column, white.shape[1] - 1)] > LEAST_WHITE
+    good[0] = False
+    if not good.any():
+        return Blobs(np.zeros((0, 2)), np.zeros(0))
+    number = np.where(good, np.cumsum(good), 0).astype(np.uint16)
+    return _measure(level, _bare_level(level, dark, small.shape), number[labels], greys)
+
+
+def _bare_level(level: Numbers, dark: Numbers, shape: tuple[int, int]) -> Numbers:
+    """Mean level of the bare paper nearby, (H, W): closing, swayed by noise, does not make it 1."""
+    size = shape[::-1]
+    small = cv2.resize(level, size, interpolation=cv2.INTER_AREA)
+    covered = cv2.resize(cv2.dilate(dark, np.ones((5, 5), np.uint8)), size, interpolation=cv2.INTER_AREA)
+    bare = ((covered == 0) & (small > 0.85) & (small < 1.1)).astype(np.float32)
+    light, weight = (cv2.GaussianBlur(a, (0, 0), 4.0) for a in (small * bare, bare))
+    return cv2.resize((light + 0.01) / (weight + 0.01), level.shape[::-1])
+
+
+def _measure(level: Numbers, bare: Numbers, labels: Numbers, greys: bool) -> Blobs:
+    """Centroids and ink of labelled spots (1, 2, …) that look like ellipses."""
+    width = labels.shape[1]
+    count = int(labels.max()) + 1
+    wide = cv2.dilate(labels, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7)))
+    place = np.flatnonzero(wide)
+    number = wide.ravel()[place].astype(int)
+    inner = labels.ravel()[place] == number
+    y, x = np.divmod(place, width)
+    weight = 1 - (level.ravel()[place] / bare.ravel()[place]).astype(float)
+
+    def total(values: Numbers) -> Numbers:
+        return np.bincount(number, values, count)[1:]
+
+    ink = total(weight)
+    area = total(inner)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        depth = total(inner * weight) / area
+        # Where the darkness is flat, inside and outside, noise and uneven light must not count.
+        cover = np.clip((weight / depth[number - 1] - 0.1) / 0.8, 0, 1)
+        centres = np.stack([total(cover * x), total(cover * y)], axis=-1) / total(cover)[:, None]
+        number, x, y, weight = number[inner], x[inner], y[inner], weight[inner]
+        dx, dy = (a - (total(a) / area)[number - 1] for a in (x, y))
+        # A uniform ellipse has area 4π √det of its covariance; a pixel adds 1/12 px².
+        xx, xy, yy = total(dx * dx) / area + 1 / 12, total(dx * dy) / area, total(dy * dy) / area + 1 / 12
+        determinant = xx * yy - xy * xy
+        solid = area / (4 * np.pi * np.sqrt(determinant))
+        short = (xx + yy) / 2 - np.sqrt(np.maximum((xx + yy) ** 2 / 4 - determinant, 0))
+    good = (solid > 0.85) & (solid < 1.15) & (short > 0.3) & (ink > 4)
+    if greys and good.any():
+        good &= depth > GREY * np.quantile(depth[good], 0.8)
+    return Blobs(centres, ink)[good]

@@ -1,0 +1,176 @@
+"""Find a target's features in a picture, and which of them they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from endolab.calibration.detection.blobs import LEAST_WHITE, shrunk, white_of
+from endolab.calibration.detection.dots import Found, detect_circles, detect_dots, nothing
+from endolab.calibration.detection.lattice import cross, fitting, steps
+from endolab.calibration.targets import Charuco, Chessboard, CircleGrid, DotGrid, Target
+from endolab.numerics.arrays import FloatArray, IntArray
+
+LEAST_CORNERS = 6  # of a ChArUco board
+SMALLEST = 16  # px, side of a picture
+FINE = 800  # px; narrower pictures are enlarged before corners are sought in them
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Features of a target that were found in a picture.
+
+    Attributes
+    ----------
+    ids : (n,) int array
+        Rows of `target.points`, ascending; each at most once.
+    pixels : (n, 2) float array
+        Where they are seen, px: the centroid of the disc's image, or the corner.
+    reason : str
+        In a few words, why nothing was found, where n is 0.
+    """
+
+    ids: IntArray
+    pixels: FloatArray
+    reason: str = ""
+
+
+def detect(image: NDArray[Any], target: Target) -> Detection:
+    """Find a target's features in a picture.
+
+    Neither a camera nor a guess is needed. Dots and circles are ordered by local prediction and
+    dots named by their code; corners are found by OpenCV. Features that do not lie where their
+    neighbours place them are left out.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) array
+        Stored values, float in [0, 1] or uint8 or uint16; colours are averaged.
+    target : Target
+
+    Returns
+    -------
+    Detection
+        A chessboard, and an asymmetric grid with an even number of rows, may look the same when
+        turned by 180°; their first row then runs to the right in the picture. A picture of
+        dots or of a ChArUco board in a mirror is refused.
+
+    Raises
+    ------
+    ValueError
+        If the picture is of another shape or type, or the kind of target is unknown.
+    """
+    grey = _grey(image)
+    if min(grey.shape) < SMALLEST:
+        return Detection(*nothing("the picture is too small"))
+    if isinstance(target, DotGrid):
+        return Detection(*detect_dots(grey, target))
+    if isinstance(target, CircleGrid):
+        return Detection(*detect_circles(grey, target))
+    if isinstance(target, Charuco):
+        return Detection(*_detect_charuco(grey, target))
+    if isinstance(target, Chessboard):
+        return Detection(*_detect_chessboard(grey, target))
+    raise ValueError(f"target must be of a known kind, got {type(target).__name__}")
+
+
+def _grey(image: NDArray[Any]) -> NDArray[Any]:
+    """Average the colours, to float32 in [0, 1]."""
+    image = np.asarray(image)
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
+        raise ValueError(f"image must be of shape (H, W) or (H, W, 3), got {image.shape}")
+    most = {"u1": 255, "u2": 65535, "f4": 1, "f8": 1}.get(image.dtype.str[1:])
+    if most is None:
+        raise ValueError(f"image must be uint8, uint16 or float in [0, 1], got {image.dtype}")
+    grey = image.astype(np.float32)
+    if grey.ndim == 3:
+        grey = np.asarray(cv2.transform(grey, np.full((1, 3), 1 / 3, np.float32)), dtype=np.float32)
+    grey *= np.float32(1 / most)
+    if not np.all(np.isfinite(grey)) or grey.min() < -0.01 or grey.max() > 1.01:
+        raise ValueError("image must hold finite values in [0, 1] where it is float")
+    return grey
+
+
+def _evened(grey: FloatArray) -> NDArray[np.uint8]:
+    """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
+    white = cv2.resize(white_of(shrunk(grey)), grey.shape[::-1])
+    level = grey / np.maximum(white, LEAST_WHITE)
+    return np.asarray(cv2.convertScaleAbs(level, alpha=220), dtype=np.uint8)
+
+
+def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
+    """Find the corners of a ChArUco board."""
+    options = cv2.aruco.CharucoParameters()
+    options.minMarkers = 1  # next to a corner; a corner that is wrong for it is left out below
+    picture = cv2.convertScaleAbs(grey, alpha=255)
+    corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(picture)
+    if markers is None or len(markers) == 0:
+        return nothing("no markers")
+    if ids is None or len(ids) == 0:
+        return nothing("no corners between the markers")
+    shape = (target.rows - 1, target.columns - 1)
+    grid = np.full((*shape, 2), np.nan)
+    grid.reshape(-1, 2)[ids.ravel()] = corners.reshape(-1, 2)
+    for _ in range(2):  # what is left out hides others at first
+        fits, _cell = fitting(grid, target.panel_of(target.points).reshape(shape))
+        grid[~fits] = np.nan
+    kept = np.flatnonzero(fits)
+    if len(kept) < LEAST_CORNERS:
+        return nothing("too few corners")
+    return kept, grid.reshape(-1, 2)[kept], ""
+
+
+def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
+    """Find the inner corners of a chessboard; all of them or none."""
+    picture = _evened(grey)
+    scale = max(1, round(FINE / picture.shape[1]))
+    if scale > 1:
+        size = (scale * picture.shape[1], scale * picture.shape[0])
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC)  # type: ignore[assignment]
+    pattern = (target.columns - 1, target.rows - 1)
+    # The two find about as many, but not the same; the first says no more quickly.
+    found, corners = cv2.findChessboardCornersSB(picture, pattern, flags=cv2.CALIB_CB_EXHAUSTIVE)
+    if not found:
+        flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
+        found, corners = cv2.findChessboardCorners(picture, pattern, flags=flags)
+    if not found:
+        return nothing("no chessboard of this size, or not all of it is in view")
+    along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
+    shortest = min(np.hypot(step[..., 0], step[..., 1]).min() for step in (along, down))
+    half = int(np.clip(0.3 * shortest, 2, 8))
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)
+    corners = cv2.cornerSubPix(picture, corners, (half, half), (-1, -1), stop)
+    grid = corners.reshape(pattern[1], pattern[0], 2).astype(np.float64)
+    grid = (grid + 0.5) / scale - 0.5
+    grid = _ordered(grid, grey)
+    fits, _ = fitting(grid, np.zeros(grid.shape[:2], int))
+    if fits.mean() < 0.9:
+        return nothing("the corners do not lie on a smooth sheet")
+    ids = np.flatnonzero(fits)
+    return ids, grid.reshape(-1, 2)[ids], ""
+
+
+def _ordered(grid: FloatArray, grey: FloatArray) -> FloatArray:
+    """Turn a grid of corners so that it is not mirrored and the first square is black."""
+    if np.median(cross(*steps(grid))) < 0:
+        grid = grid[:, ::-1]
+    turned = grid[::-1, ::-1]
+    dark, dark_turned = _darkness(grid, grey), _darkness(turned, grey)
+    rows, columns = grid.shape[:2]
+    if (rows + columns) % 2 and dark != dark_turned:  # the two ends differ in colour
+        return grid if dark > dark_turned else turned
+    return grid if np.median(np.diff(grid[..., 0], axis=1)) >= 0 else turned
+
+
+def _darkness(grid: FloatArray, grey: FloatArray) -> float:
+    """How much darker the squares are that ought to be black."""
+    middle = (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1]) / 4
+    value = ndimage.map_coordinates(grey, [middle[..., 1], middle[..., 0]], order=1, mode="nearest")
+    row, column = np.indices(value.shape)
+    black = (row + column) % 2 == 0
+    return float(value[~black].mean() - value[black].mean())

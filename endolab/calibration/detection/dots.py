@@ -1,0 +1,259 @@
+"""Find the dots of a coded grid, or of an asymmetric grid, and say which they are.
+
+A dot's bit is its darkness over the area of its lattice cell, which neither tilt nor blur changes.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from endolab.calibration.detection.blobs import Blobs, find_blobs
+from endolab.calibration.detection.lattice import cross, find_lattices, fitting, grow, steps
+from endolab.calibration.targets import CircleGrid, DotGrid
+from endolab.numerics.arrays import FloatArray, IntArray
+
+LEAST_DOTS = 20  # to tell the code by
+PAD = 2  # columns and rows beside the sheet in which false spots may lie
+MOST_WRONG = 0.1  # share of the bits
+SURETY = 5.0  # logarithm of the odds against a match by chance
+MOST_OFF = 0.8  # of a dot's size, where 1 is halfway to the other size
+LEAST_SEEN = 0.75  # share of an asymmetric grid's circles
+Found = tuple[IntArray, FloatArray, str]  # ids, pixels, and the reason why there are none
+
+
+def _places(owner: IntArray, blobs: Blobs) -> FloatArray:
+    """Where the blobs of a lattice are, (h, w, 2), px; nan where there is none."""
+    return np.where(owner[..., None] >= 0, blobs.centres[owner], np.nan)
+
+
+def _cells(owner: IntArray, blobs: Blobs) -> FloatArray:
+    """Area of a lattice's cells, px²."""
+    return cross(*steps(_places(owner, blobs)))
+
+
+def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> FloatArray:
+    """How much larger or smaller each dot is than the mean of the two sizes.
+
+    Parameters
+    ----------
+    owner : (h, w) int array
+        Which blob is at each place of the lattice.
+    blobs : Blobs
+    cell : (h, w) float array
+        Area of the lattice's cell there, px².
+    gap : float
+        Logarithm of the ratio of the areas of large and small dots.
+
+    Returns
+    -------
+    (h, w) float array
+        About -1 for a small and 1 for a large dot; nan where there is none.
+    """
+    size = np.full(owner.shape, np.nan)
+    known = (owner >= 0) & (cell > 0)
+    size[known] = np.log(blobs.ink[owner[known]] / cell[known])
+    row, column = np.nonzero(known)
+    values = size[known]
+    level = _split(values, gap)
+    design = np.column_stack([np.ones(len(row)), row - row.mean(), column - column.mean()])
+    for _ in range(3):
+        # The level drifts over the picture with the white's exposure.
+        rest = values - np.where(values > level, gap, -gap) / 2
+        weight = np.abs(rest - level) < gap / 2
+        if weight.sum() < 12:
+            break
+        level = design @ np.linalg.lstsq(design[weight], rest[weight], rcond=None)[0]
+    size[known] = (values - level) / (gap / 2)
+    return size
+
+
+def _split(values: FloatArray, gap: float) -> FloatArray:
+    """Level halfway between two clusters that lie a known gap apart, the same for all values."""
+    levels = np.linspace(values.min() - gap / 2, values.max() + gap / 2, 100)
+    miss = np.abs(np.abs(values - levels[:, None]) - gap / 2)
+    return np.full(len(values), levels[np.minimum(miss, gap / 2).sum(axis=1).argmin()])
+
+
+_TURNS = [
+    np.array(entries).reshape(2, 2)
+    for entries in product((0, 1, -1, 2, -2), repeat=4)
+    if entries[0] * entries[3] - entries[1] * entries[2] == 1
+]
+
+
+def _placements(
+    places: IntArray, value: FloatArray, table: FloatArray
+) -> tuple[list[tuple[float, int, int, int]], int]:
+    """Try all turns, shears and shifts of a piece of a lattice over a table; never mirrored.
+
+    Returns the best two shifts of each turn, best first, as the sum of products, the turn and the
+    shift; and how many were tried. A piece must lie within the table.
+    """
+    found: list[tuple[float, int, int, int]] = []
+    trials = 0
+    for number, turn in enumerate(_TURNS):
+        spot = places @ turn.T
+        low = spot.min(axis=0)
+        spot = spot - low
+        spare = np.array(table.shape) - spot.max(axis=0)
+        if spare.min() <= 0:
+            continue
+        i, j = np.indices(spare).reshape(2, -1)
+        trials += len(i)
+        score = table[spot[:, 0] + i[:, None], spot[:, 1] + j[:, None]] @ value
+        found += [
+            (float(score[best]), number, int(i[best] - low[0]), int(j[best] - low[1]))
+            for best in np.argsort(-score)[:2]
+        ]
+    return sorted(found, reverse=True), trials
+
+
+def _placed(shape: tuple[int, int], placement: tuple[float, int, int, int]) -> IntArray:
+    """Row and column in the table for each place of the lattice, (h, w, 2)."""
+    _, number, row, column = placement
+    return np.moveaxis(np.indices(shape), 0, -1) @ _TURNS[number].T + [row, column]
+
+
+def match_code(size: FloatArray, code: IntArray) -> IntArray | None:
+    """Say where on the sheet a piece of the lattice lies.
+
+    Parameters
+    ----------
+    size : (h, w) float array
+        From `read_bits`.
+    code : (rows, columns) int array
+        1 where the target's dot is large.
+
+    Returns
+    -------
+    (h, w, 2) int array or None
+        Row and column on the sheet for each place; None where no match is clear.
+    """
+    value = np.clip(size[np.isfinite(size)], -1, 1)
+    found, trials = _placements(np.argwhere(np.isfinite(size)), value, np.pad(2.0 * code - 1, PAD))
+    if not found:
+        return None
+    total = np.abs(value).sum()
+    best = found[0][0]
+    second = found[1][0] if len(found) > 1 else -np.inf
+    # Chance of so few errors for random bits, times the placements tried (Chernoff's bound).
+    wrong = np.clip((1 - best / total) / 2, 1e-9, 0.5)
+    rarity = total * (np.log(2) + wrong * np.log(wrong) + (1 - wrong) * np.log(1 - wrong))
+    if wrong > MOST_WRONG or rarity < np.log(trials) + SURETY or best - second < 3:
+        return None
+    return _placed(size.shape, found[0]) - PAD
+
+
+def _cover(target: DotGrid | CircleGrid, cell: float) -> tuple[float, float]:
+    """Least and largest share of its cell that a dot may seem to cover.
+
+    Ink is not quite black, and near the rim of a lattice its cell is not quite known.
+    """
+    areas = np.pi * target.radii**2 / cell
+    return 0.35 * float(areas.min()), 2.2 * float(areas.max())
+
+
+def detect_dots(image: FloatArray, target: DotGrid) -> Found:
+    """Find the dots of a coded grid.
+
+    Parameters
+    ----------
+    image : (H, W) float32 array
+        Stored values in [0, 1].
+    target : DotGrid
+
+    Returns
+    -------
+    (n,) int array
+        Which dots, ascending.
+    (n, 2) float array
+        Where, px.
+    str
+        Why none, if none.
+    """
+    blobs = find_blobs(image, greys=target.greys is not None)
+    if len(blobs) < LEAST_DOTS:
+        return nothing("too few dark spots")
+    gap = 2 * np.log(target.large / target.small)
+    cover = _cover(target, target.spacing**2)
+    pieces = find_lattices(blobs, cover, 2 * (target.columns + target.rows) + 5)
+    if not pieces:
+        return nothing("the dark spots form no grid")
+    code = target.code
+    sheet = np.full(code.shape, -1)
+    for piece in pieces:
+        spot = match_code(read_bits(piece, blobs, _cells(piece, blobs), gap), code)
+        if spot is not None:
+            on = (piece >= 0) & np.all((spot >= 0) & (spot < code.shape), axis=-1)
+            sheet[tuple(spot[on].T)] = piece[on]
+    if np.all(sheet < 0):
+        return nothing("the code of the dots does not match")
+    sheet = grow(sheet, blobs, cover, 0.25)
+    panel = target.panel_of(target.points).reshape(code.shape)
+    for _ in range(2):
+        fits, cell = fitting(_places(sheet, blobs), panel)
+        with np.errstate(invalid="ignore"):
+            fits &= np.abs(read_bits(sheet, blobs, cell, gap) - (2 * code - 1)) < MOST_OFF
+        sheet = np.where(fits, sheet, -1)
+        if (sheet >= 0).sum() < LEAST_DOTS:
+            return nothing("the dots do not lie on a smooth sheet")
+    ids = np.flatnonzero(sheet >= 0)
+    return ids, blobs.centres[sheet.ravel()[ids]], ""
+
+
+def nothing(reason: str) -> Found:
+    """Give no features, and the reason."""
+    return np.zeros(0, int), np.zeros((0, 2)), reason
+
+
+def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
+    """Find an asymmetric grid of circles; parameters and results as of `detect_dots`.
+
+    Its circles form a square lattice that is turned by 45°, so a piece of a lattice need only be
+    laid on the grid's outline. All but a few must be in view, or their order cannot be known.
+    """
+    blobs = find_blobs(image)
+    count = len(target.points)
+    if len(blobs) < LEAST_SEEN * count:
+        return nothing("too few dark spots")
+    x, y = np.round(target.points[:, :2] / target.spacing).astype(int).T
+    spot = np.column_stack([(y - x) // 2, (x + y) // 2])
+    spot -= spot.min(axis=0)
+    number = np.full(spot.max(axis=0) + 1, -1)
+    number[tuple(spot.T)] = np.arange(count)
+    outline = np.pad(np.where(number >= 0, 1.0, -1.0), PAD, constant_values=-1.0)
+    same_turned = np.array_equal(outline, outline[::-1, ::-1])
+    best = np.full(number.shape, -1)
+    for piece in find_lattices(blobs, _cover(target, 2 * target.spacing**2), 2 * sum(outline.shape) + 5):
+        found, _ = _placements(np.argwhere(piece >= 0), np.ones((piece >= 0).sum()), outline)
+        if same_turned:  # of two opposite orders take the one whose rows run to the right
+            found = [one for one in found if _runs_right(one[1], piece, blobs)]
+        if not found:
+            continue
+        # Turned by 180° and shifted, all but the ends of a grid look the same.
+        stray = (piece >= 0).sum() > found[0][0]
+        if len(found) > 1 and found[0][0] - found[1][0] < (4 if stray else 2):
+            continue
+        at = _placed(piece.shape, found[0]) - PAD
+        on = (piece >= 0) & np.all((at >= 0) & (at < number.shape), axis=-1)
+        sheet = np.full(number.shape, -1)
+        sheet[tuple(at[on].T)] = piece[on]
+        sheet[number < 0] = -1
+        fits, _ = fitting(_places(sheet, blobs), np.zeros(number.shape, int), least=4)
+        sheet = np.where(fits, sheet, -1)
+        if (sheet >= 0).sum() > (best >= 0).sum():
+            best = sheet
+    if (best >= 0).sum() < LEAST_SEEN * count:
+        return nothing("the dark spots form no such grid, or too little of it is in view")
+    ids = number[best >= 0]
+    order = np.argsort(ids)
+    return ids[order], blobs.centres[best[best >= 0]][order], ""
+
+
+def _runs_right(turn: int, piece: IntArray, blobs: Blobs) -> bool:
+    """Whether the target's x axis would point to the right in the picture."""
+    places = np.argwhere(piece >= 0)
+    across = (places @ _TURNS[turn].T) @ [-1, 1]
+    return bool(np.cov(across, blobs.centres[piece[piece >= 0], 0])[0, 1] > 0)

@@ -1,0 +1,286 @@
+"""Order spots into a lattice, by local prediction.
+
+All steps are local in the picture, so no camera is needed: each next spot is predicted from its
+neighbours, which follows fisheye curvature, perspective and the kink at a fold.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from endolab.calibration.detection.blobs import Blobs
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+
+LEAST_SPOTS = 12  # of a piece of a lattice
+MOST_PIECES = 6
+SLACK = 0.3  # px that a feature may lie off, beyond what is usual
+MOST_MISS = 0.12  # lattice steps
+_AROUND = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
+
+
+def _shift(grid: FloatArray, rows: int, columns: int) -> FloatArray:
+    """Return the grid whose element at (i, j) is that at (i + rows, j + columns), nan beyond."""
+    out = np.full_like(grid, np.nan)
+    height, width = grid.shape[:2]
+    out[max(0, -rows) : height - max(0, rows), max(0, -columns) : width - max(0, columns)] = grid[
+        max(0, rows) : height - max(0, -rows), max(0, columns) : width - max(0, -columns)
+    ]
+    return out
+
+
+def _mean(values: FloatArray) -> FloatArray:
+    """Mean of the known ones of vectors (n, k, 2); nan where none is."""
+    known = np.isfinite(values[..., :1])
+    with np.errstate(invalid="ignore"):
+        return np.where(known, values, 0).sum(axis=1) / known.sum(axis=1)
+
+
+def steps(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Give the local steps in the picture along a row and along a column of the lattice, (h, w, 2)."""
+    shape = grid.shape
+    along = [_shift(grid, 0, 1) - grid, grid - _shift(grid, 0, -1)]
+    down = [_shift(grid, 1, 0) - grid, grid - _shift(grid, -1, 0)]
+    first, second = (_mean(np.stack(pair, axis=2).reshape(-1, 2, 2)).reshape(shape) for pair in (along, down))
+    return first, second
+
+
+def _in_cells(vector: FloatArray, along: FloatArray, down: FloatArray) -> FloatArray:
+    """Express vectors of the picture in lattice steps."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.stack([cross(vector, down), cross(along, vector)], axis=-1) / cross(along, down)[..., None]
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Give the area that pairs of vectors span."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: float) -> IntArray:
+    """Grow a lattice: predict each next dot from its neighbours and take the blob that lies there.
+
+    Parameters
+    ----------
+    owner : (h, w) int array
+        Which blob is at each place of the lattice; -1 where none.
+    blobs : Blobs
+    cover : two floats
+        Least and largest share of its cell that a dot may cover.
+    tolerance : float
+        How far a blob may lie from where it is expected, in lattice steps.
+
+    Returns
+    -------
+    (h, w) int array
+        The owner of each place, grown.
+    """
+    owner, centres = owner.copy(), blobs.centres
+    tree = cKDTree(centres)
+    near = min(4, len(centres))
+    limit = tolerance / 3
+    for _ in range(3 * sum(owner.shape)):
+        taken = owner >= 0
+        near_taken = cv2.boxFilter(
+            taken.astype(np.float32), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT
+        )
+        row, column = np.nonzero(~taken & (near_taken > 1.5))
+        if not len(row):
+            break
+        window = _windows(np.where(taken[..., None], centres[owner], np.nan), row, column)
+        guess, along, down = _predict(window)
+        sought = np.isfinite(guess + along + down).all(axis=-1)
+        if not sought.any():
+            break
+        row, column = row[sought], column[sought]
+        guess, along, down = guess[sought], along[sought], down[sought]
+        which = tree.query(guess, k=near)[1].reshape(len(row), -1)
+        offset = _in_cells(centres[which] - guess[:, None], along[:, None], down[:, None])
+        distance = np.hypot(offset[..., 0], offset[..., 1])
+        best = distance.argmin(axis=1)
+        which, distance = (a[np.arange(len(row)), best] for a in (which, distance))
+        covered = blobs.ink[which] / np.abs(cross(along, down))
+        close = (distance < limit) & ~np.isin(which, owner) & (covered > cover[0]) & (covered < cover[1])
+        order = np.flatnonzero(close)[np.argsort(distance[close], kind="stable")]
+        order = order[np.unique(which[order], return_index=True)[1]]
+        owner[row[order], column[order]] = which[order]
+        if len(order):
+            limit = tolerance / 3
+        elif limit < tolerance:  # what is certain first, so that it guides the rest
+            limit += tolerance / 3
+        else:
+            break
+    return owner
+
+
+REACH = 3
+_ROW, _COLUMN = np.indices((2 * REACH + 1, 2 * REACH + 1)) - REACH
+
+
+def _windows(grid: FloatArray, row: IntArray, column: IntArray) -> FloatArray:
+    """Surroundings of some places of a lattice, (n, 7, 7, 2), px; nan where not known."""
+    padded = np.pad(grid, ((REACH, REACH), (REACH, REACH), (0, 0)), constant_values=np.nan)
+    return padded[row[:, None, None] + _ROW + REACH, column[:, None, None] + _COLUMN + REACH]
+
+
+def _predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where the lattice passes the middle of windows, and its steps there: three (n, 2), px."""
+    i, j = np.array(_AROUND).T
+    one, two, three = (window[:, REACH - n * i, REACH - n * j] for n in (1, 2, 3))
+    step, before = one - two, two - three
+    # Perspective and fisheye shrink steps by about the same factor each time.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.hypot(step[..., 0], step[..., 1]) / np.hypot(before[..., 0], before[..., 1])
+    ratio = np.where(np.isfinite(ratio), np.clip(ratio, 0.5, 2), 1.0)
+    ahead = one + step * ratio[..., None]
+    i, j = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]).T
+    beside = window[:, REACH + i, REACH] + window[:, REACH, REACH + j] - window[:, REACH + i, REACH + j]
+    inner = window[:, 1:-1, 1:-1]
+    along, down = (np.diff(inner, axis=axis).reshape(len(window), -1, 2) for axis in (2, 1))
+    return _mean(np.concatenate([ahead, beside], axis=1)), _mean(along), _mean(down)
+
+
+def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[IntArray]:
+    """Find the pieces of a lattice among blobs.
+
+    Parameters
+    ----------
+    blobs : Blobs
+    cover : two floats
+        Least and largest share of its cell that a dot may cover.
+    size : int
+        Side of the square in which each piece is laid out.
+
+    Returns
+    -------
+    list of (size, size) int arrays
+        Which blob is at each place, -1 where none; columns and rows of each run in a right-handed
+        way in the picture, but may be sheared and turned against those of the target.
+    """
+    pieces: list[IntArray] = []
+    centres = blobs.centres
+    if len(centres) < 9:
+        return pieces
+    near = min(17, len(centres))
+    which = cKDTree(centres).query(centres, k=near)[1][:, 1:]
+    vectors = centres[which] - centres[:, None]
+    length = np.linalg.norm(vectors, axis=-1)
+    # A step of the lattice has its opposite.
+    miss = np.linalg.norm(vectors[:, :, None] + vectors[:, None], axis=-1).min(axis=2)
+    paired = miss < 0.3 * length
+    every = np.arange(len(centres))
+    first = paired.argmax(axis=1)
+    a = vectors[every, first]
+    area = cross(a[:, None], vectors)
+    second = (paired & (area > 0.7 * length * length[every, first][:, None])).argmax(axis=1)
+    b = vectors[every, second]
+    usable = paired[every, first] & paired[every, second] & (area[every, second] > 0)
+    covered = blobs.ink / np.where(usable, area[every, second], 1.0)
+    usable &= (covered > cover[0]) & (covered < cover[1])
+    around = np.stack([j * a + i * b for i, j in _AROUND], axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        offset = _in_cells(vectors[:, None] - around[:, :, None], a[:, None, None], b[:, None, None])
+    distance = np.where(usable[:, None, None], np.linalg.norm(offset, axis=-1), np.inf)
+    found = distance.min(axis=2) < 0.3
+    neighbour = which[every[:, None], distance.argmin(axis=2)]
+    score = found.sum(axis=1) - np.where(found, distance.min(axis=2), 0).sum(axis=1) / 8
+    free = np.ones(len(centres), bool)
+    for seed in np.argsort(-score, kind="stable"):
+        if score[seed] < 6 or len(pieces) == MOST_PIECES:
+            break
+        taken = neighbour[seed][found[seed]]
+        if not (free[seed] and free[taken].all()):
+            continue
+        owner = np.full((size, size), -1)
+        middle = size // 2
+        owner[middle, middle] = seed
+        for (i, j), blob, there in zip(_AROUND, neighbour[seed], found[seed], strict=True):
+            if there:
+                owner[middle + i, middle + j] = blob
+        free_now = np.flatnonzero(free)
+        back = np.full(len(centres) + 1, -1)
+        back[free_now] = np.arange(len(free_now))
+        grown = grow(back[owner], blobs[free_now], cover, 0.3)
+        owner = np.where(grown >= 0, free_now[grown], -1)
+        free[owner[owner >= 0]] = False
+        if (owner >= 0).sum() >= LEAST_SPOTS:
+            pieces.append(owner)
+    return pieces
+
+
+def local_fit(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[FloatArray, FloatArray]:
+    """Tell how far each dot lies from where its neighbours place it, and how large its cell is.
+
+    A quadratic is fitted, robustly, to the dots of the same panel within two steps.
+
+    Parameters
+    ----------
+    grid : (h, w, 2) float array
+        Where each dot of the sheet is seen, px; nan where it is not.
+    panel : (h, w) int array
+    least : int
+        Neighbours that are needed.
+
+    Returns
+    -------
+    (h, w) float array
+        In lattice steps; infinite where the neighbours are too few to tell.
+    (h, w) float array
+        px²
+    """
+    row, column = np.indices(panel.shape).reshape(2, -1)
+    spots, same = (
+        _windows(a, row, column)[:, 1:-1, 1:-1].reshape(len(row), 25, -1)
+        for a in (grid, panel[..., None].astype(np.float64))
+    )
+    i, j = (a[1:-1, 1:-1].ravel() for a in (_ROW, _COLUMN))
+    design = np.column_stack([np.ones(25), i, j, i * i, i * j, j * j])
+    products = design[:, :, None] * design[:, None]
+    known = np.isfinite(spots[..., 0]) & (same[..., 0] == panel.reshape(-1, 1)) & (i * i + j * j > 0)
+    spots = np.where(known[..., None], spots, 0.0)
+    nearness = known / (1 + 0.5 * (i * i + j * j))
+    miss = np.zeros(panel.shape)
+    for _ in range(4):
+        trust = 1 / (1 + (np.where(np.isfinite(miss), miss, 0) / 0.05) ** 2)
+        weight = nearness * np.nan_to_num(
+            _windows(trust[..., None], row, column)[:, 1:-1, 1:-1].reshape(-1, 25)
+        )
+        normal = np.tensordot(weight, products, 1) + np.diag([1e-9] * 3 + [1e-3] * 3)
+        fit = np.linalg.solve(normal, design.T @ (weight[..., None] * spots))
+        fit = fit.reshape(*panel.shape, 6, 2)
+        off = _in_cells(grid - fit[..., 0, :], fit[..., 2, :], fit[..., 1, :])
+        miss = np.hypot(off[..., 0], off[..., 1])
+    enough = known.sum(axis=1).reshape(panel.shape) >= least
+    return np.where(enough & np.isfinite(miss), miss, np.inf), cross(fit[..., 2, :], fit[..., 1, :])
+
+
+def fitting(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[BoolArray, FloatArray]:
+    """Tell which features of a sheet lie where their neighbours place them.
+
+    Parameters
+    ----------
+    grid : (h, w, 2) float array
+        Where each is seen, px; nan where it is not.
+    panel : (h, w) int array
+        Of the sheet; a fit does not cross a fold.
+    least : int
+        Neighbours that are needed to tell.
+
+    Returns
+    -------
+    (h, w) bool array
+        False for those that lie off by much more than is usual nearby.
+    (h, w) float array
+        Area of the lattice's cell, px².
+    """
+    miss, cell = local_fit(grid, panel, least)
+    row, column = np.indices(panel.shape).reshape(2, -1)
+    known = np.where(np.isfinite(miss), miss, np.nan)[..., None]
+    nearby = _windows(known, row, column)[:, 1:-1, 1:-1].reshape(len(row), -1)
+    nearby[~np.isfinite(nearby).any(axis=1)] = 0.0
+    usual = np.nanmedian(nearby, axis=1).reshape(panel.shape)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slack = SLACK / np.sqrt(cell)
+        return miss <= np.minimum(3 * usual + slack, MOST_MISS), cell

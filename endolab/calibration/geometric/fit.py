@@ -1,0 +1,374 @@
+"""Geometric calibration: a Kannala-Brandt camera and the poses of a flat target, from its views.
+
+Residuals are measured less predicted pixels, minimised robustly by `least_squares`; the camera is
+common to all views, the pose is each view's own. No guess is needed: for several focal lengths of
+an equidistant camera the poses follow linearly from the rays (`planar`), the best one grows into
+the full model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from endolab.calibration.geometric.planar_pose import LEAST
+from endolab.calibration.geometric.pose import Pose
+from endolab.calibration.geometric.projection import NAMES, camera_of, camera_vector
+from endolab.calibration.geometric.reprojection import (
+    FINEST,
+    Geometry,
+    Reprojection,
+    View,
+    find_pose,
+    linear_pose,
+    views_of,
+)
+from endolab.calibration.least_squares import Fit, FitIterate, fit, iterate_fit
+from endolab.calibration.targets import Target
+from endolab.model.cameras import KannalaBrandt
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.iteration import Status
+
+__all__ = ["GeometricFit", "View", "calibrate_camera", "find_pose", "views_of"]
+
+FOCAL_LENGTHS = np.geomspace(0.2, 3.0, 10)  # of the picture's width, to begin with
+SOME = 12  # views are enough to choose among these
+LEAST_VIEWS = 3
+LEAST_TILT = np.radians(5.0)
+LARGEST_ERROR = 0.05  # standard error of a focal length or centre, of the focal length
+FAR_OFF = 5.0  # a view is wrong if its median residual is this many times that of the others
+
+
+@dataclass(frozen=True)
+class GeometricFit:
+    """What a geometric calibration found.
+
+    Attributes
+    ----------
+    camera : KannalaBrandt
+    views : tuple of View
+        Those that took part.
+    poses : tuple of Pose
+        Of each view.
+    dropped : dict of str to str
+        View that did not take part → why. A view goes by the name of its frame, on a folded
+        target by that and its panel.
+    residuals : tuple of (n, 2) float arrays
+        Measured less predicted, px.
+    inliers : tuple of (n,) bool arrays
+        Points that count.
+    sigma : float
+        Standard deviation of one coordinate, px; 0.03 at least, for what the detectors' own
+        systematic errors are.
+    rmse : float
+        Root mean square distance of the inliers, px, as ``cv2`` counts it: √2 σ or so.
+    standard_errors : dict of str to float
+        Of fx, fy, cx, cy (px) and k1 to k4; 0 where fixed.
+    covariance : (8, 8) float array
+        Of the same.
+    pose_covariances : (views, 6, 6) float array
+        Of the steps of `Pose.moved`: turn, rad, and shift, mm.
+    max_angle_seen : float
+        Largest angle off the axis of an inlier, rad: the calibration holds to there.
+        `camera.max_angle` may be less than what the picture's corners would need.
+    status : Status
+    history : list of dict
+        "k", "cost", "sigma" and "change" of every step.
+    """
+
+    camera: KannalaBrandt
+    views: tuple[View, ...]
+    poses: tuple[Pose, ...]
+    dropped: dict[str, str]
+    residuals: tuple[FloatArray, ...]
+    inliers: tuple[BoolArray, ...]
+    sigma: float
+    rmse: float
+    standard_errors: dict[str, float]
+    covariance: FloatArray
+    pose_covariances: FloatArray
+    max_angle_seen: float
+    status: Status
+    history: list[dict[str, float]] = field(default_factory=list)
+
+    @property
+    def agreement(self) -> float:
+        """Share of the points that count; below 0.95 or so, the lens is of another kind or the sheet bent."""
+        return float(np.mean(np.concatenate(self.inliers)))
+
+
+def _columns(names: Collection[str]) -> FloatArray:
+    """Return the basis in which the named numbers of the camera are free."""
+    return np.eye(8)[:, [name in names for name in NAMES]]
+
+
+def _label(view: View, target: Target) -> str:
+    return view.name if target.panels == 1 else f"{view.name}, panel {view.panel}"
+
+
+def _first_poses(
+    views: Sequence[View], target: Target, camera: KannalaBrandt
+) -> tuple[list[View], list[Pose], dict[str, str]]:
+    """Linear poses, of the views that have one; and why the others have none."""
+    kept, poses, dropped = [], [], {}
+    for view in views:
+        try:
+            poses.append(linear_pose(view, target, camera))
+        except ValueError as error:
+            dropped[_label(view, target)] = str(error)
+        else:
+            kept.append(view)
+    return kept, poses, dropped
+
+
+def _approach(model: Reprojection, start: Geometry) -> Geometry:
+    """Take the steps of the Huber stage, which forgives a poor start."""
+    unknowns = start
+    for step in iterate_fit(model, start):
+        if step.stage == "final":
+            break
+        unknowns = step.unknowns
+    return unknowns
+
+
+def _start(views: Sequence[View], target: Target, width: int, height: int) -> KannalaBrandt:
+    """Return the equidistant camera that explains the views best."""
+    best, least = None, np.inf
+    some = views[:: -(-len(views) // SOME)]
+    for focal in FOCAL_LENGTHS * width:
+        camera = KannalaBrandt(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+        kept, poses, dropped = _first_poses(some, target, camera)
+        misses = np.full(len(some), np.inf)
+        if kept:
+            model = Reprojection(kept, target, np.zeros((8, 0)), np.zeros(4), discs=False)
+            misses[: len(kept)] = model.medians(Geometry.of(camera_vector(camera), poses))
+        # The lower median: half of the views may be useless.
+        if (cost := np.sort(misses)[(len(some) - 1) // 2]) < least:
+            best, least = camera, cost
+    if best is None:
+        raise ValueError(f"most views are of no use: {_reasons(dropped)}")
+    return best
+
+
+def _stages(free: Collection[str], from_nothing: bool) -> list[FloatArray]:
+    """Bases in which the camera grows."""
+    if not from_nothing:
+        return [_columns(free)]
+    tied = np.zeros((8, 1))
+    tied[:2] = 1.0
+    focal = tied if {"fx", "fy"} <= set(free) else _columns({"fx", "fy"} & set(free))
+    middle = np.hstack([focal, _columns({"cx", "cy", "k1"} & set(free))])
+    return [focal, middle, _columns(free)]
+
+
+def _part(keep: BoolArray, views: Sequence[View], geometry: Geometry) -> tuple[list[View], Geometry]:
+    chosen = [view for view, good in zip(views, keep, strict=True) if good]
+    return chosen, replace(geometry, rotation=geometry.rotation[keep], translation=geometry.translation[keep])
+
+
+def _drop_far_off(
+    model: Reprojection, views: Sequence[View], geometry: Geometry, target: Target
+) -> tuple[list[View], Geometry, dict[str, str]]:
+    """Leave out the views that the camera of the others does not explain at all."""
+    median = model.medians(geometry)
+    usual = float(np.median(median))
+    bad = median > FAR_OFF * usual + 1.0
+    dropped = {
+        _label(view, target): f"its points are off by {m:.1f} px, those of the others by {usual:.2f} px"
+        for view, m, wrong in zip(views, median, bad, strict=True)
+        if wrong
+    }
+    return *_part(~bad, views, geometry), dropped
+
+
+def _drop_disagreeing(
+    found: Fit, model: Reprojection, views: Sequence[View], target: Target
+) -> tuple[list[View], Geometry, dict[str, str]]:
+    """Leave out the views of which fewer than half the points agree with the fit."""
+    geometry: Geometry = found.iterate.unknowns
+    used = np.bincount(model.group, weights=found.iterate.used, minlength=len(views)).astype(int)
+    total = np.bincount(model.group, minlength=len(views))
+    bad = (used < np.maximum(LEAST, total / 2)) | ~geometry.facing
+    dropped = {}
+    for view, wrong, facing, some, of in zip(views, bad, geometry.facing, used, total, strict=True):
+        if wrong:
+            why = f"only {some} of its {of} points agree with the other views"
+            dropped[_label(view, target)] = why if facing else "it shows the paper from behind"
+    return *_part(~bad, views, geometry), dropped
+
+
+def _fit_views(
+    views: list[View],
+    geometry: Geometry,
+    target: Target,
+    basis: FloatArray,
+    usual: FloatArray,
+    observers: Sequence[Callable[[FitIterate], bool | None]],
+) -> tuple[Fit, list[View], dict[str, str]]:
+    """Fit, leave out the views that disagree, until all agree."""
+    dropped: dict[str, str] = {}
+    while True:
+        if not views:
+            raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
+        model = Reprojection(views, target, basis, usual)
+        found = fit(model, geometry, observers, smallest=FINEST)
+        fewer, geometry, more = _drop_disagreeing(found, model, views, target)
+        if not more or found.status is Status.STOPPED:
+            return found, views, dropped
+        views, dropped = fewer, dropped | more
+
+
+def _reasons(dropped: dict[str, str]) -> str:
+    shown = "; ".join(f"{name}: {why}" for name, why in list(dropped.items())[:3])
+    return shown + ("; …" if len(dropped) > 3 else "")
+
+
+def calibrate_camera(
+    views: Sequence[View],
+    target: Target,
+    width: int,
+    height: int,
+    *,
+    start: KannalaBrandt | None = None,
+    fixed: Collection[str] = (),
+    observers: Iterable[Callable[[FitIterate], bool | None]] = (),
+) -> GeometricFit:
+    """Calibrate a camera from views of a target.
+
+    Parameters
+    ----------
+    views : sequence of View
+        Three at least, from different directions, some tilted; see `views_of`.
+    target : Target
+    width, height : int
+        Of the pictures, px.
+    start : KannalaBrandt, optional
+        A camera near the truth. Then one view is enough, and what it cannot tell shows in the
+        standard errors.
+    fixed : collection of str
+        Of fx, fy, cx, cy, k1 to k4: numbers that stay as they are in `start`; without it the
+        centre of the picture and no distortion.
+    observers : iterable of callables
+        Each is shown every iterate of the last fit; True stops it.
+
+    Returns
+    -------
+    GeometricFit
+
+    Raises
+    ------
+    ValueError
+        If the views cannot tell the camera: too few, none tilted, or a standard error that is
+        too large. The sentence says what was found and what is needed.
+    """
+    if start is not None and (start.width, start.height) != (width, height):
+        raise ValueError(f"start must be of {width}x{height} px, got {start.width}x{start.height}")
+    if unknown := set(fixed) - set(NAMES):
+        raise ValueError(f"fixed must name some of {', '.join(NAMES)}, got {', '.join(sorted(unknown))}")
+    if start is None:
+        _refuse_few(len(views), {})
+    elif not views:
+        raise ValueError("a calibration needs a view at least, got none")
+    camera = _start(views, target, width, height) if start is None else start
+    free = [name for name in NAMES if name not in fixed]
+    kept, poses, dropped = _first_poses(views, target, camera)
+    if not kept:
+        raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
+    geometry = Geometry.of(camera_vector(camera), poses)
+    usual = np.array(camera.k)
+    for basis in _stages(free, start is None):
+        model = Reprojection(kept, target, basis, usual, discs=False)
+        geometry = _approach(model, geometry)
+    kept, geometry, more = _drop_far_off(model, kept, geometry, target)
+    found, kept, disagreeing = _fit_views(kept, geometry, target, basis, usual, list(observers))
+    result = _result(found, kept, dropped | more | disagreeing, target, (width, height), free)
+    if start is None:
+        _refuse_few(len(result.views), result.dropped)
+        _refuse_untold(result)
+    return result
+
+
+def _result(
+    found: Fit,
+    views: Sequence[View],
+    dropped: dict[str, str],
+    target: Target,
+    size: tuple[int, int],
+    free: Collection[str],
+) -> GeometricFit:
+    geometry: Geometry = found.iterate.unknowns
+    used, residual = found.iterate.used, found.iterate.residual
+    cuts = np.cumsum([len(view.ids) for view in views])[:-1]
+    index = np.flatnonzero([name in free for name in NAMES])
+    covariance = np.zeros((8, 8))
+    covariance[np.ix_(index, index)] = found.covariance.common
+    errors = np.sqrt(np.diag(covariance))
+    angles = Reprojection(views, target, np.zeros((8, 0)), np.zeros(4)).angles(geometry)
+    return GeometricFit(
+        camera=camera_of(geometry.vector, *size),
+        views=tuple(views),
+        poses=tuple(geometry.poses),
+        dropped=dropped,
+        residuals=tuple(np.split(residual, cuts)),
+        inliers=tuple(np.split(used, cuts)),
+        sigma=found.iterate.sigma,
+        rmse=float(np.sqrt(np.mean(np.sum(residual[used] ** 2, axis=1)))),
+        standard_errors=dict(zip(NAMES, map(float, errors), strict=True)),
+        covariance=covariance,
+        pose_covariances=found.covariance.own,
+        max_angle_seen=float(angles[used].max()),
+        status=found.status,
+        history=found.history,
+    )
+
+
+def _refuse_few(count: int, dropped: dict[str, str]) -> None:
+    if count < LEAST_VIEWS:
+        why = f" ({_reasons(dropped)})" if dropped else ""
+        raise ValueError(
+            f"a calibration needs {LEAST_VIEWS} views from different directions at least, got {count}{why}"
+        )
+
+
+def _places(poses: Iterable[Pose]) -> int:
+    """Count the poses that differ by a degree, or a fiftieth of the distance, up to as many as needed."""
+    found: list[Pose] = []
+    for pose in poses:
+        reach = 0.02 * np.linalg.norm(pose.translation)
+        if all(
+            np.trace(pose.rotation.T @ other.rotation) < 1 + 2 * np.cos(np.radians(1))
+            or np.linalg.norm(pose.translation - other.translation) > reach
+            for other in found
+        ):
+            found.append(pose)
+        if len(found) == LEAST_VIEWS:
+            break
+    return len(found)
+
+
+def _refuse_untold(result: GeometricFit) -> None:
+    """Refuse a camera that its views do not tell."""
+    places = _places(result.poses)
+    if places < LEAST_VIEWS:
+        raise ValueError(
+            f"a calibration needs {LEAST_VIEWS} views from different directions at least, got {places}: "
+            f"the sheet hardly moves in the {len(result.poses)} views"
+        )
+    tilt = max(pose.tilt for pose in result.poses)
+    found = f"the sheet's largest tilt is {np.degrees(tilt):.1f}°"
+    if tilt < LEAST_TILT:
+        raise ValueError(
+            f"views square to the axis cannot tell the focal length from the distance: {found}; "
+            "tilt the sheet by 20° or more in some views"
+        )
+    focal = np.sqrt(result.camera.fx * result.camera.fy)
+    for name in NAMES[:4]:
+        error = result.standard_errors[name]
+        if not error < LARGEST_ERROR * focal:
+            raise ValueError(
+                f"the views do not tell {name}: its standard error is {error:.0f} px; {found}, and points "
+                f"lie up to {np.degrees(result.max_angle_seen):.0f}° off the axis; add tilted views that "
+                "fill the picture"
+            )

@@ -1,0 +1,65 @@
+"""Where a panel of the target stands in front of the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from endolab.numerics.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A rigid motion from the target's frame to the camera's: x_c = R x_t + t.
+
+    Parameters
+    ----------
+    rotation : (3, 3) float array
+        R.
+    translation : (3,) float array
+        t, mm: where the target's origin is.
+    """
+
+    rotation: FloatArray
+    translation: FloatArray
+
+    @classmethod
+    def from_vector(cls, vector: ArrayLike) -> Pose:
+        """Make a pose of a rotation vector (rad) and a translation (mm), six numbers."""
+        vector = np.asarray(vector, dtype=np.float64)
+        return cls(Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:].copy())
+
+    @property
+    def vector(self) -> FloatArray:
+        """Rotation vector, rad, and translation, mm: (6,)."""
+        return np.concatenate([Rotation.from_matrix(self.rotation).as_rotvec(), self.translation])
+
+    def transform(self, points: ArrayLike) -> FloatArray:
+        """Points of the target in the camera frame, (..., 3), mm."""
+        return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation
+
+    @property
+    def normal(self) -> FloatArray:
+        """Unit normal of the panel in the camera frame, out of the paper: towards who reads it, (3,)."""
+        return -self.rotation[:, 2]
+
+    @property
+    def tilt(self) -> float:
+        """Angle between the panel's normal and the camera's axis, rad."""
+        return float(np.arccos(np.clip(self.rotation[2, 2], -1, 1)))
+
+    def moved(self, step: ArrayLike) -> Pose:
+        """Return the pose after a small turn ω and shift δ in the camera frame.
+
+        Parameters
+        ----------
+        step : (6,) array of float
+            ω, rad, and δ, mm: R ← exp(ω) R, t ← t + δ. The turn leaves the origin of the target
+            in place.
+        """
+        step = np.asarray(step, dtype=np.float64)
+        turn = Rotation.from_rotvec(step[:3]).as_matrix()
+        return Pose(turn @ self.rotation, self.translation + step[3:])

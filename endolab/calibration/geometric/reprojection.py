@@ -1,0 +1,190 @@
+"""Views of a flat target: their residuals as a least-squares problem, and the pose of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from endolab.calibration.detection.detect import Detection
+from endolab.calibration.geometric.planar_pose import LEAST, pose_from_rays
+from endolab.calibration.geometric.pose import Pose
+from endolab.calibration.geometric.projection import camera_of, camera_vector, predict, project
+from endolab.calibration.least_squares import Linearised, fit
+from endolab.calibration.targets import Target
+from endolab.model.cameras import KannalaBrandt
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+
+# Lenses' coefficients are well below these; where the views say nothing, this is what is known.
+USUAL_K = np.array([1.0, 0.5, 0.25, 0.125])
+
+FINEST = 0.03  # px; detectors have systematic errors of that size, whatever the noise
+
+
+@dataclass(frozen=True)
+class View:
+    """One panel of the target in one frame.
+
+    Attributes
+    ----------
+    name : str
+        Of the frame.
+    panel : int
+    ids : (n,) int array
+        Rows of `target.points`.
+    pixels : (n, 2) float array
+        Column and row, px.
+    """
+
+    name: str
+    panel: int
+    ids: IntArray
+    pixels: FloatArray
+
+
+def views_of(name: str, detection: Detection, target: Target) -> list[View]:
+    """Split what was detected in one frame by the target's panels.
+
+    Parameters
+    ----------
+    name : str
+        Of the frame.
+    detection : Detection
+    target : Target
+
+    Returns
+    -------
+    list of View
+        Panels with fewer than 8 points are left out.
+    """
+    panel = target.panel_of(target.points[detection.ids])
+    views = []
+    for number in range(target.panels):
+        here = panel == number
+        if here.sum() >= LEAST:
+            views.append(View(name, number, detection.ids[here], detection.pixels[here]))
+    return views
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """The unknowns: a camera's vector (8,) and the poses of all views."""
+
+    vector: FloatArray
+    rotation: FloatArray  # (views, 3, 3)
+    translation: FloatArray  # (views, 3), mm
+
+    @classmethod
+    def of(cls, vector: FloatArray, poses: Sequence[Pose]) -> Geometry:
+        """Put a camera and poses together."""
+        return cls(vector, np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
+
+    @property
+    def poses(self) -> list[Pose]:
+        """The poses, one by one."""
+        return [Pose(r, t) for r, t in zip(self.rotation, self.translation, strict=True)]
+
+    @property
+    def facing(self) -> BoolArray:
+        """Which panels show their printed side, (views,)."""
+        towards: BoolArray = np.einsum("gi,gi->g", self.rotation[:, :, 2], self.translation) > 0
+        return towards
+
+
+class Reprojection:
+    """The residuals of views as a `Model`.
+
+    The camera moves along the columns of `basis`, (8, p), from where it is.
+    """
+
+    def __init__(
+        self, views: Sequence[View], target: Target, basis: FloatArray, usual: FloatArray, discs: bool = True
+    ) -> None:
+        self.group: IntArray = np.repeat(np.arange(len(views)), [len(view.ids) for view in views])
+        ids = np.concatenate([view.ids for view in views])
+        self.points, self.radii = target.points[ids], target.radii[ids] * discs
+        self.pixels = np.concatenate([view.pixels for view in views])
+        self.basis, self.usual = basis, usual
+
+    def _at(self, u: Geometry) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        return u.vector, u.rotation[self.group], u.translation[self.group], self.points, self.radii
+
+    def linearise(self, unknowns: Geometry) -> Linearised:  # noqa: D102
+        seen = project(*self._at(unknowns))
+        return Linearised(
+            self.pixels - seen.pixels,
+            -seen.by_camera @ self.basis,
+            -seen.by_pose,
+            self._prior(unknowns),
+            self.basis[4:] / USUAL_K[:, None],
+        )
+
+    def _prior(self, unknowns: Geometry) -> FloatArray:
+        return (unknowns.vector[4:] - self.usual) / USUAL_K
+
+    def residual(self, unknowns: Geometry) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        return self.pixels - predict(*self._at(unknowns)), self._prior(unknowns)
+
+    def moved(self, unknowns: Geometry, common: FloatArray, own: FloatArray) -> Geometry | None:  # noqa: D102
+        vector = unknowns.vector + self.basis @ common
+        if not (np.all(np.isfinite(vector)) and np.all(vector[:2] > 0)):
+            return None
+        turn = Rotation.from_rotvec(own[:, :3]).as_matrix()
+        return Geometry(vector, turn @ unknowns.rotation, unknowns.translation + own[:, 3:])
+
+    def angles(self, unknowns: Geometry) -> FloatArray:
+        """Angle of each point off the axis, (n,), rad."""
+        _, rotation, translation, points, _ = self._at(unknowns)
+        x, y, z = (np.einsum("nij,nj->ni", rotation, points) + translation).T
+        return np.arctan2(np.hypot(x, y), z)
+
+    def medians(self, unknowns: Geometry) -> FloatArray:
+        """Median length of the residuals of each view, px."""
+        size = np.linalg.norm(self.residual(unknowns)[0], axis=1)
+        return np.array([np.median(size[self.group == g]) for g in range(len(unknowns.rotation))])
+
+    def usable(self, unknowns: Geometry) -> BoolArray:  # noqa: D102
+        good: BoolArray = self.angles(unknowns) < camera_of(unknowns.vector, 1, 1).max_angle
+        return good & unknowns.facing[self.group]
+
+
+def linear_pose(view: View, target: Target, camera: KannalaBrandt) -> Pose:
+    """Find where a panel stands from its rays alone; ValueError if nowhere. A start for `find_pose`."""
+    rays = camera.unproject(view.pixels)
+    seen = np.isfinite(rays[:, 0])
+    return pose_from_rays(rays[seen], target.points[view.ids[seen]])
+
+
+def find_pose(view: View, target: Target, camera: KannalaBrandt) -> tuple[Pose, BoolArray, FloatArray]:
+    """Find where a panel stands, and which of its points say so.
+
+    Parameters
+    ----------
+    view : View
+        Up to a third of its points may be wrong.
+    target : Target
+    camera : KannalaBrandt
+
+    Returns
+    -------
+    pose : Pose
+    inliers : (n,) bool array
+        Points within 3.5 standard deviations of where the pose puts them.
+    residual : (n, 2) float array
+        Measured less predicted, px.
+
+    Raises
+    ------
+    ValueError
+        If there is no such pose: too few points, or fewer than half agree, or the paper would be seen
+        from behind.
+    """
+    pose = linear_pose(view, target, camera)
+    model = Reprojection([view], target, np.zeros((8, 0)), np.array(camera.k))
+    found = fit(model, Geometry.of(camera_vector(camera), [pose]), smallest=FINEST)
+    inliers = found.iterate.used
+    if inliers.sum() < max(LEAST, len(inliers) / 2):
+        raise ValueError(f"only {inliers.sum()} of its {len(inliers)} points agree with one pose")
+    return found.iterate.unknowns.poses[0], inliers, found.iterate.residual

@@ -1,0 +1,381 @@
+"""Photometric calibration: k, γ, the gain of each frame and the paper's BRDF, from samples.
+
+After Section IV of the paper, with three differences: the gains are eliminated from the normal
+equations, the last stage forgets outliers instead of bounding them, and what the samples cannot
+tell is refused or named (see `identifiability`).
+
+The gauge: light, gain and reflectance only ever come as a product. The result sets the
+reflectance: f_r = paper_albedo/π at the node of the BRDF that has the most light (or everywhere,
+if Lambertian). Gains are then relative to a sheet of that albedo there; with 1, the default, to a
+perfectly white one. To use the calibration on another material, replace the BRDF by that of the
+material in 1/sr: ``dataclasses.replace(fit.photometry, brdf=Lambertian(0.4))``. k, γ and the
+gains stay valid, up to the one factor by which the true paper is darker than paper_albedo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from endolab.calibration.least_squares import Covariance, Fit, FitIterate, fit
+from endolab.calibration.photometric.identifiability import (
+    NotIdentifiableError,
+    Strength,
+    describe,
+    gain_jumps,
+    held,
+    refuse,
+    regress,
+    strengths,
+    widened,
+)
+from endolab.calibration.photometric.model import (
+    FIRST_GAMMA,
+    GREY,
+    LEVELS,
+    Geometry,
+    LightModel,
+    LightUnknowns,
+    grouped_sums,
+    hats,
+    place_nodes,
+)
+from endolab.calibration.photometric.result import PhotometricFit
+from endolab.calibration.photometric.samples import Samples
+from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
+from endolab.model.lights import SpotLight
+from endolab.model.photometry import Photometry
+from endolab.numerics.arrays import FloatArray, IntArray
+from endolab.numerics.iteration import Status
+
+GAMMA_BOUNDS = (0.5, 5.0)
+LIGHT_ERRORS = (2.0, 0.1)  # largest standard errors of a free light: mm, and of its tilt
+
+
+def _checked_gamma(gamma: float | tuple[float, float] | str) -> float | tuple[float, float] | None:
+    if isinstance(gamma, str):
+        if gamma != "free":
+            raise ValueError(f'gamma must be a number, (mean, standard deviation) or "free", got {gamma!r}')
+        return None
+    known = tuple(float(value) for value in np.atleast_1d(gamma))
+    low, high = GAMMA_BOUNDS
+    if (
+        len(known) not in (1, 2)
+        or not low < known[0] < high
+        or (len(known) == 2 and not 0 < known[1] < np.inf)
+    ):
+        raise ValueError(
+            f"gamma must lie between {low:g} and {high:g}, alone or with a positive standard deviation, "
+            f"got {gamma}"
+        )
+    return known[0] if len(known) == 1 else (known[0], known[1])
+
+
+def _checked_reflectance(
+    reflectance: Sequence[float | tuple[float, float] | None], samples: Samples
+) -> tuple[float | tuple[float, float] | None, ...]:
+    most = int(samples.material.max())
+    if samples.material.min() < 0 or most != len(reflectance):
+        raise ValueError(
+            f"reflectance must have an entry for each of materials 1 to {most} of the samples, "
+            f"got {len(reflectance)}"
+        )
+    checked: list[float | tuple[float, float] | None] = []
+    for value in reflectance:
+        if value is None:
+            checked.append(None)
+            continue
+        numbers = [float(number) for number in np.atleast_1d(value)]
+        if len(numbers) not in (1, 2) or not all(np.isfinite(number) and number > 0 for number in numbers):
+            raise ValueError(
+                f"reflectance must be None, positive, or (value, standard deviation), got {value}"
+            )
+        checked.append(numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1]))
+    return tuple(checked)
+
+
+def _start(model: LightModel, albedo: float) -> tuple[LightUnknowns, float]:
+    """Solve in the logarithm of the light, where all but γ is linear; return σ in grey levels too.
+
+    Noise of σ grey levels is γσ/I in log I^γ, hence weights I². Outliers fade by a few
+    reweightings. What is saturated is told from the measured level here, for want of a better one.
+    """
+    samples = model.samples
+    gamma = model.gamma if isinstance(model.gamma, float) else model.gamma[0] if model.gamma else FIRST_GAMMA
+    known = [1.0 if r is None else r[0] if isinstance(r, tuple) else r for r in model.reflectance]
+    log_reflectance = np.log([1.0, *known])
+    loose = [m for m in model.loose_materials if model.reflectance[m - 1] is None]
+    geometry, _ = model.geometry(LightUnknowns(0, 1, np.zeros(0), np.zeros(0), np.zeros(0)))
+    good = geometry.valid & (samples.level > model.levels[0]) & (samples.level < model.levels[1])
+    level = np.where(good, samples.level, 0.5)
+    target = gamma * np.log(level) - geometry.falloff - log_reflectance[samples.material]
+    free = np.arange(len(model.nodes)) != model.pinned
+    columns = [
+        geometry.log_cos_psi[:, None],
+        *((samples.material == m)[:, None].astype(float) for m in loose),
+    ]
+    if len(model.nodes) > 1:
+        columns.append(hats(model.nodes, geometry.theta)[:, free])
+    matrix = np.concatenate(columns, axis=1)
+    weight = level**2 * good
+    for _ in range(5):
+        solved, residual = regress(matrix, target, weight, model.group)
+        grey = GREY * level * residual / gamma
+        sigma = 1.4826 * float(np.median(np.abs(grey[good]))) + 1e-12
+        weight = level**2 * good / (1 + (grey / (3 * sigma)) ** 2) ** 2
+    log_brdf = np.full(len(model.nodes), np.log(albedo / np.pi))
+    log_reflectance[loose] = solved[1 : 1 + len(loose)]
+    if len(model.nodes) > 1:
+        log_brdf[free] += np.clip(solved[1 + len(loose) :], -5, 5)
+    groups = int(model.group[-1]) + 1
+    start = LightUnknowns(float(solved[0]), gamma, log_brdf, log_reflectance, np.zeros(groups))
+    # The gain of a frame whose samples are all out of range is read from these all the same.
+    alone = grouped_sums(weight, model.group, groups) == 0
+    weight = np.where(alone[model.group], samples.level**2 + 1e-6, weight)
+    measured, expected = np.clip(samples.level, 1e-3, None), np.maximum(model.predict(start) / GREY, 1e-9)
+    rest = gamma * np.log(measured / expected)
+    gain = grouped_sums(weight * rest, model.group, groups) / grouped_sums(weight, model.group, groups)
+    return replace(start, log_gain=gain), sigma
+
+
+def calibrate_light(
+    samples: Samples,
+    *,
+    gamma: float | tuple[float, float] | str = 2.2,
+    brdf: str = "tabulated",
+    nodes: int = 15,
+    gain: str = "free",
+    reflectance: Sequence[float | tuple[float, float] | None] = (),
+    light: str = "centred",
+    levels: tuple[float, float] = LEVELS,
+    paper_albedo: float = 1.0,
+    observers: Iterable[Callable[[FitIterate], bool | None]] = (),
+    max_iterations: int = 200,
+) -> PhotometricFit:
+    """Calibrate light, response and gains from samples of known place and normal.
+
+    Parameters
+    ----------
+    samples : Samples
+        Of a calibration sheet, or of any surface that is known.
+    gamma : float, (mean, sd) or "free"
+        The response exponent: given, roughly known, or to be found. It can be found from a folded
+        sheet, from patches of known reflectance, under a locked gain, or on known geometry that
+        isn't one plane; never from one flat sheet with free gains.
+    brdf : {"tabulated", "lambertian"}
+        Whether the surface's BRDF is fitted at nodes of θ or taken to be constant.
+    nodes : int
+        Nodes of the BRDF, at most.
+    gain : {"free", "locked"}
+        One for each frame, or one for all.
+    reflectance : sequence
+        Of materials 1 and up, relative to material 0: a number, (value, sd), or None if free.
+        They share the shape of the BRDF.
+    light : {"centred", "free"}
+        At the optical centre and looking forward, or with its offset and direction fitted. Then
+        the result's k is the exponent of that light.
+    levels : (low, high)
+        Stored values between which a sample's *predicted* value must lie for it to count; choose
+        them 4 standard deviations of the noise inside the sensor's range, which is 0 to 1.
+    paper_albedo : float
+        π f_r of the surface at the best-seen node: fixes the scale of the gains.
+    observers : iterable of callables
+        Each is shown every iterate, a `FitIterate` of `LightUnknowns`; True stops the fit.
+    max_iterations : int
+        Steps after the start.
+
+    Returns
+    -------
+    PhotometricFit
+
+    Raises
+    ------
+    NotIdentifiableError
+        If the samples cannot tell what is asked, naming it and the reason.
+    ValueError
+        If an argument has a wrong value or there are too few samples.
+    """
+    for name, value, choices in (
+        ("brdf", brdf, ("tabulated", "lambertian")),
+        ("gain", gain, ("free", "locked")),
+        ("light", light, ("centred", "free")),
+    ):
+        if value not in choices:
+            raise ValueError(f'{name} must be "{choices[0]}" or "{choices[1]}", got {value!r}')
+    if nodes < 2:
+        raise ValueError(f"nodes must be at least 2, got {nodes}")
+    if not 0 <= levels[0] < levels[1]:
+        raise ValueError(f"levels must ascend from 0 or above, got {levels}")
+    if not 0 < paper_albedo <= 1:
+        raise ValueError(f"paper_albedo must lie in (0, 1], got {paper_albedo}")
+    known_gamma = _checked_gamma(gamma)
+    finite = (
+        np.isfinite(samples.level) & np.isfinite(samples.points).all(1) & np.isfinite(samples.normals).all(1)
+    )
+    if not finite.all():
+        raise ValueError(f"samples must be finite, got {np.sum(~finite)} that are not")
+    if len(samples) < 10:
+        raise ValueError(f"samples must be at least 10, got {len(samples)}")
+    frames, frame = np.unique(samples.frame, return_inverse=True)
+    group = frame if gain == "free" else np.zeros(len(samples), int)
+    model, begin, sigma = _posed(
+        samples,
+        group,
+        1 if brdf == "lambertian" else nodes,
+        known_gamma,
+        _checked_reflectance(reflectance, samples),
+        light == "free",
+        levels,
+        paper_albedo,
+    )
+    expected = strengths(model, begin, sigma)
+    refuse(model, expected)
+    stiff = held(model, expected)
+    found = fit(stiff, begin, observers, max_iterations)
+    covariance = widened(found.covariance.common, model, stiff)
+    found = replace(found, covariance=Covariance(covariance, found.covariance.own))
+    return _result(model, frames, expected, found)
+
+
+def _posed(
+    samples: Samples,
+    group: IntArray,
+    nodes: int,
+    gamma: float | tuple[float, float] | None,
+    reflectance: tuple[float | tuple[float, float] | None, ...],
+    free_light: bool,
+    levels: tuple[float, float],
+    albedo: float,
+) -> tuple[LightModel, LightUnknowns, float]:
+    """Choose the nodes of the BRDF and the pinned one, and find where to start."""
+    geometry = Geometry.of(samples, np.zeros(5))
+    good = geometry.valid & (samples.level > levels[0]) & (samples.level < levels[1])
+    if good.sum() < 10:
+        raise ValueError(
+            f"samples must hold at least 10 that are lit and neither dark nor saturated, got {good.sum()}"
+        )
+    theta = geometry.theta[good]
+    chosen = np.zeros(1)
+    if nodes > 1:
+        if np.ptp(theta) < 1e-3:
+            raise NotIdentifiableError(
+                "brdf",
+                "the BRDF cannot be told from samples that all lie at one incidence angle, "
+                f"{np.rad2deg(theta[0]):.1f}°; "
+                'tilt the sheet, or assume that it is matt (brdf="lambertian")',
+            )
+        chosen = place_nodes(theta, nodes)
+    light = samples.level[good] ** 2
+    pinned = int(np.argmax(hats(chosen, theta).T @ light))
+    model = LightModel(samples, group, chosen, pinned, gamma, reflectance, free_light, levels)
+    return (model, *_start(model, albedo))
+
+
+def _check_bounds(model: LightModel, unknowns: LightUnknowns, spread: dict[str, float]) -> None:
+    """Refuse a fit that has run away."""
+    low, high = GAMMA_BOUNDS
+    if unknowns.k < 0:
+        raise NotIdentifiableError(
+            "k",
+            f"k ran to {unknowns.k:.3f} ± {spread['k']:.3f}, below 0: these samples show no fall-off off "
+            "the axis",
+        )
+    if not low < unknowns.gamma < high:
+        raise NotIdentifiableError(
+            "gamma",
+            f"gamma ran to {unknowns.gamma:.2f}, out of {low:g} to {high:g}; check the distances, or give "
+            "gamma",
+        )
+    if not model.free_light:
+        return
+    place = max(spread[f"light {axis}"] for axis in "xyz")
+    tilt = max(spread["light tilt x"], spread["light tilt y"])
+    if place > LIGHT_ERRORS[0] or tilt > LIGHT_ERRORS[1]:
+        raise NotIdentifiableError(
+            "light",
+            "the light's place and direction cannot be told from these samples: their standard errors "
+            f"are {place:.2g} mm and {np.rad2deg(tilt):.2g}°; vary the distance and the tilt, or take "
+            'the light as centred (light="centred")',
+        )
+
+
+def _standard_errors(
+    unknowns: LightUnknowns, spread: dict[str, float], covariance: FloatArray
+) -> dict[str, float]:
+    """Standard errors of the values themselves, by those of the unknowns; 0 for what was given."""
+    slope = np.zeros(len(spread))  # of k/γ
+    slope[0] = 1 / unknowns.gamma
+    if "gamma" in spread:
+        slope[1] = -unknowns.k / unknowns.gamma**2
+    errors = {"k": spread["k"], "gamma": spread.get("gamma", 0.0)}
+    errors["k/gamma"] = float(np.sqrt(slope @ covariance @ slope))
+    for name, logs in (("brdf", unknowns.log_brdf), ("reflectance", unknowns.log_reflectance)):
+        for i, value in enumerate(np.exp(logs)):
+            errors[f"{name} {i}"] = value * spread.get(f"{name} {i}", 0.0)
+    errors |= {name: error for name, error in spread.items() if name.startswith("light")}
+    return {name: float(error) for name, error in errors.items()}
+
+
+def _range(values: FloatArray) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
+
+
+def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], found: Fit) -> PhotometricFit:
+    """Check a fit and put it into words."""
+    last, used, samples = found.iterate, found.iterate.used, model.samples
+    unknowns: LightUnknowns = last.unknowns
+    covariance = found.covariance.common
+    deviation = np.sqrt(np.diag(covariance))
+    spread = dict(zip(model.names, deviation.tolist(), strict=True))
+    _check_bounds(model, unknowns, spread)
+    errors = _standard_errors(unknowns, spread, covariance)
+    f, gains = np.exp(unknowns.log_brdf), np.exp(unknowns.log_gain)
+    gain_errors = gains * np.sqrt(found.covariance.own[:, 0, 0])
+    locked = len(gains) == 1 and len(frames) > 1
+    tabulated = len(f) > 1
+    surface: BRDF = (
+        TabulatedBRDF(tuple(model.nodes), tuple(f)) if tabulated else Lambertian(float(np.pi * f[0]))
+    )
+    place, tilt = unknowns.light[:3].tolist(), unknowns.light[3:].tolist()
+    lights = (SpotLight(tuple(place), (*tilt, 1.0), unknowns.k),) if model.free_light else ()
+    ranges = {
+        "alpha": _range(np.arccos(np.minimum(samples.cos_alpha[used], 1.0))),
+        "theta": _range(model.geometry(unknowns)[0].theta[used]),
+        "distance": _range(samples.distance[used]),
+    }
+    known = np.isfinite(gain_errors)
+    jumps = [] if locked else gain_jumps(frames[known], gains[known])
+    verdict = describe(model, unknowns, expected, errors, last.sigma, ranges, jumps)
+    if found.status is not Status.CONVERGED:
+        verdict.insert(0, f"The fit did not end as it should: {found.status.value}")
+    residuals = last.residual[:, 0]
+    return PhotometricFit(
+        photometry=Photometry(
+            0.0 if lights else unknowns.k,
+            unknowns.gamma,
+            float(gains[0]) if locked else None,
+            surface,
+            lights,
+        ),
+        frames=frames,
+        gains=np.repeat(gains, len(frames)) if locked else gains,
+        gain_errors=np.repeat(gain_errors, len(frames)) if locked else gain_errors,
+        reflectance=np.exp(unknowns.log_reflectance),
+        names=model.names,
+        covariance=covariance,
+        correlation=covariance / np.outer(deviation, deviation),
+        standard_errors=errors,
+        ratio=unknowns.k / unknowns.gamma,
+        residuals=residuals,
+        used=used,
+        sigma=last.sigma,
+        mean=float(residuals[used].mean()),
+        alpha_range=ranges["alpha"],
+        theta_range=ranges["theta"],
+        distance_range=ranges["distance"],
+        verdict=verdict,
+        status=found.status,
+        history=found.history,
+    )

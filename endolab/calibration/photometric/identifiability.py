@@ -1,0 +1,369 @@
+"""What samples can tell of k and γ: measured before the fit, so that what they can't is refused.
+
+Scale γ by 1 + δ: the grey levels stay as they are if L grows by the factor 1 + δ as well. Of L,
+the k log cos α, the gains and log f are free to do so. What isn't is
+
+    s = -2 log d + log cos θ + log ρ   (ρ of materials whose reflectance is known)
+
+unless a constant per frame (the gain), a function of θ (the BRDF) and a multiple of log cos α
+make up for δ·s. On a flat sheet with the light at the camera they do: the sheet's height over the
+camera is d cos θ, so s = -2 log height + 3 log cos θ. What is left of s after a regression on
+them is all that the samples know of γ; likewise what is left of log cos α is all they know of k.
+
+The regression gives f many more nodes than the fit has. Else the error of interpolating f between
+few nodes would count as information, and would fix γ at a wrong value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from endolab.calibration.least_squares import product
+from endolab.calibration.photometric.model import GREY, LightModel, LightUnknowns, hats
+from endolab.numerics.arrays import FloatArray, IntArray
+
+RICH_NODES = 60  # of the BRDF, in the regression
+
+
+# The part of s, and of log cos α, that only γ, or k, can explain: root mean square. Errors of the
+# poses make up some of it where there is none: 0.3 % of the distance and 0.1° of the normal, apart
+# for each sample, 0.009 of s. A fold of 3° gives 0.02 to 0.05 of it, tilts up to 5° give 0.02 of
+# log cos α.
+LEAST_SIGNAL = {"gamma": 0.018, "k": 0.012}
+LARGEST_ERROR = {"gamma": 0.05, "k": 0.1}  # relative for γ
+JUMPS_NAMED = 5
+JUMP, JUMP_WINDOW = 6.0, 11  # a jump of the gain, in medians of the steps of so many frames around
+HELD = 1e-3  # of its standard deviation, to which an unknown is held
+CLIPPED = 3.5  # standard deviations of the noise by which levels should stay inside the sensor's range
+POSE_ERROR = 0.001  # of the distances, for which the verdict says what it would do
+
+
+class NotIdentifiableError(ValueError):
+    """The samples do not tell an unknown.
+
+    Attributes
+    ----------
+    unknown : str
+        Which: "gamma", "k", "brdf" or "light".
+    """
+
+    def __init__(self, unknown: str, reason: str) -> None:
+        super().__init__(reason)
+        self.unknown = unknown
+
+
+@dataclass(frozen=True)
+class Strength:
+    """How well samples determine an unknown, before it is fitted.
+
+    Attributes
+    ----------
+    sd : float
+        Standard error to expect; of log γ for γ.
+    signal : float
+        Root mean square of that part of its influence that no other unknown can imitate, as a
+        relative change of the light for a change of 1 in the unknown (in log γ for γ). Reflectances
+        that are roughly known count as known here.
+    alone : float
+        The same with these reflectances free.
+    """
+
+    sd: float
+    signal: float
+    alone: float
+
+
+def regress(
+    columns: FloatArray,
+    target: FloatArray,
+    weight: FloatArray,
+    group: IntArray,
+    ridge: FloatArray | float = 0.0,
+) -> tuple[FloatArray, FloatArray]:
+    """Weighted least squares on columns and a free constant per group.
+
+    Parameters
+    ----------
+    columns : (n, p) float array
+    target, weight : (n,) float arrays
+    group : (n,) int array
+        Ascending, without gaps from 0.
+    ridge : (p,) float array or float
+        Weight of coefficient² in the sum that is minimised.
+
+    Returns
+    -------
+    coefficients : (p,) float array
+        The shortest, where they are not determined.
+    residual : (n,) float array
+        Of the target.
+    """
+    first = np.searchsorted(group, np.arange(int(group[-1]) + 1))
+    total = np.add.reduceat(weight, first)
+    total = np.where(total > 0, total, 1.0)
+    weighted = columns * weight[:, None]
+    sums = np.add.reduceat(weighted, first, axis=0)
+    mean = np.add.reduceat(weight * target, first) / total
+    normal = product(columns, weighted) - sums.T @ (sums / total[:, None])
+    right = product(weighted, target[:, None])[:, 0] - sums.T @ mean
+    scale = 1 / np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+    normal[np.diag_indices_from(normal)] += ridge
+    solved = np.linalg.lstsq(normal * scale * scale[:, None], right * scale, rcond=1e-13)[0] * scale
+    residual = target - np.einsum("np,p->n", columns, solved)
+    residual -= (np.add.reduceat(weight * residual, first) / total)[group]
+    return solved, residual
+
+
+def strengths(model: LightModel, unknowns: LightUnknowns, sigma: float) -> dict[str, Strength]:
+    """Measure what the samples know of k (γ being given) and of γ, unless γ is known.
+
+    Parameters
+    ----------
+    model : LightModel
+    unknowns : LightUnknowns
+        Near the truth.
+    sigma : float
+        Noise, grey levels.
+
+    Returns
+    -------
+    dict
+        Of "k" and "gamma".
+    """
+    used = model.usable(unknowns)
+    geometry, _ = model.geometry(unknowns)
+    weight = np.where(used, (model.predict(unknowns) / unknowns.gamma) ** 2, 0.0)
+    columns = [np.zeros((len(used), 0))]
+    if len(model.nodes) > 1:
+        count = int(np.clip(used.sum() // 10, len(model.nodes), RICH_NODES))
+        columns.append(hats(np.linspace(model.nodes[0], model.nodes[-1], count), geometry.theta))
+    roughly = []
+    for material in model.loose_materials:
+        here, known = (model.samples.material == material).astype(float), model.reflectance[material - 1]
+        if isinstance(known, tuple):
+            roughly.append((here, (sigma * known[0] / known[1]) ** 2))
+        else:
+            columns.append(here[:, None])
+
+    def left(target: FloatArray) -> Strength:
+        known = np.concatenate(columns, axis=1)
+        squares = float(weight @ regress(known, target, weight, model.group)[1] ** 2)
+        information = alone = squares
+        if roughly:
+            free = np.column_stack([known, *(here for here, _ in roughly)])
+            ridge = np.concatenate([np.zeros(known.shape[1]), [stiff for _, stiff in roughly]])
+            alone = float(weight @ regress(free, target, weight, model.group)[1] ** 2)
+            solved, residual = regress(free, target, weight, model.group, ridge)
+            information = float(weight @ residual**2 + ridge @ solved**2)
+        tiny = np.finfo(float).tiny
+        total = max(weight.sum(), tiny)
+        return Strength(
+            sigma / np.sqrt(max(information, tiny)), np.sqrt(squares / total), np.sqrt(alone / total)
+        )
+
+    found = {"k": left(geometry.log_cos_psi)}
+    if not isinstance(model.gamma, float):
+        expected = [known[0] if isinstance(known, tuple) else known for known in model.reflectance]
+        known_log = np.log([1.0] + [1.0 if value is None else value for value in expected])
+        columns.append(geometry.log_cos_psi[:, None])
+        found["gamma"] = left(geometry.falloff + known_log[model.samples.material])
+    return found
+
+
+def refuse(model: LightModel, found: dict[str, Strength]) -> None:
+    """Raise if the samples cannot tell k, or a γ that is to be found from them alone.
+
+    Raises
+    ------
+    NotIdentifiableError
+        With the reason and what to do about it.
+    """
+    k, normals = found["k"], model.samples.normals
+    frames, tabulated = len(np.unique(model.samples.frame)), len(model.nodes) > 1
+    if tabulated and k.signal < LEAST_SIGNAL["k"]:
+        raise NotIdentifiableError(
+            "k",
+            "k cannot be told from these samples: in all frames the incidence angle goes with the angle off "
+            "the axis, as on a sheet that faces the camera, and a free BRDF explains whatever k does; "
+            'tilt the sheet, or assume that it is matt (brdf="lambertian")',
+        )
+    if tabulated and frames == 1 and np.all(np.std(normals, axis=0) < 1e-3):
+        raise NotIdentifiableError(
+            "k",
+            "k cannot be told from a single frame of a flat sheet: an error of its one pose would pass for "
+            'fall-off; take more frames, or assume that the sheet is matt (brdf="lambertian")',
+        )
+    if k.sd > LARGEST_ERROR["k"]:
+        raise NotIdentifiableError(
+            "k",
+            f"k cannot be told from these samples: its standard error would be {k.sd:.2g} with "
+            f"{len(normals)} samples of {frames} {'frame' if frames == 1 else 'frames'}; take more of them, "
+            "over a wider field",
+        )
+    if model.gamma is not None:
+        return
+    gamma = found["gamma"]
+    if gamma.signal < LEAST_SIGNAL["gamma"] or gamma.sd > LARGEST_ERROR["gamma"]:
+        ways = "fold the sheet, print grey patches of known ratio, or lock the gain and vary the distance"
+        raise NotIdentifiableError(
+            "gamma",
+            "gamma cannot be told from these samples, only k/gamma can: a change of gamma is made up for by "
+            f"k, the gains and the BRDF to {100 * gamma.signal:.2g} % of the light "
+            f"({100 * LEAST_SIGNAL['gamma']:g} % is needed; the standard error would be "
+            f"{100 * min(gamma.sd, 99):.2g} %); {ways}, or give gamma",
+        )
+
+
+def held(model: LightModel, found: dict[str, Strength]) -> LightModel:
+    """Hold what is roughly known at its value where the samples cannot tell it.
+
+    Left to the fit, such an unknown would follow the error of interpolating the BRDF between few
+    nodes, and would seem to be known. `widened` gives the uncertainty back.
+
+    Parameters
+    ----------
+    model : LightModel
+    found : dict of Strength
+
+    Returns
+    -------
+    LightModel
+        With prior standard deviations that are `HELD` times theirs.
+    """
+    gamma, reflectance = model.gamma, model.reflectance
+    if not isinstance(gamma, float):
+        if isinstance(gamma, tuple) and found["gamma"].signal < LEAST_SIGNAL["gamma"]:
+            gamma = (gamma[0], HELD * gamma[1])
+        if found["gamma"].alone < LEAST_SIGNAL["gamma"]:
+            reflectance = tuple((r[0], HELD * r[1]) if isinstance(r, tuple) else r for r in reflectance)
+    return replace(model, gamma=gamma, reflectance=reflectance)
+
+
+def widened(covariance: FloatArray, model: LightModel, stiff: LightModel) -> FloatArray:
+    """Add to a covariance, (p, p), what the unknowns that were held may vary, and others with them."""
+    result = covariance.copy()
+    priors = [("gamma", model.gamma, stiff.gamma, 1.0)]
+    for m, pair in enumerate(zip(model.reflectance, stiff.reflectance, strict=True), start=1):
+        priors.append((f"reflectance {m}", *pair, pair[0][0] if isinstance(pair[0], tuple) else 1.0))
+    for name, true, used, unit in priors:
+        if isinstance(true, tuple) and true != used:
+            column = model.names.index(name)
+            along = covariance[:, column] / covariance[column, column]  # d(all)/d(held)
+            result += ((true[1] / unit) ** 2 - covariance[column, column]) * np.outer(along, along)
+    return result
+
+
+def _angle(radians: float) -> str:
+    return f"{np.rad2deg(radians):.0f}°"
+
+
+def gain_jumps(frames: IntArray, gains: FloatArray) -> list[tuple[int, float]]:
+    """Find where the gain changes at once, far more than around that.
+
+    Parameters
+    ----------
+    frames : (m,) int array
+        Ascending.
+    gains : (m,) float array
+
+    Returns
+    -------
+    list of (frame, ratio)
+        Largest first.
+    """
+    if len(gains) < JUMP_WINDOW:
+        return []
+    # Gains follow the sheet, at times fast but smoothly; a jump stands out from the steps beside it.
+    steps = np.diff(np.log(gains))
+    excess = np.abs(steps - median_filter(steps, size=5, mode="nearest"))
+    usual = median_filter(excess, size=JUMP_WINDOW, mode="nearest")
+    jumps = np.flatnonzero(excess > np.maximum(JUMP * usual, np.log(1.3)))
+    jumps = jumps[np.argsort(-np.abs(steps[jumps]))]
+    return [(int(frames[i + 1]), float(np.exp(steps[i]))) for i in jumps]
+
+
+def describe(
+    model: LightModel,
+    unknowns: LightUnknowns,
+    expected: dict[str, Strength],
+    errors: dict[str, float],
+    sigma: float,
+    used_range: dict[str, tuple[float, float]],
+    jumps: Sequence[tuple[int, float]],
+) -> list[str]:
+    """Say in words what is determined, by what, and what is not."""
+    k, gamma = unknowns.k, unknowns.gamma
+    lambertian = len(model.nodes) == 1
+    locked = int(model.group[-1]) == 0 and len(np.unique(model.samples.frame)) > 1
+    ratio = f"k/γ = {k / gamma:.4f} ± {errors['k/gamma']:.4f}"
+    found = []
+    if isinstance(model.gamma, float):
+        found.append(
+            f"{ratio} is determined by how the light falls off across the frames; γ = {gamma:g} was given, "
+            "not measured: where it is wrong by 1 %, k is wrong by 1 %."
+        )
+        found.append(f"k = {k:.4f} ± {errors['k']:.4f}, if γ is {gamma:g}.")
+    elif model.gamma is None:
+        if any(known is not None for known in model.reflectance):
+            source = "the reflectances that are known"
+        else:
+            source = "the distance under a locked gain" if locked else "the distance within each frame"
+        found.append(f"γ = {gamma:.4f} ± {errors['gamma']:.4f} is measured, by {source}.")
+        bias = (2 * POSE_ERROR / expected["gamma"].signal) ** 2 * gamma
+        found.append(
+            f"Random errors of {100 * POSE_ERROR:g} % in the distances would raise γ by {bias:.2g}, "
+            "and k with it."
+        )
+        found.append(f"k = {k:.4f} ± {errors['k']:.4f} is measured; {ratio}.")
+    else:
+        mean, sd = model.gamma
+        share = (errors["gamma"] / sd) ** 2
+        source = (
+            "the samples add nothing to that" if share > 0.9 else f"the samples leave ± {errors['gamma']:.4f}"
+        )
+        found.append(f"γ = {gamma:.4f}: {mean:g} ± {sd:g} was given, and {source}.")
+        found.append(f"k = {k:.4f} ± {errors['k']:.4f}; {ratio} is known better than either.")
+    if lambertian:
+        found.append(
+            "The surface was taken to be matt (Lambertian): a sheen would show as wrong k"
+            + (" and γ." if not isinstance(model.gamma, float) else ".")
+        )
+    low, high = used_range["alpha"]
+    found.append(
+        f"The fall-off was seen from {_angle(low)} to {_angle(high)} off the axis; it is a guess beyond."
+    )
+    if not lambertian:
+        low, high = used_range["theta"]
+        found.append(
+            f"The BRDF was seen from {_angle(low)} to {_angle(high)} and is constant beyond; its scale "
+            "and that of the gains cannot be told apart."
+        )
+    for material in model.loose_materials:
+        name = f"reflectance {material}"
+        value = np.exp(unknowns.log_reflectance[material])
+        found.append(
+            f"Material {material} reflects {value:.4f} ± {errors[name]:.4f} of what material 0 does."
+        )
+    if model.free_light:
+        place = ", ".join(
+            f"{v:.2f} ± {errors[f'light {a}']:.2f}" for v, a in zip(unknowns.light, "xyz", strict=False)
+        )
+        found.append(f"The virtual light is at ({place}) mm.")
+    room = GREY * min(model.levels[0], 1 - model.levels[1])
+    if room < CLIPPED * sigma:
+        found.append(
+            f"The residuals, of {sigma:.1f} grey levels, reach out of the sensor's range from the levels "
+            f"that were used, {GREY * model.levels[0]:.0f} to {GREY * model.levels[1]:.0f}, which biases "
+            f"the result: keep {CLIPPED * sigma:.0f} inside 0 and 255."
+        )
+    if locked:
+        found.append("One gain was fitted for all frames.")
+    if jumps:
+        named = ", ".join(f"{frame} (×{jump:.2g})" for frame, jump in sorted(jumps[:JUMPS_NAMED]))
+        more = f" and {len(jumps) - JUMPS_NAMED} more" if len(jumps) > JUMPS_NAMED else ""
+        found.append(f"The gain jumps at frame {named}{more}.")
+    return found

@@ -1,0 +1,317 @@
+"""The photometric model as a least-squares problem: grey levels against k, γ, gains and BRDF.
+
+A sample of frame t on material m at the point x should have the grey level
+
+    I = 255 · exp(L/γ),  L = k log cos ψ - 2 log r + log cos θ + log f(θ) + log ρ_m + log g_t
+
+r is the distance to the light, θ the angle at the surface and ψ the angle off the light's
+direction; with the light at the optical centre r = d and ψ = α. f is linear between its nodes, just
+as a `TabulatedBRDF` is, and its unknowns are the logarithms there.
+
+The scale of f is that of the gains and the light together, so one node, the one with the most
+light, is not an unknown: f is paper_albedo/π there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from endolab.calibration.least_squares import Linearised
+from endolab.calibration.photometric.samples import Samples
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+
+GREY = 255.0  # grey levels of a stored value of 1
+LEVELS = (12 / 255, 240 / 255)  # predicted stored values that noise of 3 grey levels cannot clip
+FIRST_GAMMA = 2.2  # where the fit of a γ that is not known begins
+DENSER = 1.15  # exponent that brings the nodes closer together near θ = 0
+LEAST_SUPPORT = 40  # samples between two nodes of the BRDF, or one of them is left out
+
+
+@dataclass(frozen=True)
+class LightUnknowns:
+    """What is fitted.
+
+    Attributes
+    ----------
+    k, gamma : float
+        Exponents of the joint fall-off and of the response.
+    log_brdf : (nodes,) float array
+        Of f_r in 1/sr at the nodes; a single one for a Lambertian surface.
+    log_reflectance : (materials,) float array
+        Relative to material 0, whose entry is 0.
+    log_gain : (groups,) float array
+        Of each frame, or a single one if the gain is locked.
+    light : (5,) float array
+        Position of the virtual light, mm, and tilt of its direction (a, b, 1) along x and y.
+    """
+
+    k: float
+    gamma: float
+    log_brdf: FloatArray
+    log_reflectance: FloatArray
+    log_gain: FloatArray
+    light: FloatArray = field(default_factory=lambda: np.zeros(5))
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What the model needs to know of where the samples lie, for one place of the light.
+
+    Attributes
+    ----------
+    valid : (n,) bool array
+        Lit, and in front of camera and light.
+    log_cos_psi : (n,) float array
+        0 where not valid, like the others.
+    falloff : (n,) float array
+        -2 log r + log cos θ.
+    theta : (n,) float array
+        rad.
+    """
+
+    valid: BoolArray
+    log_cos_psi: FloatArray
+    falloff: FloatArray
+    theta: FloatArray
+
+    @classmethod
+    def of(cls, samples: Samples, light: FloatArray) -> Geometry:
+        """Measure the samples as seen from a light; see `LightUnknowns.light`."""
+        offset = samples.points - light[:3]
+        reach = np.linalg.norm(offset, axis=1)
+        direction = np.array([light[3], light[4], 1.0])
+        cos_psi = offset @ direction / (reach * np.linalg.norm(direction))
+        cos_theta = -np.einsum("ni,ni->n", offset, samples.normals) / reach
+        valid = (cos_psi > 0) & (cos_theta > 0)
+        cos_theta = np.where(valid, np.minimum(cos_theta, 1.0), 1.0)
+        log_cos_psi = np.log(np.where(valid, np.minimum(cos_psi, 1.0), 1.0))
+        falloff = np.where(valid, -2 * np.log(reach) + np.log(cos_theta), 0.0)
+        return cls(valid, log_cos_psi, falloff, np.arccos(cos_theta))
+
+
+def hats(nodes: FloatArray, theta: FloatArray) -> FloatArray:
+    """Return the interpolation between nodes as a matrix, (n, nodes); constant beyond them."""
+    if len(nodes) == 1:
+        return np.ones((len(theta), 1))
+    matrix, row, below = np.zeros((len(theta), len(nodes))), np.arange(len(theta)), interval(nodes, theta)
+    share = np.clip((theta - nodes[below]) / np.diff(nodes)[below], 0.0, 1.0)
+    matrix[row, below], matrix[row, below + 1] = 1 - share, share
+    return matrix
+
+
+def interval(nodes: FloatArray, theta: FloatArray) -> IntArray:
+    """Index of the node below, (n,); that of the nearest interval beyond them."""
+    return np.clip(np.searchsorted(nodes, theta, side="right") - 1, 0, len(nodes) - 2)
+
+
+def place_nodes(theta: FloatArray, count: int) -> FloatArray:
+    """Choose the nodes of the BRDF.
+
+    Parameters
+    ----------
+    theta : (n,) float array
+        Incidence angles of the samples, rad.
+    count : int
+        Nodes, at most.
+
+    Returns
+    -------
+    (nodes,) float array
+        From the least to the largest angle, closer together near the least, where paper has its
+        sheen; with too few samples between two of them, one is left out.
+    """
+    low, high = float(theta.min()), float(theta.max())
+    nodes = low + (high - low) * np.linspace(0, 1, count) ** DENSER
+    while len(nodes) > 2:
+        inside = np.bincount(interval(nodes, theta), minlength=len(nodes) - 1)
+        thin = np.flatnonzero(inside < LEAST_SUPPORT)
+        if not thin.size:
+            break
+        # Joining a thin interval with its neighbour removes the node between them.
+        first = thin[0]
+        nodes = np.delete(nodes, first if first == len(nodes) - 2 else first + 1)
+    return nodes
+
+
+def grouped_sums(values: FloatArray, group: IntArray, groups: int) -> FloatArray:
+    """Sum over each group, (groups,)."""
+    return np.bincount(group, values, groups).astype(np.float64)
+
+
+@dataclass(frozen=True)
+class LightModel:
+    """The photometric fit as `least_squares` asks for it.
+
+    Attributes
+    ----------
+    samples : Samples
+    group : (n,) int array
+        Frame that a sample takes its gain from, counted from 0.
+    nodes : (nodes,) float array
+        Of the BRDF, rad; a single one makes the surface Lambertian.
+    pinned : int
+        The node that is no unknown.
+    gamma : float, (mean, sd) or None
+        Known, roughly known, or free.
+    reflectance : tuple of float, (mean, sd) or None
+        Of materials 1 and up.
+    free_light : bool
+    levels : (low, high)
+        Stored values that the model may predict for a sample to count.
+    """
+
+    samples: Samples
+    group: IntArray
+    nodes: FloatArray
+    pinned: int
+    gamma: float | tuple[float, float] | None
+    reflectance: tuple[float | tuple[float, float] | None, ...]
+    free_light: bool
+    levels: tuple[float, float]
+
+    @property
+    def names(self) -> list[str]:
+        """Of the common unknowns, in their order."""
+        names = ["k"] + ([] if isinstance(self.gamma, float) else ["gamma"])
+        names += [f"brdf {node}" for node in range(len(self.nodes)) if node != self.pinned]
+        names += [f"reflectance {material}" for material in self.loose_materials]
+        if self.free_light:
+            names += ["light x", "light y", "light z", "light tilt x", "light tilt y"]
+        return names
+
+    @cached_property
+    def loose_materials(self) -> list[int]:
+        """Materials whose reflectance is fitted."""
+        return [i for i, known in enumerate(self.reflectance, start=1) if not isinstance(known, float)]
+
+    @cached_property
+    def _free_nodes(self) -> IntArray:
+        return np.delete(np.arange(len(self.nodes)), self.pinned)
+
+    def _seen_from(self, light: FloatArray) -> tuple[Geometry, FloatArray]:
+        geometry = Geometry.of(self.samples, light)
+        return geometry, hats(self.nodes, geometry.theta)
+
+    @cached_property
+    def _centred(self) -> tuple[Geometry, FloatArray]:
+        return self._seen_from(np.zeros(5))
+
+    def geometry(self, unknowns: LightUnknowns) -> tuple[Geometry, FloatArray]:
+        """Return the samples as seen from the light, and how f is interpolated there, (n, nodes)."""
+        return self._seen_from(unknowns.light) if self.free_light else self._centred
+
+    def _shine(
+        self, unknowns: LightUnknowns, geometry: Geometry, f: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """L, the logarithm of the linear light, and the grey level, (n,) each."""
+        shade = unknowns.log_reflectance[self.samples.material] + unknowns.log_gain[self.group]
+        logarithm = unknowns.k * geometry.log_cos_psi + geometry.falloff + np.log(f) + shade
+        # A wild step must not overflow.
+        return logarithm, GREY * np.exp(np.minimum(logarithm / unknowns.gamma, 50.0)) * geometry.valid
+
+    def predict(self, unknowns: LightUnknowns) -> FloatArray:
+        """Grey level of each sample, (n,); 0 where no light can come from."""
+        geometry, hat = self.geometry(unknowns)
+        return self._shine(unknowns, geometry, hat @ np.exp(unknowns.log_brdf))[1]
+
+    @cached_property
+    def _priors(self) -> list[tuple[int, int, float, float]]:
+        """Column, material (0 stands for γ), mean and sd of what is roughly known, in its logarithm but γ."""
+        found = [(1, 0, *self.gamma)] if isinstance(self.gamma, tuple) else []
+        for material, value in enumerate(self.reflectance, start=1):
+            if isinstance(value, tuple):
+                column = self.names.index(f"reflectance {material}")
+                found.append((column, material, float(np.log(value[0])), value[1] / value[0]))
+        return found
+
+    def _prior(self, unknowns: LightUnknowns) -> FloatArray:
+        logs, gamma = unknowns.log_reflectance, unknowns.gamma
+        return np.array([((logs[m] if m else gamma) - mean) / sd for _, m, mean, sd in self._priors])
+
+    def residual(self, unknowns: LightUnknowns) -> tuple[FloatArray, FloatArray]:
+        """Measured minus predicted grey levels, (n, 1), and what the priors say."""
+        return (GREY * self.samples.level - self.predict(unknowns))[:, None], self._prior(unknowns)
+
+    def usable(self, unknowns: LightUnknowns) -> BoolArray:
+        """Whether the level that a sample *should* have lies in the range of the sensor.
+
+        Choosing by the measured level would keep what noise has moved into the range and drop
+        what it has moved out: a bias of k and γ.
+        """
+        level = self.predict(unknowns) / GREY
+        return (level > self.levels[0]) & (level < self.levels[1])
+
+    def linearise(self, unknowns: LightUnknowns) -> Linearised:
+        """Residuals and their derivatives."""
+        names = self.names
+        geometry, hat = self.geometry(unknowns)
+        values = np.exp(unknowns.log_brdf)
+        f = hat @ values
+        logarithm, level = self._shine(unknowns, geometry, f)
+        slope = level / unknowns.gamma  # ∂I/∂L
+        by_common = np.empty((len(f), len(names)))  # of L, first
+        by_common[:, 0] = geometry.log_cos_psi
+        column = 1
+        if not isinstance(self.gamma, float):
+            by_common[:, 1] = -logarithm / unknowns.gamma
+            column = 2
+        last = column + len(self.nodes) - 1
+        by_common[:, column:last] = np.delete(hat * values, self.pinned, axis=1) / f[:, None]
+        column = last
+        for material in self.loose_materials:
+            by_common[:, column] = self.samples.material == material
+            column += 1
+        if self.free_light:
+            by_common[:, column:] = self._by_light(unknowns, geometry, f)
+        by_common *= -slope[:, None]
+        by_prior = np.zeros((len(self._priors), len(names)))
+        for row, (column, _, _, sd) in enumerate(self._priors):
+            by_prior[row, column] = 1 / sd
+        residual = GREY * self.samples.level - level
+        return Linearised(
+            residual[:, None], by_common[:, None], -slope[:, None, None], self._prior(unknowns), by_prior
+        )
+
+    def _by_light(self, unknowns: LightUnknowns, geometry: Geometry, f: FloatArray) -> FloatArray:
+        """∂L by the light's position and tilt, (n, 5)."""
+        offset = self.samples.points - unknowns.light[:3]
+        square = np.sum(offset**2, axis=1)[:, None]
+        direction = np.array([unknowns.light[3], unknowns.light[4], 1.0])
+        along = np.where(geometry.valid, offset @ direction, np.inf)[:, None]
+        towards = np.where(geometry.valid, np.einsum("ni,ni->n", offset, self.samples.normals), np.inf)
+        # Gradients by the point: of log cos ψ, of log cos θ; of log r it is offset/square.
+        psi = direction / along - offset / square
+        incidence = self.samples.normals / towards[:, None] - offset / square
+        rise = np.zeros(len(f))  # df/dθ
+        if len(self.nodes) > 1:
+            slopes = np.diff(np.exp(unknowns.log_brdf)) / np.diff(self.nodes)
+            inside = (geometry.theta > self.nodes[0]) & (geometry.theta < self.nodes[-1])
+            rise = slopes[interval(self.nodes, geometry.theta)] * inside
+        # dθ = -cot θ d log cos θ
+        cot = 1 / np.tan(np.maximum(geometry.theta, 1e-6))
+        by_point = unknowns.k * psi - 2 * offset / square + incidence * (1 - cot * rise / f)[:, None]
+        by_tilt = unknowns.k * (offset[:, :2] / along - direction[:2] / (direction @ direction))
+        return np.where(geometry.valid[:, None], np.concatenate([-by_point, by_tilt], axis=1), 0.0)
+
+    def moved(self, unknowns: LightUnknowns, common: FloatArray, own: FloatArray) -> LightUnknowns | None:
+        """Return the unknowns after a step; None where γ would lose its meaning."""
+        column = 1 if isinstance(self.gamma, float) else 2
+        gamma = unknowns.gamma + (common[1] if column == 2 else 0.0)
+        if not 0.1 < gamma < 20:
+            return None
+        last = column + len(self.nodes) - 1
+        log_brdf, log_reflectance = unknowns.log_brdf.copy(), unknowns.log_reflectance.copy()
+        log_brdf[self._free_nodes] += common[column:last]
+        log_reflectance[self.loose_materials] += common[last : last + len(self.loose_materials)]
+        return replace(
+            unknowns,
+            k=unknowns.k + float(common[0]),
+            gamma=float(gamma),
+            log_brdf=log_brdf,
+            log_reflectance=log_reflectance,
+            log_gain=unknowns.log_gain + own[:, 0],
+            light=unknowns.light + (common[-5:] if self.free_light else 0.0),
+        )

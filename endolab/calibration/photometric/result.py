@@ -1,0 +1,207 @@
+"""What a photometric calibration returns: the model, its uncertainties, and its score on other frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from endolab.calibration.least_squares import CUT, robust_sigma
+from endolab.calibration.photometric.model import GREY, LEVELS, grouped_sums
+from endolab.calibration.photometric.samples import Samples
+from endolab.model.photometry import Photometry
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.iteration import Status
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How well a calibration predicts frames that it has not seen, against the angle off the axis.
+
+    Attributes
+    ----------
+    edges : (m + 1,) float array
+        Bins of α, rad.
+    error : (m,) float array
+        Measured over modelled μ′ - 1, averaged over the bin; nan where there are no samples.
+    standard_error : (m,) float array
+        Of that, by noise alone.
+    count : (m,) int array
+        Samples.
+    residuals : (n,) float array
+        Measured - predicted, grey levels.
+    used : (n,) bool array
+    sigma : float
+        Their standard deviation.
+    """
+
+    edges: FloatArray
+    error: FloatArray
+    standard_error: FloatArray
+    count: IntArray
+    residuals: FloatArray
+    used: BoolArray
+    sigma: float
+
+
+@dataclass(frozen=True)
+class PhotometricFit:
+    """A photometric calibration with its evidence.
+
+    Attributes
+    ----------
+    photometry : Photometry
+        k, γ, BRDF and lights; its gain is None, or the one that all frames share.
+    frames : (m,) int array
+        Numbers of the frames.
+    gains, gain_errors : (m,) float arrays
+        g of each and its standard error; inf where no sample of the frame could be used. Where γ
+        or a reflectance is only known beforehand, the error is that at its given value.
+    reflectance : (materials,) float array
+        Relative to material 0.
+    names : list of str
+        Of the unknowns that all frames share: "k", "gamma", "brdf j", "reflectance m", "light …".
+    covariance, correlation : (p, p) float arrays
+        Of these; of the logarithms of BRDF and reflectances.
+    standard_errors : dict
+        Of the values themselves, "k/gamma" included; 0 for what was given.
+    ratio : float
+        k/γ, the one thing that every set-up determines.
+    residuals : (n,) float array
+        Measured - predicted, grey levels.
+    used : (n,) bool array
+        Samples that counted in the end.
+    sigma, mean : float
+        Standard deviation and mean of the residuals of these, grey levels.
+    alpha_range, theta_range : (low, high)
+        Of the samples used, rad.
+    distance_range : (low, high)
+        Likewise, mm.
+    verdict : list of str
+        What is determined, by what, how well, and what is not, in sentences.
+    status : Status
+    history : list of dict
+        Per iterate: k (its number), cost, sigma, change.
+    """
+
+    photometry: Photometry
+    frames: IntArray
+    gains: FloatArray
+    gain_errors: FloatArray
+    reflectance: FloatArray
+    names: list[str]
+    covariance: FloatArray
+    correlation: FloatArray
+    standard_errors: dict[str, float]
+    ratio: float
+    residuals: FloatArray = field(repr=False)
+    used: BoolArray = field(repr=False)
+    sigma: float
+    mean: float
+    alpha_range: tuple[float, float]
+    theta_range: tuple[float, float]
+    distance_range: tuple[float, float]
+    verdict: list[str]
+    status: Status
+    history: list[dict[str, float]] = field(repr=False)
+
+    @property
+    def k(self) -> float:
+        """Joint exponent of light and vignetting; that of the virtual light, if this was free."""
+        lights = self.photometry.lights
+        return lights[0].exponent if lights else self.photometry.k
+
+    def _shape(self, samples: Samples) -> FloatArray:
+        """Stored values at a gain of 1."""
+        one = replace(self.photometry, gain=1.0)
+        level = one.intensity(samples.points, samples.normals)
+        return level * self.reflectance[samples.material] ** (1 / self.photometry.gamma)
+
+    def predict(self, samples: Samples) -> FloatArray:
+        """Stored values that the calibration expects.
+
+        Parameters
+        ----------
+        samples : Samples
+            Their levels play no part.
+
+        Returns
+        -------
+        (n,) float array
+            nan for frames whose gain is not known.
+        """
+        if self.photometry.gain is not None:
+            gain = np.full(len(samples), self.photometry.gain)
+        else:
+            place = np.minimum(np.searchsorted(self.frames, samples.frame), len(self.frames) - 1)
+            gain = np.where(self.frames[place] == samples.frame, self.gains[place], np.nan)
+        return self._shape(samples) * gain ** (1 / self.photometry.gamma)
+
+    def held_out(
+        self,
+        samples: Samples,
+        edges: Sequence[float] = tuple(np.deg2rad(np.arange(0.0, 91.0, 10.0))),
+        levels: tuple[float, float] = LEVELS,
+    ) -> HeldOut:
+        """Score the calibration on frames that it has not seen.
+
+        Only the gain of each frame (one for all, if it is locked) is fitted to it, as it has to
+        be; an error that all samples of
+        a frame share stays unseen. The error of μ′ at α is the
+        factor, less 1, by which the linear light of the samples in a bin exceeds the model's. It
+        is the least-squares factor of their grey levels to the power γ: a mean of measured light
+        itself would be biased by noise, which γ bends.
+
+        Parameters
+        ----------
+        samples : Samples
+            Of other frames.
+        edges : sequence of float
+            Bins of α, rad, ascending.
+        levels : (low, high)
+            As for `calibrate_light`.
+
+        Returns
+        -------
+        HeldOut
+        """
+        if not len(samples):
+            raise ValueError("samples must hold at least one sample, got none")
+        measured, shape = GREY * samples.level, GREY * self._shape(samples)
+        numbers, group = np.unique(samples.frame, return_inverse=True)
+        if self.photometry.gain is not None:
+            numbers, group = numbers[:1], np.zeros(len(samples), int)
+        weight = ((samples.level > levels[0]) & (samples.level < levels[1])).astype(float)
+        for _ in range(10):
+            total = grouped_sums(weight * shape**2, group, len(numbers))
+            factor = grouped_sums(weight * shape * measured, group, len(numbers)) / np.where(
+                total > 0, total, 1
+            )
+            predicted = factor[group] * shape
+            residual = measured - predicted
+            inside = (predicted > GREY * levels[0]) & (predicted < GREY * levels[1])
+            if not inside.any():
+                raise ValueError("samples must hold some within the range of levels, got none")
+            sigma = robust_sigma(residual[:, None], inside, len(numbers))
+            weight = (inside & (np.abs(residual) < CUT * sigma)).astype(float)
+        used = weight > 0
+        alpha = np.arccos(np.clip(samples.cos_alpha, -1, 1))
+        place = np.digitize(alpha[used], edges) - 1
+        bins = len(edges) - 1
+        good = (place >= 0) & (place < bins)
+        place, p, r = place[good], predicted[used][good], residual[used][good]
+        power = grouped_sums(p**2, place, bins)
+        known = power > 0
+        power = np.where(known, power, 1.0)
+        factor = 1 + grouped_sums(p * r, place, bins) / power
+        gamma = self.photometry.gamma
+        return HeldOut(
+            np.asarray(edges, dtype=np.float64),
+            np.where(known, factor**gamma - 1, np.nan),
+            np.where(known, gamma * sigma / np.sqrt(power), np.nan),
+            np.bincount(place, minlength=bins),
+            residual,
+            used,
+            sigma,
+        )

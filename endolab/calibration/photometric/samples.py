@@ -1,0 +1,299 @@
+"""Photometric samples: how bright the frame is at places of known depth and normal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from endolab.calibration.geometric.pose import Pose
+from endolab.calibration.targets import Target
+from endolab.model.cameras import Camera, RayField
+from endolab.model.surface import normals as normals_of
+from endolab.model.surface import points as points_of
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+
+LARGE = 960  # px; in pictures as wide as this the light of 3x3 pixels is averaged
+RIM = 1.5  # px between a window and the rim of the ink: half of rounding, the rest of blur
+EDGE = 0.04  # relative step of distance within 3x3 pixels that makes them an edge
+GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Brightness at known places of a surface, in many frames.
+
+    Attributes
+    ----------
+    frame : (n,) int array
+        Number of the frame, ascending.
+    level : (n,) float array
+        Stored value, in [0, 1].
+    points : (n, 3) float array
+        Place on the surface in the camera frame, mm.
+    normals : (n, 3) float array
+        Unit normal there, towards the camera.
+    material : (n,) int array
+        0 for the white of the paper; grey patches, or other colour channels, count from 1.
+    """
+
+    frame: IntArray
+    level: FloatArray
+    points: FloatArray
+    normals: FloatArray
+    material: IntArray
+
+    def __post_init__(self) -> None:
+        n = len(self.frame)
+        for name, shape in (("level", (n,)), ("points", (n, 3)), ("normals", (n, 3)), ("material", (n,))):
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} must be of shape {shape}, got {getattr(self, name).shape}")
+        if np.any(np.diff(self.frame) < 0):
+            raise ValueError("frame must be in ascending order")
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def __getitem__(self, which: BoolArray | IntArray | slice) -> Self:
+        """Return some of the samples."""
+        return type(self)(
+            self.frame[which],
+            self.level[which],
+            self.points[which],
+            self.normals[which],
+            self.material[which],
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Samples]) -> Samples:
+        """Join samples, in the order of their frames."""
+        if not parts:
+            return cls(np.zeros(0, int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, int))
+        frame = np.concatenate([part.frame for part in parts])
+        order = np.argsort(frame, kind="stable")
+        return cls(
+            frame[order],
+            np.concatenate([part.level for part in parts])[order],
+            np.concatenate([part.points for part in parts])[order],
+            np.concatenate([part.normals for part in parts])[order],
+            np.concatenate([part.material for part in parts])[order],
+        )
+
+    @property
+    def distance(self) -> FloatArray:
+        """Euclidean distance from the optical centre, (n,), mm."""
+        return np.linalg.norm(self.points, axis=1)
+
+    @property
+    def cos_alpha(self) -> FloatArray:
+        """Cosine of the angle off the camera's axis, (n,)."""
+        return self.points[:, 2] / self.distance
+
+    @property
+    def cos_theta(self) -> FloatArray:
+        """Cosine of the angle between the normal and the direction to the camera, (n,)."""
+        return -np.einsum("ni,ni->n", self.points, self.normals) / self.distance
+
+
+def sample_places(target: Target, white: FloatArray | None = None) -> tuple[FloatArray, IntArray]:
+    """Places of a sheet whose brightness tells of the light: bare paper and grey patches.
+
+    Parameters
+    ----------
+    target : Target
+    white : (n, 3) float array, optional
+        `target.white_places()`, if at hand.
+
+    Returns
+    -------
+    places : (n, 4) float array
+        x, y in the target's frame and the radius of one reflectance around, mm; the reflectance,
+        relative to the paper.
+    material : (n,) int array
+        0 for the paper; greys count from 1, the lightest first.
+    """
+    white = target.white_places() if white is None else white
+    greys = target.ink.greys * [1, 1, GREY_CLEARANCE, 1]
+    ratios = np.unique(-greys[:, 3])
+    material = np.concatenate([np.zeros(len(white), int), 1 + np.searchsorted(ratios, -greys[:, 3])])
+    return np.concatenate([np.column_stack([white, np.ones(len(white))]), greys]), material
+
+
+def sample_sheet(
+    image: FloatArray,
+    target: Target,
+    poses: Sequence[Pose | None],
+    camera: Camera,
+    *,
+    frame: int = 0,
+    gamma: float = 2.2,
+    most: int = 200,
+    window: int | None = None,
+    places: FloatArray | None = None,
+) -> Samples:
+    """Read the brightness of the paper in one frame.
+
+    Parameters
+    ----------
+    image : (H, W) float array
+        One channel, stored values in [0, 1].
+    target : Target
+    poses : sequence of Pose or None
+        Of each panel; None for one that was not found.
+    camera : Camera
+    frame : int
+        Number of the frame.
+    gamma : float
+        With which the values of a window are made linear before they are averaged; a rough one
+        will do, since the light hardly changes within a window.
+    most : int
+        Samples to keep, spread at random over the sheet.
+    window : int, optional
+        Side of the square whose light is averaged, px, odd. It is the same for all samples, so
+        that all have the same noise; by default 3 in a large picture, else 1.
+    places : (n, 3) float array, optional
+        `target.white_places()`, if at hand.
+
+    Returns
+    -------
+    Samples
+        Each lies at the centre of a pixel; the point is where its ray meets the panel.
+    """
+    spots, material = sample_places(target, places)
+    panel = target.panel_of(spots)
+    found = []
+    height, width = image.shape
+    side = (3 if width >= LARGE else 1) if window is None else window
+    linear = cv2.blur(image.astype(np.float32) ** gamma, (side, side))
+    for number, pose in enumerate(poses):
+        here = panel == number
+        if pose is None or not here.any():
+            continue
+        centre = np.column_stack([spots[here, :2], np.zeros(here.sum())])
+        edges = np.array([[[1, 0, 0]], [[0, 1, 0]]]) * spots[here, 2, None]
+        pixel = camera.project(pose.transform(centre))
+        axes = camera.project(pose.transform(centre + edges)) - pixel
+        # The window's corner, the rounding to a pixel and its blur must all lie on bare paper,
+        # in the narrowest direction: the short axis of the ellipse that these two axes span.
+        square = np.sum(axes**2, axis=(0, 2)) / 2
+        area = axes[0, :, 0] * axes[1, :, 1] - axes[0, :, 1] * axes[1, :, 0]
+        short = np.sqrt(np.maximum(square - np.sqrt(np.maximum(square**2 - area**2, 0)), 0))
+        with np.errstate(invalid="ignore"):
+            nearest = np.round(pixel)
+            good = short >= RIM + np.sqrt(2) * side / 2
+            good &= np.all(
+                (nearest >= side // 2) & (nearest < [width - side // 2, height - side // 2]), axis=1
+            )
+        column, row = nearest[good].astype(int).T
+        light = linear[row, column].astype(np.float64)
+        rays = camera.unproject(nearest[good])
+        depth = (pose.translation @ pose.normal) / (rays @ pose.normal)
+        found.append(
+            Samples(
+                np.full(good.sum(), frame),
+                light ** (1 / gamma),
+                rays * depth[:, None],
+                np.tile(pose.normal, (good.sum(), 1)),
+                material[here][good],
+            )
+        )
+    samples = Samples.concatenate(found)
+    samples = samples[(samples.cos_theta > 0) & np.isfinite(samples.distance)]
+    if len(samples) > most:
+        chosen = np.random.default_rng(frame).choice(len(samples), most, replace=False)
+        samples = samples[np.sort(chosen)]
+    return samples
+
+
+def sample_surface(
+    image: FloatArray,
+    points: FloatArray,
+    normals: FloatArray,
+    mask: BoolArray,
+    *,
+    frame: int = 0,
+    most: int = 3000,
+) -> Samples:
+    """Read the brightness of a surface that is known: a phantom, or a rendered scene.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values in [0, 1]; the colour channels become materials 0, 1 and 2.
+    points, normals : (H, W, 3) float arrays
+        The surface in the camera frame, mm, and its unit normals.
+    mask : (H, W) bool array
+        Where to sample.
+    frame : int
+        Number of the frame.
+    most : int
+        Places to sample, spread at random.
+
+    Returns
+    -------
+    Samples
+    """
+    usable = mask & np.all(np.isfinite(points), axis=-1) & np.all(np.isfinite(normals), axis=-1)
+    usable &= np.einsum("hwi,hwi->hw", points, normals) < 0
+    rows, columns = np.nonzero(usable)
+    if len(rows) > most:
+        chosen = np.sort(np.random.default_rng(frame).choice(len(rows), most, replace=False))
+        rows, columns = rows[chosen], columns[chosen]
+    channels = image[..., None] if image.ndim == 2 else image
+    parts = [
+        Samples(
+            np.full(len(rows), frame),
+            channels[rows, columns, channel].astype(np.float64),
+            points[rows, columns].astype(np.float64),
+            normals[rows, columns].astype(np.float64),
+            np.full(len(rows), channel),
+        )
+        for channel in range(channels.shape[-1])
+    ]
+    return Samples.concatenate(parts)
+
+
+def sample_depth(
+    image: FloatArray,
+    distance: FloatArray,
+    field: RayField,
+    mask: BoolArray,
+    *,
+    smooth: float = 2.0,
+    frame: int = 0,
+    most: int = 3000,
+) -> Samples:
+    """Read the brightness of a surface whose depth map is known; its normals are computed.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values in [0, 1].
+    distance : (H, W) float array
+        Euclidean distance from the optical centre, mm; nan where unknown.
+    field : RayField
+        Of the camera.
+    mask : (H, W) bool array
+        Where to sample. Places near its rim, near unknown distances and near edges of the
+        surface are left out.
+    smooth : float
+        Standard deviation of a Gaussian over the logarithm of the distance, px, which takes the
+        steps out of a depth map that was stored in whole numbers.
+    frame, most
+        As for `sample_surface`.
+
+    Returns
+    -------
+    Samples
+    """
+    known = mask & field.valid & np.isfinite(distance) & (distance > 0)
+    v = np.log(np.where(known, distance, 1.0))
+    jump = known & (ndimage.maximum_filter(v, 3) - ndimage.minimum_filter(v, 3) > EDGE)
+    reach = int(np.ceil(3 * smooth)) + 1
+    inner = ndimage.binary_erosion(known & ~jump, np.ones((3, 3)), iterations=reach)
+    v = np.where(known, ndimage.gaussian_filter(v, smooth), np.nan)
+    return sample_surface(image, points_of(v, field), normals_of(v, field), inner, frame=frame, most=most)

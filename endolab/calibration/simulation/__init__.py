@@ -1,0 +1,4 @@
+"""Calibration videos whose truth is known.
+
+Read `trajectory`, `sheet_image`, `video`.
+"""

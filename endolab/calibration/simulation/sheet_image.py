@@ -1,0 +1,325 @@
+"""The picture that an endoscope takes of a sheet of paper, exact down to the pixel's area.
+
+The dots are averaged over each pixel in linear light. What the camera does to the light (gain,
+response, noise, saturation, rounding) comes last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from endolab.calibration.geometric.pose import Pose
+from endolab.calibration.simulation.trajectory import in_view, on_sheet
+from endolab.calibration.targets import Target, darkness
+from endolab.model.brdf import Lambertian
+from endolab.model.cameras import Camera
+from endolab.model.photometry import Photometry
+from endolab.numerics.arrays import BoolArray, FloatArray
+
+WHITE = 0.7  # stored value that the automatic gain gives to the bright part of the sheet
+GAIN_RANGE = 3.0  # largest gain over smallest, as in the paper
+LAG = 1 / 60  # of the video, that the gain needs to follow
+BACKGROUND = Lambertian(0.03)  # a dark cloth ...
+BEHIND = 20.0  # ... this far behind the sheet, mm
+STEP = 0.025  # of the finest raster of the sheet, mm ...
+CELLS = 6000  # ... which has at most so many along a side
+LEVELS = 5  # rasters, each half as fine as the one before
+SUB = 2  # rays a pixel, in each direction
+TILE = 120  # px
+
+Float32Array = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class SheetFrame:
+    """A simulated frame and its truth.
+
+    Attributes
+    ----------
+    image : (H, W) float array
+        Stored values in [0, 1].
+    poses : tuple of Pose
+        Of each panel of the sheet.
+    gain : float
+    """
+
+    image: FloatArray
+    poses: tuple[Pose, ...]
+    gain: float
+
+
+def linear_light(photometry: Photometry, points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Linear light of bare paper at gain 1; 0 where none arrives."""
+    if photometry.lights:
+        lit = replace(photometry, gain=1.0)
+        return np.nan_to_num(lit.intensity(points, normals) ** lit.gamma)
+    distance = np.linalg.norm(points, axis=-1)
+    cosine = -np.einsum("...i,...i->...", points, normals) / distance
+    reached = np.nan_to_num(photometry.attenuation(points[..., 2] / distance) / distance**2)
+    facing = np.where(cosine > 0, cosine, 0.0)
+    return reached * photometry.brdf.value(facing, facing) * facing
+
+
+def automatic_gain(
+    target: Target,
+    poses: Sequence[tuple[Pose, ...]],
+    camera: Camera,
+    photometry: Photometry,
+    *,
+    locked: bool = False,
+) -> FloatArray:
+    """Gains that a camera would choose for the frames of a video.
+
+    Parameters
+    ----------
+    target : Target
+    poses : sequence of tuples of Pose
+        For each frame, one a panel.
+    camera : Camera
+    photometry : Photometry
+    locked : bool
+        Choose one gain, for the middle of the video.
+
+    Returns
+    -------
+    (frames,) float array
+        Each follows the brightness of the sheet, lags behind, and stays within a factor
+        `GAIN_RANGE`, so that near frames are overexposed and far ones dark.
+
+    Raises
+    ------
+    ValueError
+        If the sheet is never in the picture.
+    """
+    points, normals = on_sheet(target, poses, target.points)
+    light = np.where(in_view(camera, points, normals), linear_light(photometry, points, normals), np.nan)
+    known = np.flatnonzero(np.isfinite(light).any(axis=1))
+    if not len(known):
+        raise ValueError("the sheet is in none of the frames, so no gain suits them")
+    wanted = np.log(WHITE**photometry.gamma / np.nanpercentile(light[known], 80, axis=1))
+    wanted = np.interp(np.arange(len(poses)), known, wanted)
+    middle = float(np.median(wanted))
+    if locked:
+        return np.full(len(poses), np.exp(middle))
+    half = np.log(GAIN_RANGE) / 2
+    wanted = np.clip(wanted, middle - half, middle + half)
+    lag = max(LAG * len(wanted), 1.0)
+    for index in range(1, len(wanted)):
+        wanted[index] = wanted[index - 1] + (wanted[index] - wanted[index - 1]) / lag
+    gains: FloatArray = np.exp(wanted)
+    return gains
+
+
+def stored(
+    linear: NDArray[Any], gamma: float, noise: float, bits: int, rng: np.random.Generator
+) -> FloatArray:
+    """Response, noise (grey levels), saturation and rounding."""
+    level = np.maximum(linear, 0) ** (1 / gamma)  # a blur may leave rounding errors below 0
+    if noise:
+        level += rng.standard_normal(level.shape, level.dtype) * level.dtype.type(noise / 255)
+    most = 2**bits - 1
+    return np.round(np.clip(level, 0, 1) * most).astype(np.float64) / most
+
+
+@lru_cache(maxsize=4)
+def rays_of(camera: Camera, sub: int) -> Float32Array:
+    """Unit rays of sub × sub places in every pixel, (sub H, sub W, 3)."""
+    fine = camera.resize(sub * camera.width, sub * camera.height)
+    rays = np.empty((fine.height, fine.width, 3), np.float32)
+    for start in range(0, fine.height, 256):
+        rows, columns = np.mgrid[start : min(start + 256, fine.height), : fine.width]
+        rays[start : start + 256] = fine.unproject(np.stack([columns, rows], axis=-1))
+    return rays
+
+
+def _step(target: Target) -> float:
+    """Side of the cells of the finest raster, mm."""
+    return max(STEP, max(target.sheet[2:]) / CELLS)
+
+
+@lru_cache(maxsize=2)
+def _rasters(target: Target, black: float) -> tuple[Float32Array, ...]:
+    """Reflectance of the sheet averaged over cells of one step, two, four …, from its upper left corner."""
+    left, top, width, height = target.sheet
+    step = _step(target)
+    coarse = step * 2 ** (LEVELS - 1)
+    shape = [int(np.ceil(length / coarse)) * 2 ** (LEVELS - 1) for length in (height, width)]
+    levels = [1 - darkness(target.ink, (left, top), shape, step, black)]
+    for _ in range(LEVELS - 1):
+        rows, columns = levels[-1].shape
+        levels.append(levels[-1].reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3)))
+    return tuple(levels)
+
+
+def _paper(
+    target: Target, panel: int, pose: Pose, camera: Camera, black: float
+) -> tuple[Float32Array, Float32Array]:
+    """Reflectance that each pixel sees of a panel, and the share of the pixel that is paper."""
+    shape = camera.height, camera.width
+    seen, share = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    to_sheet = np.linalg.inv(np.column_stack([pose.rotation[:, :2], pose.translation])).T.astype(np.float32)
+    left, top, width, height = target.sheet
+    right = left + width
+    if target.fold_x is not None:
+        left, right = ((left, target.fold_x), (target.fold_x, right))[panel]
+    rays, levels, step = rays_of(camera, SUB), _rasters(target, black), _step(target)
+    for row in range(0, camera.height, TILE):
+        for column in range(0, camera.width, TILE):
+            tile = slice(row, row + TILE), slice(column, column + TILE)
+            fine = rays[SUB * row : SUB * (row + TILE), SUB * column : SUB * (column + TILE)]
+            x, y, inverse = np.moveaxis(fine @ to_sheet, -1, 0)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                x, y = x / inverse, y / inverse
+            inside = (inverse > 0) & (x > left) & (x <= right) & (y >= top) & (y <= top + height)
+            if not inside.any():
+                continue
+            # The raster whose cells are as large as the tile's pixels are on the paper.
+            both = inside[1:, 1:] & inside[:-1, 1:] & inside[1:, :-1]
+            dx, dy = (np.diff(part, axis=0)[:, 1:][both] for part in (x, y))
+            ex, ey = (np.diff(part, axis=1)[1:][both] for part in (x, y))
+            cell = np.sqrt(np.median(np.abs(dx * ey - dy * ex))) if both.any() else step
+            level = int(np.clip(np.round(np.log2(cell / step)), 0, LEVELS - 1))
+            pitch = np.float32(step * 2**level)
+            across, down = (
+                np.where(inside, (part - np.float32(start)) / pitch - np.float32(0.5), 0).astype(np.float32)
+                for part, start in ((x, target.sheet[0]), (y, top))
+            )
+            value = cv2.remap(levels[level], across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            h, w = inside.shape
+            blocks = (h // SUB, SUB, w // SUB, SUB)
+            seen[tile] = (value * inside).reshape(blocks).mean(axis=(1, 3))
+            share[tile] = inside.reshape(blocks).mean(axis=(1, 3), dtype=np.float32)
+    return seen, share
+
+
+def _spots(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Float32Array:
+    """Blots of 2 to 5 px that cover a share of the picture, as their opacity in [0, 1]."""
+    blots = np.zeros(shape, np.uint8)
+    for _ in range(int(share * blots.size / (np.pi * 4.3**2)) + (share > 0)):
+        place = [int(rng.integers(side)) for side in shape[::-1]]
+        cv2.circle(blots, place, int(rng.integers(2, 6)), 255, -1, cv2.LINE_AA)
+    return blots.astype(np.float32) * np.float32(1 / 255)
+
+
+def _plane_light(
+    photometry: Photometry, rays: Float32Array, normal: FloatArray, point: FloatArray, where: BoolArray
+) -> Float32Array:
+    """Linear light of a bare plane at gain 1, (H, W); 0 elsewhere."""
+    light = np.zeros(where.shape, np.float32)
+    chosen = rays[where].astype(np.float64)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        reach = (point @ normal) / (chosen @ normal)
+    met = reach > 0
+    values = np.zeros(len(chosen))
+    points = chosen[met] * reach[met, None]
+    values[met] = linear_light(photometry, points, np.broadcast_to(normal, points.shape))
+    light[where] = values
+    return light
+
+
+def render_sheet(
+    target: Target,
+    poses: Sequence[Pose],
+    camera: Camera,
+    photometry: Photometry,
+    *,
+    noise: float = 3.0,
+    bits: int = 8,
+    blur: float = 0.0,
+    motion: float = 0.0,
+    outliers: float = 0.0,
+    black: float = 0.04,
+    seed: int = 0,
+) -> SheetFrame:
+    """Render a sheet as the endoscope sees it.
+
+    Parameters
+    ----------
+    target : Target
+    poses : sequence of Pose
+        One a panel; a folded sheet's ridge is towards the camera.
+    camera : Camera
+    photometry : Photometry
+        Its BRDF is that of the white paper. With an unknown gain, the one of `automatic_gain`.
+    noise : float
+        Standard deviation, grey levels of 255.
+    bits : int
+        The stored values are rounded to.
+    blur : float
+        Standard deviation of the defocus, px.
+    motion : float
+        Length of the motion blur, px, in a random direction.
+    outliers : float
+        Share of the sheet under glints and dust.
+    black : float
+        Reflectance of the ink, relative to the paper.
+    seed : int
+        Of noise, motion and outliers.
+
+    Returns
+    -------
+    SheetFrame
+
+    Raises
+    ------
+    ValueError
+        If an option is out of its range, or the gain is unknown and the sheet not in view.
+    """
+    for name, value in (("noise", noise), ("blur", blur), ("motion", motion)):
+        if not 0 <= value < np.inf:
+            raise ValueError(f"{name} must be finite and at least 0, got {value}")
+    for name, value in (("outliers", outliers), ("black", black)):
+        if not 0 <= value < 1:
+            raise ValueError(f"{name} must be from 0 to below 1, got {value}")
+    if not 1 <= bits <= 16:
+        raise ValueError(f"bits must be from 1 to 16, got {bits}")
+    if len(poses) != target.panels:
+        raise ValueError(f"poses must hold one for each of {target.panels} panels, got {len(poses)}")
+    gain = photometry.gain
+    if gain is None:
+        gain = float(automatic_gain(target, [tuple(poses)], camera, photometry)[0])
+    rng = np.random.default_rng([seed, 1])
+    rays = rays_of(camera, 1)
+    shape = camera.height, camera.width
+    linear, paper = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    for number, pose in enumerate(poses):
+        if pose.translation @ pose.normal >= 0:  # seen from behind: hidden by the other panel
+            continue
+        seen, share = _paper(target, number, pose, camera, black)
+        linear += seen * _plane_light(photometry, rays, pose.normal, pose.translation, share > 0)
+        paper += share
+    cloth = replace(photometry, brdf=BACKGROUND)
+    behind = poses[0].translation - BEHIND * poses[0].normal
+    linear += (1 - paper) * _plane_light(cloth, rays, poses[0].normal, behind, paper < 1)
+    linear *= np.float32(gain)
+    if outliers:
+        linear *= 1 - 0.8 * _spots(shape, outliers / 2, rng) * paper
+        linear += 1.5 * _spots(shape, outliers / 2, rng) * paper
+    if blur:
+        cv2.GaussianBlur(linear, (0, 0), blur, dst=linear, borderType=cv2.BORDER_REPLICATE)
+    if motion:
+        cv2.filter2D(linear, -1, _streak(motion, rng), dst=linear, borderType=cv2.BORDER_REPLICATE)
+    image = stored(linear, photometry.gamma, noise, bits, rng)
+    return SheetFrame(image, tuple(poses), gain)
+
+
+def _streak(length: float, rng: np.random.Generator) -> Float32Array:
+    """Kernel of a motion blur: a straight line in a random direction, of sum 1."""
+    angle, half = rng.uniform(0, np.pi), length / 2
+    size = int(np.ceil(half)) + 1
+    kernel = np.zeros((2 * size + 1, 2 * size + 1), np.float32)
+    for along in np.linspace(-half, half, 8 * size + 1):
+        x, y = size + along * np.cos(angle), size + along * np.sin(angle)
+        column, row = int(x), int(y)
+        kernel[row : row + 2, column : column + 2] += np.outer(
+            [1 - y + row, y - row], [1 - x + column, x - column]
+        )
+    kernel /= kernel.sum()
+    return kernel

@@ -1,0 +1,178 @@
+"""How a hand moves a sheet of paper in front of a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+from scipy.spatial.transform import Rotation
+
+from endolab.calibration.geometric.pose import Pose
+from endolab.calibration.targets import Target
+from endolab.model.cameras import Camera
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+
+TILT = np.deg2rad(55)
+REACH = np.deg2rad(40)
+WHOLE = ("circles", "chessboard")  # kinds of target that are found whole or not at all
+
+
+def folded(target: Target, pose: Pose, fold: float) -> tuple[Pose, ...]:
+    """Fold a sheet: both panels turn away from the camera by half of the angle.
+
+    Parameters
+    ----------
+    target : Target
+    pose : Pose
+        Of the flat sheet.
+    fold : float
+        Angle between the normals of the panels, rad, at least 0; the ridge is towards the camera.
+
+    Returns
+    -------
+    tuple of Pose
+        One a panel; the line of the fold stays in place.
+    """
+    if target.fold_x is None:
+        return (pose,)
+    ridge = np.array([target.fold_x, 0.0, 0.0])
+    poses = []
+    for half in (-fold / 2, fold / 2):
+        turn = Rotation.from_euler("y", -half).as_matrix()
+        poses.append(Pose(pose.rotation @ turn, pose.transform(ridge - turn @ ridge)))
+    return tuple(poses)
+
+
+def _wander(count: int, columns: int, rng: np.random.Generator) -> FloatArray:
+    """Return smooth random motions, (count, columns), that spend their time evenly over [-1, 1]."""
+    time = np.linspace(0, 1, count)[:, None]
+    slow, fast = rng.uniform(1.5, 3.5, columns), rng.uniform(2.0, 5.0, columns)
+    start, other = rng.uniform(0, 2 * np.pi, (2, columns))
+    phase = 2 * np.pi * slow * time + start + 0.6 * np.sin(2 * np.pi * fast * time + other)
+    wave: FloatArray = np.arcsin(0.99 * np.sin(phase)) / np.arcsin(0.99)  # a triangle wave with round corners
+    return wave
+
+
+def _disc(square: FloatArray) -> FloatArray:
+    """Map the square [-1, 1]² onto the unit disc, (..., 2)."""
+    x, y = square[..., 0], square[..., 1]
+    return np.stack([x * np.sqrt(1 - y**2 / 2), y * np.sqrt(1 - x**2 / 2)], axis=-1)
+
+
+def on_sheet(
+    target: Target, poses: Sequence[tuple[Pose, ...]], places: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Places of the sheet and the normals there in the camera frame, (frames, n, 3)."""
+    panel = target.panel_of(places)
+    flat = np.column_stack([places[:, :2], np.zeros(len(places))])
+    points, normals = np.empty((2, len(poses), len(places), 3))
+    for number in range(target.panels):
+        here = panel == number
+        rotation = np.stack([frame[number].rotation for frame in poses])
+        shift = np.stack([frame[number].translation for frame in poses])
+        points[:, here] = flat[here] @ np.swapaxes(rotation, 1, 2) + shift[:, None]
+        normals[:, here] = -rotation[:, None, :, 2]
+    return points, normals
+
+
+def in_view(camera: Camera, points: FloatArray, normals: FloatArray) -> BoolArray:
+    """Whether the camera sees the front of the sheet at these points, within the picture."""
+    with np.errstate(invalid="ignore"):
+        pixel = camera.project(points)
+        inside = np.all((pixel >= 0) & (pixel <= [camera.width - 1, camera.height - 1]), axis=-1)
+    facing = np.einsum("...i,...i->...", points, normals) < -0.1 * np.linalg.norm(points, axis=-1)
+    return inside & facing & (points[..., 2] > 0)
+
+
+def trajectory(
+    target: Target,
+    camera: Camera,
+    count: int,
+    *,
+    fold: float = 0.0,
+    distance: tuple[float, float] = (25.0, 100.0),
+    tilt: float = TILT,
+    reach: float = REACH,
+    seen: float | None = None,
+    seed: int = 0,
+) -> list[tuple[Pose, ...]]:
+    """Move a sheet by hand in front of a camera.
+
+    Parameters
+    ----------
+    target : Target
+    camera : Camera
+    count : int
+        Frames.
+    fold : float
+        Angle between the normals of a folded sheet's panels, rad.
+    distance : two floats
+        Nearest and farthest depth z of the sheet's middle, mm.
+    tilt : float
+        Largest angle between the sheet's normal and the axis, rad; 0 keeps it frontal.
+    reach : float
+        Largest angle between the sheet's middle and the axis, rad.
+    seen : float, optional
+        Least share of the features within the picture; the sheet comes towards the axis, then
+        goes away, until it is reached. By default 0.25; 1 for targets that are found whole only.
+    seed : int
+
+    Returns
+    -------
+    list of tuples of Pose
+        For each frame, one a panel.
+
+    Raises
+    ------
+    ValueError
+        If an option is out of its range.
+    """
+    near, far = distance
+    if count < 1:
+        raise ValueError(f"count must be at least 1, got {count}")
+    if not 0 < near <= far < np.inf:
+        raise ValueError(f"distance must be two growing positive numbers (mm), got {near} and {far}")
+    for name, value, most in (("tilt", tilt, 1.4), ("reach", reach, 1.4), ("fold", fold, 2.0)):
+        if not 0 <= value <= most:
+            raise ValueError(f"{name} must be from 0 to {most:g} rad, got {value}")
+    if fold and target.fold_x is None:
+        raise ValueError("fold needs a target that has a fold; this one is flat")
+    if seen is None:
+        seen = 1.0 if target.kind in WHOLE else 0.25
+    if not 0 <= seen <= 1:
+        raise ValueError(f"seen must be a share from 0 to 1, got {seen}")
+    wander = _wander(count, 6, np.random.default_rng([seed, 0]))
+    lean, aside = tilt * _disc(wander[:, :2]), reach * _disc(wander[:, 2:4])
+    depth = np.exp(np.interp(wander[:, 4], [-1, 1], np.log([near, far])))
+    axis = np.column_stack([-lean[:, 1], lean[:, 0], np.zeros(count)])
+    turns = Rotation.from_rotvec(axis) * Rotation.from_euler("z", np.pi * wander[:, 5:])
+    left, top, width, height = target.sheet
+    middle = np.array([left + width / 2 if target.fold_x is None else target.fold_x, top + height / 2, 0.0])
+
+    def place(which: IntArray, pull: FloatArray) -> list[tuple[Pose, ...]]:
+        """Poses with the sheet pulled to the axis (0 to 1) and then away to the far end (1 to 2)."""
+        side = aside[which] * np.clip(1 - pull, 0, 1)[:, None]
+        angle = np.linalg.norm(side, axis=1, keepdims=True)
+        z = depth[which] * (far / depth[which]) ** np.clip(pull - 1, 0, 1)
+        away = np.column_stack([side * np.tan(angle) / np.where(angle > 0, angle, 1), np.ones(len(which))])
+        poses = []
+        for rotation, centre in zip(turns[which].as_matrix(), away * z[:, None], strict=True):
+            poses.append(folded(target, Pose(rotation, centre - rotation @ middle), fold))
+        return poses
+
+    def settle(pull: FloatArray) -> FloatArray:
+        """Pull the frames that show too little, step by step."""
+        short = np.arange(count)
+        while len(short):
+            points, normals = on_sheet(target, place(short, pull[short]), target.points)
+            enough = in_view(camera, points, normals).mean(axis=1) >= seen
+            short = short[~enough & (pull[short] < 2)]
+            pull[short] += 0.05
+        return pull
+
+    pull = settle(np.zeros(count))
+    # The steps would show as jerks: smooth them, on the safe side.
+    wide = max(count // 30, 1)
+    pull = settle(gaussian_filter1d(maximum_filter1d(pull, 2 * (wide // 2) + 1), wide / 8))
+    return place(np.arange(count), pull)

@@ -1,0 +1,152 @@
+"""A calibration video as an endoscope would take it: a sheet of paper, moved by hand, with its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from endolab.calibration.photometric.samples import Samples, sample_places
+from endolab.calibration.simulation.sheet_image import (
+    SheetFrame,
+    automatic_gain,
+    linear_light,
+    render_sheet,
+    stored,
+)
+from endolab.calibration.simulation.trajectory import REACH, TILT, in_view, on_sheet, trajectory
+from endolab.calibration.targets import Target
+from endolab.model.brdf import Glossy
+from endolab.model.cameras import Camera
+from endolab.model.photometry import Photometry
+from endolab.numerics.arrays import FloatArray
+
+PAPER_SHEET = Glossy(0.8, 0.0373, 10.0)  # a sheen that makes paper 28 % brighter at θ = 0
+
+
+def simulate_video(
+    target: Target,
+    camera: Camera,
+    photometry: Photometry,
+    count: int = 300,
+    *,
+    fold: float = 0.0,
+    distance: tuple[float, float] = (25.0, 100.0),
+    tilt: float = TILT,
+    reach: float = REACH,
+    seen: float | None = None,
+    locked: bool = False,
+    noise: float = 3.0,
+    bits: int = 8,
+    blur: float = 0.0,
+    motion: float = 0.0,
+    outliers: float = 0.0,
+    black: float = 0.04,
+    seed: int = 0,
+) -> Iterator[SheetFrame]:
+    """Simulate a calibration video.
+
+    Parameters
+    ----------
+    target, camera
+        As for `render_sheet`.
+    photometry : Photometry
+        Its gain is not used: each frame has one of its own.
+    count : int
+        Frames.
+    fold, distance, tilt, reach, seen
+        As for `trajectory`.
+    locked : bool
+        Keep one gain for all frames instead of one that follows the sheet.
+    noise, bits, blur, motion, outliers, black
+        As for `render_sheet`.
+    seed : int
+
+    Yields
+    ------
+    SheetFrame
+    """
+    poses = trajectory(
+        target, camera, count, fold=fold, distance=distance, tilt=tilt, reach=reach, seen=seen, seed=seed
+    )
+    gains = automatic_gain(target, poses, camera, photometry, locked=locked)
+    for number, (pose, gain) in enumerate(zip(poses, gains, strict=True)):
+        yield render_sheet(
+            target,
+            pose,
+            camera,
+            replace(photometry, gain=float(gain)),
+            noise=noise,
+            bits=bits,
+            blur=blur,
+            motion=motion,
+            outliers=outliers,
+            black=black,
+            seed=seed * 100_003 + number,
+        )
+
+
+def simulate_samples(
+    target: Target,
+    camera: Camera,
+    photometry: Photometry,
+    count: int = 300,
+    *,
+    per_frame: int = 100,
+    fold: float = 0.0,
+    distance: tuple[float, float] = (25.0, 100.0),
+    tilt: float = TILT,
+    reach: float = REACH,
+    seen: float | None = None,
+    locked: bool = False,
+    noise: float = 3.0,
+    bits: int = 8,
+    outliers: float = 0.015,
+    seed: int = 0,
+) -> tuple[Samples, FloatArray]:
+    """Simulate the samples of a video without its pictures.
+
+    Parameters
+    ----------
+    target, camera, photometry, count
+        As for `simulate_video`.
+    per_frame : int
+        Samples of a frame, at most, at random among the bare places in view.
+    fold, distance, tilt, reach, seen
+        As for `trajectory`.
+    locked : bool
+        As for `simulate_video`.
+    noise : float
+        Standard deviation, grey levels of 255.
+    bits : int
+        The levels are rounded to.
+    outliers : float
+        Share of the samples whose level is anything between 0 and 1.
+    seed : int
+
+    Returns
+    -------
+    samples : Samples
+        With the true points and normals.
+    gains : (count,) float array
+        The true gain of each frame.
+    """
+    poses = trajectory(
+        target, camera, count, fold=fold, distance=distance, tilt=tilt, reach=reach, seen=seen, seed=seed
+    )
+    gains = automatic_gain(target, poses, camera, photometry, locked=locked)
+    rng = np.random.default_rng([seed, 2])
+    places, material = sample_places(target)
+    points, normals = on_sheet(target, poses, places)
+    visible = in_view(camera, points, normals)
+    # The places of a frame in random order, those in view first.
+    order = np.argsort(np.where(visible, rng.random(visible.shape), 2.0), axis=1)[:, :per_frame]
+    frame, rank = np.nonzero(np.take_along_axis(visible, order, axis=1))
+    place = order[frame, rank]
+    points, normals = points[frame, place], normals[frame, place]
+    light = gains[frame] * places[place, 3] * linear_light(photometry, points, normals)
+    level = stored(light, photometry.gamma, noise, bits, rng)
+    wild = rng.random(len(level)) < outliers
+    level[wild] = stored(rng.random(np.count_nonzero(wild)), 1.0, 0.0, bits, rng)
+    return Samples(frame, level, points, normals, material[place]), gains

@@ -1,0 +1,294 @@
+"""What came of a calibration, in numbers and in words: the evidence of `endoscope.json`, a summary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from endolab.calibration.geometric.fit import GeometricFit
+from endolab.calibration.geometric.projection import NAMES, camera_vector
+from endolab.calibration.photometric.result import HeldOut, PhotometricFit
+from endolab.calibration.photometric.samples import Samples
+from endolab.calibration.session import Session, describe
+from endolab.model.brdf import TabulatedBRDF
+from endolab.model.cameras import KannalaBrandt
+from endolab.numerics.arrays import FloatArray, IntArray
+
+AGREEMENT = 0.85  # share of points that must fit the camera, or the report warns
+LISTED = 8  # names of frames that a line holds
+
+
+# Facts ----------------------------------------------------------------------------------
+def _plain(value: Any) -> Any:
+    """Make JSON of anything numerical; what is not finite becomes null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
+    inliers = int(sum(np.sum(good) for good in geometry.inliers))
+    return {
+        "rmse_px": geometry.rmse,
+        "sigma_px": geometry.sigma,
+        "standard_errors": geometry.standard_errors,
+        "views": len(geometry.views),
+        "views_dropped": geometry.dropped,
+        "points": inliers,
+        "outliers": sum(len(good) for good in geometry.inliers) - inliers,
+        "max_angle_deg": np.rad2deg(geometry.max_angle_seen),
+        "status": geometry.status.value,
+    }
+
+
+def _score_facts(scores: HeldOut) -> dict[str, Any]:
+    return {
+        "edges_deg": np.rad2deg(scores.edges),
+        "error": scores.error,
+        "standard_error": scores.standard_error,
+        "samples": scores.count,
+        "sigma_grey": scores.sigma,
+    }
+
+
+def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[str, Any]:
+    names = list(session.poses)
+    return {
+        "standard_errors": light.standard_errors,
+        "k/gamma": light.ratio,
+        "correlation": {"names": light.names, "matrix": light.correlation},
+        "reflectance": light.reflectance,
+        "sigma_grey": light.sigma,
+        "mean_grey": light.mean,
+        "samples": int(light.used.sum()),
+        "samples_left_out": int(np.sum(~light.used)),
+        "alpha_range_deg": np.rad2deg(light.alpha_range),
+        "theta_range_deg": np.rad2deg(light.theta_range),
+        "distance_range_mm": light.distance_range,
+        "verdict": light.verdict,
+        "status": light.status.value,
+        "gains": {names[frame]: gain for frame, gain in zip(light.frames, light.gains, strict=True)},
+        "gain_errors": {names[frame]: e for frame, e in zip(light.frames, light.gain_errors, strict=True)},
+        "held_out": None if session.scores is None else _score_facts(session.scores),
+        "channel": channel,
+        "brdf_of": "the calibration sheet",
+    }
+
+
+def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[str, Any]:
+    """Return all that is known of a calibration beside its result, fit for JSON.
+
+    Parameters
+    ----------
+    session : Session
+    source : str
+        Where the frames came from.
+    channel : str
+        Whose response was calibrated.
+
+    Returns
+    -------
+    dict
+        "source", "target", "camera", "photometry", "frames"; angles in degrees where the key says
+        so, null for what is not finite. "camera" is null if it was given; "photometry" holds
+        nothing but "refused" if the samples could not tell it.
+    """
+    target, light = session.target, session.light
+    found = [name for name, detection in session.detections.items() if len(detection.ids)]
+    kept: dict[str, Any] = _plain(
+        {
+            "source": source,
+            "target": {"description": describe(target), "kind": target.kind} | asdict(target),
+            "camera": None if session.geometry is None else _camera_facts(session.geometry),
+            "photometry": {"refused": session.refused}
+            if light is None
+            else _light_facts(light, session, channel),
+            "frames": {
+                "searched": len(session.detections),
+                "found": len(found),
+                "used": list(session.poses),
+                "dropped": session.dropped,
+            },
+        }
+    )
+    return kept
+
+
+# In words -------------------------------------------------------------------------------
+def _digits(error: float) -> int:
+    """Decimals at which a standard error has two digits."""
+    return int(max(0, 1 - np.floor(np.log10(error)))) if 0 < error < np.inf else 0
+
+
+def plus_minus(value: float, error: float) -> str:
+    """Write a value and its standard error with as many digits as the error is good for."""
+    if error == 0:
+        return f"{value:.6g} (given)"
+    if not np.isfinite(error):
+        return f"{value:.6g} ± ?"
+    return f"{value:.{_digits(error)}f} ± {error:.{_digits(error)}f}"
+
+
+def by_reason(dropped: Mapping[str, str]) -> list[str]:
+    """Say which frames were dropped and why, one line a reason, most frequent first."""
+    groups: dict[str, list[str]] = {}
+    for name, reason in dropped.items():
+        groups.setdefault(reason, []).append(name)
+    lines = []
+    for reason, names in sorted(groups.items(), key=lambda group: -len(group[1])):
+        rest = len(names) - LISTED
+        more = f" and {rest} more" if rest > 0 else ""
+        lines.append(f"{len(names)}: {reason} ({', '.join(names[:LISTED])}{more})")
+    return lines
+
+
+def camera_values(session: Session) -> list[tuple[str, float, float, str]]:
+    """Name, value, standard error and unit of the camera's numbers."""
+    camera, geometry = session.camera, session.geometry
+    if geometry is None or not isinstance(camera, KannalaBrandt):
+        return []
+    values = zip(NAMES, camera_vector(camera), strict=True)
+    return [(n, float(v), geometry.standard_errors[n], "" if n[0] == "k" else "px") for n, v in values]
+
+
+def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
+    """Name, value, standard error and unit of the light's numbers."""
+    errors = light.standard_errors
+    rows = [
+        ("k", exponent(light), errors["k"], ""),
+        ("γ", light.photometry.gamma, errors["gamma"], ""),
+        ("k/γ", light.ratio, errors["k/gamma"], ""),
+    ]
+    for material in range(1, len(light.reflectance)):
+        error = errors.get(f"reflectance {material}", 0.0)
+        rows.append((f"reflectance {material}", float(light.reflectance[material]), error, ""))
+    for spot in light.photometry.lights:
+        tilt = np.array(spot.direction[:2]) / spot.direction[2]
+        for axis, place in zip("xyz", spot.position, strict=True):
+            rows.append((f"light {axis}", place, errors[f"light {axis}"], "mm"))
+        for axis, value in zip("xy", tilt, strict=True):
+            rows.append((f"light tilt {axis}", float(value), errors[f"light tilt {axis}"], ""))
+    return rows
+
+
+def _held_out(scores: HeldOut) -> str:
+    """Say how far the light of frames that were held out is from the model's."""
+    known = scores.count >= LEAST_SCORED
+    if not known.any():
+        return "frames held out: too few samples for a score"
+    worst, to = 100 * np.abs(scores.error[known]).max(), np.rad2deg(scores.edges[1:][known].max())
+    return f"frames held out: their light is as predicted within {worst:.2g} %, to {to:.0f}° off the axis"
+
+
+def _camera_lines(session: Session) -> list[str]:
+    geometry = session.geometry
+    if geometry is None:
+        return [f"camera: as given, {session.camera.model}"]
+    rows = [f"{name} {plus_minus(value, error)}" for name, value, error, _ in camera_values(session)]
+    facts = _camera_facts(geometry)
+    lines = [
+        f"camera: {', '.join(rows[:4])} px",
+        f"        {', '.join(rows[4:])}",
+        f"reprojection: RMSE {geometry.rmse:.3f} px of {facts['points']} points "
+        f"in {counted(facts['views'], 'view')}, {counted(facts['outliers'], 'outlier')}; "
+        f"seen to {facts['max_angle_deg']:.0f}° off the axis",
+    ]
+    if geometry.agreement < AGREEMENT:
+        lines.append(
+            f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: "
+            "the lens is of another kind, or the sheet was not flat"
+        )
+    if geometry.dropped:
+        lines.append(f"left out of the camera: {counted(len(geometry.dropped), 'view')}")
+        lines += [f"  {line}" for line in by_reason(geometry.dropped)]
+    return lines
+
+
+def _light_lines(session: Session) -> list[str]:
+    light = session.light
+    if light is None:
+        return [f"light: refused: {session.refused}"]
+    rows = [
+        f"{name} = {plus_minus(value, error)} {unit}".rstrip()
+        for name, value, error, unit in light_values(light)
+    ]
+    (a, b), (c, d) = np.rad2deg(light.alpha_range), np.rad2deg(light.theta_range)
+    near, far = light.distance_range
+    lines = [
+        f"light: {', '.join(row.rstrip() for row in rows)}",
+        f"residuals: {light.sigma:.2f} grey levels, of {counted(int(light.used.sum()), 'sample')}; "
+        f"{int(np.sum(~light.used))} left out",
+        f"sampled: {a:.0f}° to {b:.0f}° off the axis, incidence {c:.0f}° to {d:.0f}°, "
+        f"{near:.0f} to {far:.0f} mm",
+    ]
+    if session.scores is not None:
+        lines.append(_held_out(session.scores))
+    return lines + light.verdict
+
+
+def account(session: Session) -> list[str]:
+    """Sum a calibration up, in lines to print.
+
+    Parameters
+    ----------
+    session : Session
+
+    Returns
+    -------
+    list of str
+        Frames found, located and dropped, with the reasons; camera and light with standard
+        errors, residuals, sampled ranges; what is determined and what is not.
+    """
+    found = sum(len(detection.ids) > 0 for detection in session.detections.values())
+    lines = [
+        f"{counted(len(session.detections), 'frame')}: the target was found in {found} "
+        f"and located in {len(session.poses)}; {len(session.dropped)} dropped"
+    ]
+    lines += [f"  {line}" for line in by_reason(session.dropped)]
+    return lines + _camera_lines(session) + _light_lines(session)
+
+
+def mean_distances(samples: Samples, frames: IntArray) -> FloatArray:
+    """Mean distance of the samples of each of `frames`, mm; nan where there are none."""
+    size = int(max(samples.frame.max(initial=0), frames.max(initial=0))) + 1
+    total = np.bincount(samples.frame, samples.distance, size)
+    count = np.bincount(samples.frame, minlength=size)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)[frames]
+
+
+LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a word
+
+
+def counted(number: int, what: str) -> str:
+    """Say how many there are of something."""
+    return f"{number} {what}" + ("" if number == 1 else "s")
+
+
+def exponent(light: PhotometricFit) -> float:
+    """Return k: of the virtual light at the camera, or of the light that was fitted."""
+    lights = light.photometry.lights
+    return lights[0].exponent if lights else light.photometry.k
+
+
+def brdf_of(light: PhotometricFit) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the BRDF's nodes θ, rad, its values relative to the node that is not fitted, their errors.
+
+    Returns
+    -------
+    theta, relative, errors : (nodes,) float arrays
+        Two nodes of 1 ± 0 at the ends of the range if the surface was taken to be matt.
+    """
+    brdf = light.photometry.brdf
+    if not isinstance(brdf, TabulatedBRDF):
+        return np.array(light.theta_range), np.ones(2), np.zeros(2)
+    values = np.array(brdf.values)
+    errors = np.array([light.standard_errors[f"brdf {node}"] for node in range(len(values))])
+    pinned = values[np.argmin(errors)]
+    return np.array(brdf.theta), values / pinned, errors / pinned

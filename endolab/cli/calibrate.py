@@ -1,0 +1,323 @@
+"""The commands about calibration: target, calibrate, convert, and simulate's sheet."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+UNREADABLE = "it cannot be read"
+SHEET = "sheet"  # the scene of `simulate` that is a video of a target
+
+
+class _Bar:
+    """Progress bars on stderr, one for each stage of a session."""
+
+    def __init__(self) -> None:
+        self.stage = ""
+        self.bar: Any = None
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        from tqdm import tqdm
+
+        if stage != self.stage:
+            self.close()
+            self.stage, self.bar = (
+                stage,
+                tqdm(total=total, unit="frame", leave=False, disable=None, desc=stage),
+            )
+        self.bar.update(done - self.bar.n)
+
+    def close(self) -> None:
+        if self.bar is not None:
+            self.bar.close()
+
+
+def _numbers(text: str, option: str) -> float | tuple[float, float]:
+    """Read ``2.2``, or ``2.2,0.1``: a value and its standard deviation."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 2):
+        raise ValueError(
+            f"{option} must be a number, a number and its standard deviation (2.2,0.1) or free, got {text}"
+        )
+    return values[0] if len(values) == 1 else (values[0], values[1])
+
+
+def write_target(arguments: argparse.Namespace) -> None:
+    """Write a sheet to print."""
+    from endolab.calibration.session import describe
+    from endolab.io.descriptions import read_target
+    from endolab.reports.target_sheet import write_sheet
+
+    target = read_target(arguments.name)
+    write_sheet(target, arguments.out)
+    glue = "something flat" if target.fold is None else "two boards, folded by 10 to 30°, away from you"
+    print(f"{describe(target)}; print at 100 %, check the ruler, and glue it on {glue}")
+    print(f"written to {arguments.out}")
+
+
+def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
+    """Write a simulated calibration video with its truth."""
+    import numpy as np
+    from tqdm import tqdm
+
+    from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
+    from endolab.io.atomic import as_json, staged_folder
+    from endolab.io.descriptions import read_target
+    from endolab.io.images import write_image
+    from endolab.io.video import write_video
+    from endolab.model.brdf import TabulatedBRDF
+
+    target = read_target(arguments.target)
+    fold = np.deg2rad(arguments.fold if target.fold is not None else 0.0)
+    video = simulate_video(
+        target,
+        calibration.camera,
+        replace(calibration.photometry, brdf=PAPER_SHEET),
+        arguments.frames,
+        fold=fold,
+        noise=arguments.noise,
+        bits=arguments.bits,
+        outliers=arguments.outliers,
+        motion=arguments.motion,
+        seed=arguments.seed,
+    )
+    truth = []
+
+    def images() -> Any:
+        for frame in tqdm(
+            video, total=arguments.frames, unit="frame", leave=False, disable=None, desc="rendering"
+        ):
+            truth.append({"gain": frame.gain, "poses": [pose.vector.tolist() for pose in frame.poses]})
+            yield frame.image
+
+    with staged_folder(arguments.out) as folder:
+        if arguments.video:
+            write_video(folder / "sheet.mkv", images())
+        else:
+            for number, image in enumerate(images()):
+                write_image(folder / f"{number:06d}.png", image)
+        theta = np.linspace(0, np.pi / 2, 181)
+        paper = TabulatedBRDF(tuple(theta), tuple(PAPER_SHEET.value(np.cos(theta), np.cos(theta))))
+        known = replace(calibration, photometry=replace(calibration.photometry, brdf=paper))
+        content = known.to_dict() | {"target": arguments.target, "fold": fold, "frames": truth}
+        (folder / "truth.json").write_bytes(as_json(content))
+    what = "sheet.mkv" if arguments.video else f"{len(truth)} pictures"
+    print(f"written to {arguments.out}: {what}, truth.json")
+
+
+def _light_options(arguments: argparse.Namespace, target: Any) -> dict[str, Any]:
+    """Read the options of the fit of the light, before a long search for the target."""
+    patches = len(set(target.ink.greys[:, 3]))
+    given = [None if text == "free" else _numbers(text, "--reflectance") for text in arguments.reflectance]
+    if given and len(given) != patches:
+        raise ValueError(
+            f"the target has {patches} kinds of grey patches, but --reflectance says {len(given)}"
+        )
+    gamma = "free" if arguments.gamma == "free" else _numbers(arguments.gamma, "--gamma")
+    reflectance = given or [None] * patches
+    names = ("brdf", "gain", "light")
+    return {"gamma": gamma, "reflectance": reflectance} | {name: getattr(arguments, name) for name in names}
+
+
+def _search(frames: Any, target: Any, cache: Path, bar: Any) -> tuple[dict[str, Any], Any]:
+    """Detect the target in the frames where it was not looked for before."""
+    from endolab.calibration.session import detect_all
+    from endolab.io.detection_cache import Sightings
+
+    with Sightings(cache, frames, target) as kept:
+        rest = [name for name in frames.names if name not in kept.known]
+        if kept.known:
+            print(f"{len(kept.known)} of {len(frames)} frames were searched before; going on from there")
+        try:
+            found, size = detect_all(
+                frames.read(rest), target, count=len(rest), progress=bar, found=kept.add, size=kept.size
+            )
+        except KeyboardInterrupt:
+            told = f"interrupted; {len(kept.known)} of {len(frames)} frames are searched and kept"
+            raise KeyboardInterrupt(told) from None
+        everything = kept.known | found
+    if frames.is_video:
+        for name in reversed(frames.names):
+            if everything[name].reason != UNREADABLE:
+                break
+            everything[name] = replace(everything[name], reason="the video ends before it")
+    return {name: everything[name] for name in frames.names}, size
+
+
+def calibrate(arguments: argparse.Namespace) -> None:
+    """Calibrate an endoscope from a folder or a video."""
+    from endolab.calibration.session import calibrate as run
+    from endolab.calibration.summary import account
+    from endolab.io.descriptions import make_calibration, read_camera, read_target
+    from endolab.io.video import open_frames
+    from endolab.model.cameras import KannalaBrandt
+    from endolab.recording.calibration import LightRecorder, record_calibration
+    from endolab.reports.calibration_page import write_report
+
+    frames, target = open_frames(arguments.source), read_target(arguments.target)
+    out = Path(arguments.out)
+    if out.suffix != ".json":
+        raise ValueError(f"the calibration's name ends in .json, got {out.name}")
+    camera = None if arguments.camera is None else read_camera(arguments.camera)
+    if not isinstance(camera, KannalaBrandt | None):
+        raise ValueError(f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}")
+    light = _light_options(arguments, target)
+    folder = out.with_name(f"{out.stem}_report")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OSError(f"cannot write to the folder {folder}: {error.strerror or error}") from error
+    bar, steps = _Bar(), LightRecorder()
+    try:
+        detections, size = _search(frames, target, folder / "detections.jsonl", bar)
+        session = run(
+            frames,
+            target,
+            camera=camera,
+            detections=detections,
+            size=size,
+            every=arguments.every,
+            channel=arguments.channel,
+            progress=bar,
+            light_observers=[steps],
+            **light,
+        )
+    finally:
+        bar.close()
+    write_report(session, frames, folder, arguments.channel)
+    if arguments.record:
+        record_calibration(session, frames, folder / "recording.rrd", light_steps=steps.steps)
+    print("\n".join(account(session)))
+    if session.light is None:
+        raise ValueError(f"{session.refused}; the camera alone is in {folder / 'camera.json'}")
+    make_calibration(session, arguments.source, arguments.channel).save(out)
+    print(f"written to {out}, and to {folder}: report.html{', recording.rrd' if arguments.record else ''}")
+
+
+def convert(arguments: argparse.Namespace) -> None:
+    """Turn EndoMapper's calibration files into one of endolab's."""
+    from endolab.datasets.endomapper import convert as join
+    from endolab.datasets.endomapper import find_calibrations, read_vicalib
+    from endolab.io.atomic import as_json, write_atomically
+    from endolab.model.endoscope import camera_to_dict
+
+    geometry, photometry, out = arguments.geometry, arguments.photometry, Path(arguments.out)
+    if out.suffix != ".json":
+        raise ValueError(f"the calibration's name ends in .json, got {out.name}")
+    if Path(geometry).is_dir():
+        if photometry is not None:
+            raise ValueError(f"{geometry} is a folder, where both files are looked for; name no other")
+        geometry, photometry = find_calibrations(geometry)
+    if photometry is None:
+        camera = read_vicalib(geometry)
+        write_atomically(out, as_json({"endolab": 1, "camera": camera_to_dict(camera)}))
+        print(f"written to {out}: the camera alone; `endolab calibrate --camera {out}` adds the light")
+        return
+    calibration = join(geometry, photometry)
+    calibration.save(out)
+    light, fits = calibration.photometry, calibration.evidence["converted"]["lights"]
+    print(
+        f"γ = {light.gamma:g}, k = {light.k:.3g}, lights: {len(light.lights) or 'one at the optical centre'}"
+    )
+    worst = max(fit["worst_distance_percent"] for fit in fits)
+    print(f"the light's spread, as a power of a cosine, is off by at most {worst:.2g} % of a distance")
+    print(f"written to {out}; the gain is unknown, so distances are relative")
+
+
+def add_sheet_options(add: argparse.ArgumentParser) -> None:
+    """Add what `simulate sheet` can be told."""
+    group = add.add_argument_group("a calibration video (SCENE sheet)")
+    group.add_argument("--target", default="vicalib_small", metavar="NAME", help="as for target")
+    group.add_argument("--frames", type=int, default=300, metavar="N", help="how many (default 300)")
+    group.add_argument(
+        "--fold", type=float, default=20.0, metavar="DEG", help="of a folded target (default 20)"
+    )
+    group.add_argument(
+        "--outliers", type=float, default=0.0, metavar="SHARE", help="of the pixels that are wrong"
+    )
+    group.add_argument("--motion", type=float, default=0.0, metavar="PX", help="of motion blur")
+    group.add_argument("--video", action="store_true", help="write one video instead of pictures")
+
+
+def add_calibration_commands(commands: Any) -> None:
+    """Add the parsers of `target`, `calibrate` and `convert`."""
+    add = commands.add_parser("target", help="a calibration sheet to print, at true size")
+    add.add_argument(
+        "name",
+        metavar="NAME",
+        help="vicalib_big, vicalib_small, vicalib_folded, vicalib_grey, charuco, chessboard, circles, "
+        "or TARGET.json",
+    )
+    add.add_argument("--out", required=True, metavar="SHEET.pdf", help="a PDF or SVG")
+    add.set_defaults(run=write_target)
+
+    add = commands.add_parser("calibrate", help="frames of a target in, endoscope.json out")
+    add.add_argument("source", metavar="FOLDER_OR_VIDEO")
+    add.add_argument("--target", required=True, help="its name, as for target, or TARGET.json")
+    add.add_argument(
+        "--out", required=True, metavar="CAL.json", help="the report goes into CAL_report beside it"
+    )
+    add.add_argument(
+        "--camera", metavar="CAL.json", help="calibrate the light only, with the camera of this file"
+    )
+    add.add_argument(
+        "--every",
+        type=int,
+        default=20,
+        metavar="N",
+        help="one frame of a video in N goes into the geometry (default 20)",
+    )
+    add.add_argument(
+        "--channel",
+        choices=("grey", "red", "green", "blue"),
+        default="grey",
+        help="whose response: grey (default), red, green or blue",
+    )
+    add.add_argument(
+        "--gamma",
+        default="2.2",
+        metavar="γ",
+        help="a number (default 2.2), a number and its standard deviation (2.2,0.1), or free",
+    )
+    add.add_argument(
+        "--brdf",
+        choices=("tabulated", "lambertian"),
+        default="tabulated",
+        help="of the paper: tabulated (default) or lambertian",
+    )
+    add.add_argument(
+        "--gain",
+        choices=("free", "locked"),
+        default="free",
+        help="free (default), or locked: the same in all frames",
+    )
+    add.add_argument(
+        "--light",
+        choices=("centred", "free"),
+        default="centred",
+        help="centred (default), or free: its offset and direction are fitted too",
+    )
+    add.add_argument(
+        "--reflectance",
+        action="append",
+        default=[],
+        metavar="R",
+        help="of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free",
+    )
+    add.add_argument("--record", action="store_true", help="write a recording for the Rerun viewer too")
+    add.set_defaults(run=calibrate)
+
+    add = commands.add_parser("convert", help="EndoMapper's calibration XML in, endoscope.json out")
+    add.add_argument(
+        "geometry", metavar="GEOMETRY.xml", help="of Vicalib; or a folder Endoscope_XX with both files"
+    )
+    add.add_argument(
+        "photometry", nargs="?", metavar="PHOTOMETRY.xml", help="without it, the camera alone is written"
+    )
+    add.add_argument("--out", required=True, metavar="CAL.json")
+    add.set_defaults(run=convert)

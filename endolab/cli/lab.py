@@ -1,0 +1,202 @@
+"""JupyterLab on the notebooks: no pop-ups, no network, a free port, a kernel named endolab."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import socket
+import sys
+import tempfile
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Sequence
+from pathlib import Path
+
+PORTS = 50  # that are tried, one after the other
+PATIENCE = 120.0  # seconds until the server must answer
+
+
+# Open3D brings a Dash extension, for which JupyterLab would ask, over the whole page, to be built again.
+SETTINGS = {
+    "page_config": {"buildCheck": False, "buildAvailable": False},
+    "default_setting_overrides": {
+        "@jupyterlab/apputils-extension:notification": {
+            "fetchNews": "false",
+            "checkForUpdates": False,
+            "doNotDisturbMode": True,
+        }
+    },
+}
+
+
+def write_settings(folder: str | os.PathLike[str]) -> None:
+    """Write the settings that keep JupyterLab quiet.
+
+    Parameters
+    ----------
+    folder : path
+        One that Jupyter reads its configuration from, as ``.venv/etc/jupyter``; made if it is missing.
+    """
+    config = Path(folder) / "labconfig"
+    config.mkdir(parents=True, exist_ok=True)
+    for name, content in SETTINGS.items():
+        (config / f"{name}.json").write_text(json.dumps(content), encoding="utf-8")
+
+
+def write_kernel(folder: str | os.PathLike[str]) -> None:
+    """Write a kernel named endolab, of the Python that runs this.
+
+    Parameters
+    ----------
+    folder : path
+        One that Jupyter reads its data from, as ``.venv/share/jupyter``; made if it is missing.
+    """
+    kernel = Path(folder) / "kernels" / "endolab"
+    kernel.mkdir(parents=True, exist_ok=True)
+    # Without frozen modules, for else the debugger warns in the first cell.
+    command = [sys.executable, "-Xfrozen_modules=off", "-m", "ipykernel_launcher", "-f", "{connection_file}"]
+    content = {
+        "argv": command,
+        "display_name": "endolab",
+        "language": "python",
+        "metadata": {"debugger": True},
+    }
+    (kernel / "kernel.json").write_text(json.dumps(content), encoding="utf-8")
+
+
+def free_port(first: int) -> int:
+    """Find the first port from `first` on that nobody listens to on this machine.
+
+    Raises
+    ------
+    ValueError
+        If `first` is no port.
+    OSError
+        If all of the ports that are tried are taken.
+    """
+    if not 1 <= first <= 65535:
+        raise ValueError(f"--port must be from 1 to 65535, got {first}")
+    last = min(first + PORTS - 1, 65535)
+    for port in range(first, last + 1):
+        with socket.socket() as listener:
+            if os.name == "posix":  # as Jupyter does; else a port stays taken for a minute after its last use
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                listener.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return port
+    raise OSError(f"all ports from {first} to {last} are taken; name another one with --port")
+
+
+def lab_options(root: str | os.PathLike[str], port: int, folder: str = "notebooks") -> list[str]:
+    """JupyterLab's options.
+
+    Parameters
+    ----------
+    root : path
+        What its file browser shows.
+    port : int
+        Where it listens, on this machine only.
+    folder : str
+        In `root`, opened first.
+    """
+    options = [f"--notebook-dir={root}", "--ip=127.0.0.1", f"--port={port}", "--ServerApp.port_retries=0"]
+    options += [f"--LabApp.default_url=/lab/tree/{folder}", "--LabApp.extension_manager=readonly"]
+    # One line with the link is printed in place of Jupyter's thirty.
+    options += ["--log-level=WARN", "--LabApp.log_level=WARN"]
+    if hasattr(os, "geteuid") and os.geteuid() == 0:  # in a container; Jupyter would refuse
+        options.append("--allow-root")
+    return options
+
+
+def _prepend(variable: str, folder: Path) -> None:
+    others = os.environ.get(variable)
+    os.environ[variable] = f"{folder}{os.pathsep}{others}" if others else str(folder)
+
+
+def _trust(notebooks: Sequence[Path]) -> None:
+    """Sign notebooks, so that pictures and sliders kept in them are shown when they are opened again."""
+    from nbformat import ValidationError, read
+    from nbformat.sign import NotebookNotary
+
+    notary = NotebookNotary()
+    for path in notebooks:
+        try:
+            notary.sign(read(path, as_version=4))
+        except (ValueError, OSError, ValidationError):  # not a notebook: JupyterLab will say so
+            continue
+
+
+def _announce(server: str, line: str, notebooks: Sequence[Path]) -> None:
+    """Print a line as soon as a server answers."""
+    _trust(notebooks)
+    given_up = time.monotonic() + PATIENCE
+    while time.monotonic() < given_up:
+        try:
+            urllib.request.urlopen(f"{server}/api", timeout=5).close()
+        except urllib.error.HTTPError:  # an answer too
+            pass
+        except OSError:
+            time.sleep(0.1)
+            continue
+        print(line, flush=True)
+        return
+
+
+def open_lab(
+    notebooks: str | os.PathLike[str] | None = None, port: int = 8888, options: Sequence[str] = ()
+) -> None:
+    """Run JupyterLab until it is told to stop; print the link to it as soon as it answers.
+
+    Parameters
+    ----------
+    notebooks : path, optional
+        The folder that is opened; those of the checkout of endolab by default.
+    port : int
+        Where to listen; if it is taken, the next one that is free.
+    options : sequence of str
+        More options for JupyterLab, such as ``--no-browser``.
+
+    Raises
+    ------
+    OSError
+        If there are no notebooks, or no port is free.
+    ValueError
+        If the port is none.
+    """
+    folder = (
+        Path(__file__).resolve().parents[1] / "notebooks" if notebooks is None else Path(notebooks).resolve()
+    )
+    if not folder.is_dir():
+        wanted = "run this from a checkout of endolab, or name a folder with --notebooks"
+        raise FileNotFoundError(f"{folder}: there are no notebooks; {wanted}")
+    free = free_port(port)
+    token = os.environ.pop("JUPYTER_TOKEN", "") or secrets.token_hex(24)
+    with tempfile.TemporaryDirectory(prefix="endolab-lab-") as scratch:
+        home = Path(scratch)
+        write_settings(home)
+        write_kernel(home)
+        (home / "token").write_text(token, encoding="utf-8")  # a file is private, a command line is not
+        os.environ["JUPYTER_TOKEN_FILE"] = str(home / "token")
+        _prepend("JUPYTER_CONFIG_PATH", home)
+        _prepend("JUPYTER_PATH", home)
+        # The Rerun viewer's assets then come from this machine; it must be set before rerun is imported.
+        os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "serve-local")
+        server = f"http://127.0.0.1:{free}"
+        line = f"JupyterLab: {server}/lab/tree/{folder.name}?token={token}"
+        line += f" (port {port} is taken)" if free != port else ""
+        signed = sorted(folder.glob("[0-9][0-9]_*.ipynb"))
+        threading.Thread(target=_announce, args=(server, line, signed), daemon=True).start()
+
+        from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
+
+        LabApp.launch_instance([*lab_options(folder.parent, free, folder.name), *options])
+
+
+if __name__ == "__main__":  # python -m endolab.lab .venv, for a JupyterLab that is started by hand
+    write_settings(Path(sys.argv[1]) / "etc" / "jupyter")
+    write_kernel(Path(sys.argv[1]) / "share" / "jupyter")

@@ -1,0 +1,206 @@
+"""The command line: python -m endolab reconstruct, sweep, calibrate, target, simulate, evaluate, lab."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import zipfile
+import zlib
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from endolab.cli.calibrate import SHEET, add_calibration_commands, add_sheet_options, simulate_sheet
+from endolab.cli.reconstruct import add_reconstruct_commands
+
+
+def _simulate(arguments: argparse.Namespace) -> None:
+    from endolab.datasets.known_endoscopes import load_calibration
+    from endolab.io.atomic import staged_folder
+    from endolab.io.images import write_image
+    from endolab.io.surfaces import save_depth
+    from endolab.synthetic.rendering import render
+    from endolab.synthetic.scenes import SCENES
+
+    if arguments.scene not in (*SCENES, SHEET):
+        raise ValueError(f"unknown scene {arguments.scene!r}; choose {', '.join(SCENES)} or {SHEET}")
+    calibration = load_calibration(arguments.calibration)
+    if arguments.width is not None:
+        if arguments.width < 16:
+            raise ValueError(f"--width must be at least 16 px, got {arguments.width}")
+        camera = calibration.camera
+        calibration = calibration.resize(
+            arguments.width, max(1, round(camera.height * arguments.width / camera.width))
+        )
+    if arguments.scene == SHEET:
+        simulate_sheet(arguments, calibration)
+        return
+    rendered = render(
+        SCENES[arguments.scene],
+        calibration.camera,
+        calibration.photometry,
+        noise=arguments.noise,
+        bits=arguments.bits,
+        texture=arguments.texture,
+        fog=arguments.fog,
+        highlights=arguments.highlights,
+        seed=arguments.seed,
+    )
+    with staged_folder(arguments.out) as folder:
+        write_image(folder / "frame.png", rendered.image, arguments.bits)
+        replace(calibration, photometry=rendered.photometry).save(folder / "endoscope.json")
+        save_depth(folder / "truth.npz", rendered.distance, rendered.z, rendered.normals, rendered.mask, True)
+    known = rendered.distance[rendered.mask]
+    print(f"{arguments.scene}: {known.min():.1f} to {known.max():.1f} mm, median {np.median(known):.1f} mm")
+    print(f"written to {arguments.out}: endoscope.json, frame.png, truth.npz")
+
+
+def _read_maps(path: str) -> dict[str, np.ndarray]:
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    try:
+        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            maps = {name: archive[name] for name in archive.files}
+    except (ValueError, OSError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+        raise ValueError(f"{path}: not a depth.npz that endolab wrote") from error
+    for name, tail in (("distance", ()), ("z", ()), ("normals", (3,))):
+        if name not in maps and name != "normals":
+            raise ValueError(f"{path}: {name} is missing")
+        found = maps.get(name, np.empty((*maps["distance"].shape, *tail)))
+        if found.dtype.kind != "f" or found.shape != (*maps["distance"].shape[:2], *tail) or found.ndim < 2:
+            raise ValueError(f"{path}: {name} is not a map of the size of distance")
+    return maps
+
+
+def _evaluate(arguments: argparse.Namespace) -> None:
+    from endolab.datasets.folders import true_z
+    from endolab.metrics.depth_errors import compare
+
+    depth = _read_maps(arguments.depth)
+    distance = depth["distance"].astype(np.float64)
+    distance[~(distance > 0)] = np.nan
+    cos_alpha = depth["z"] / distance
+    true_normals = None
+    if arguments.truth.endswith(".npz"):
+        known = _read_maps(arguments.truth)
+        truth, true_normals = known["distance"].astype(np.float64), known.get("normals")
+    else:
+        z = true_z(arguments.truth)
+        if z.shape != cos_alpha.shape:
+            raise ValueError(
+                f"{arguments.depth} and {arguments.truth} differ in size; "
+                "reconstruct without --width to compare them"
+            )
+        truth = z / cos_alpha
+    mask = cos_alpha >= np.cos(np.deg2rad(arguments.max_angle))
+    metric = bool(depth.get("metric", True))
+    scale = arguments.scale or ("none" if metric else "median")
+    if scale == "none" and not metric:
+        raise ValueError(f"{arguments.depth} is in relative units: compare it with --scale median")
+    errors = compare(
+        distance,
+        truth,
+        cos_alpha,
+        normals=depth.get("normals"),
+        true_normals=true_normals,
+        mask=mask,
+        scale=scale,
+    )
+    if arguments.json:
+        content = {key: None if np.isnan(value) else value for key, value in asdict(errors).items()}
+        print(json.dumps(content, indent=2))
+        return
+    e = errors
+    print(f"{e.pixels} pixels, estimate multiplied by {e.scale:.4g} (scale: {scale})")
+    print(f"distance  mean {e.mean_mm:.4g} mm, median {e.median_mm:.4g} mm, RMSE {e.rmse_mm:.4g} mm")
+    print(f"          mean {e.mean_percent:.4g} % (AbsRel), median {e.median_percent:.4g} %")
+    print(f"z         RMSE {e.rmse_z_mm:.4g} mm")
+    if not np.isnan(e.mean_degrees):
+        print(f"normals   mean {e.mean_degrees:.4g}°, median {e.median_degrees:.4g}°")
+
+
+def _lab(arguments: argparse.Namespace) -> None:
+    from endolab.cli.lab import open_lab
+
+    open_lab(arguments.notebooks, arguments.port, arguments.jupyter)
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaint is one sentence."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"endolab: {message}; see {self.prog} --help\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="endolab", description="See how one endoscope frame becomes 3D.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    add_reconstruct_commands(commands)
+
+    add = commands.add_parser("simulate", help="render a scene: a frame with its truth")
+    add.add_argument(
+        "scene", metavar="SCENE", help="plane, curved, tube or colon; sheet: a calibration video"
+    )
+    add.add_argument("--out", required=True, metavar="DIR")
+    add.add_argument(
+        "--calibration", default="paper", metavar="CAL", help="endoscope.json, or a name (default paper)"
+    )
+    add.add_argument("--width", type=int, default=640, metavar="PX", help="of the frame (default 640)")
+    add.add_argument(
+        "--noise", type=float, default=1.0, metavar="GREY", help="standard deviation (default 1 of 255)"
+    )
+    add.add_argument("--bits", type=int, default=8, choices=(8, 16))
+    add.add_argument("--texture", type=float, default=0.0, metavar="S", help="sd of the albedo's logarithm")
+    add.add_argument("--fog", type=float, default=0.0, metavar="PER_MM", help="attenuation")
+    add.add_argument(
+        "--highlights", type=float, default=0.0, metavar="S", help="share of light a wet film mirrors"
+    )
+    add.add_argument("--seed", type=int, default=0)
+    add_sheet_options(add)
+    add.set_defaults(run=_simulate)
+
+    add_calibration_commands(commands)
+
+    add = commands.add_parser("evaluate", help="compare a depth map with the truth")
+    add.add_argument("depth", metavar="DEPTH.npz")
+    add.add_argument("truth", metavar="TRUTH", help="truth.npz, or a depth map of C3VD, SimCol3D or UCL 2019")
+    add.add_argument(
+        "--scale", choices=("none", "median"), help="default: median for relative units, else none"
+    )
+    add.add_argument(
+        "--max-angle", type=float, default=90.0, metavar="DEG", help="only pixels this near the axis"
+    )
+    add.add_argument("--json", action="store_true", help="print JSON")
+    add.set_defaults(run=_evaluate)
+
+    add = commands.add_parser("lab", help="open JupyterLab on the notebooks")
+    add.add_argument("--notebooks", metavar="DIR", help="other notebooks than endolab's own")
+    add.add_argument("--port", type=int, default=8888, metavar="N", help="the next free one (default 8888)")
+    add.add_argument("jupyter", nargs="*", metavar="OPTION", help="passed on to JupyterLab, after --")
+    add.set_defaults(run=_lab)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command.
+
+    Returns
+    -------
+    int
+        0 when all is done, 2 after bad input, which is said in one sentence on stderr.
+    """
+    arguments = _parser().parse_args(argv)
+    try:
+        arguments.run(arguments)
+    except (ValueError, OSError, MemoryError) as error:
+        print(f"endolab: {str(error) or 'out of memory'}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt as interrupt:
+        print(f"endolab: {str(interrupt) or 'interrupted; nothing was written'}", file=sys.stderr)
+        return 130
+    return 0

@@ -1,0 +1,259 @@
+"""The commands that solve: reconstruct, of a frame or a video, and sweep."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from endolab.batch.video import _gaps, _pictures, _Recording
+from endolab.cli.options import add_solving_options, calibration_of, known_length, solving_keywords
+
+if TYPE_CHECKING:
+    from endolab.batch.video import SequenceFolder
+
+
+def reconstruct_video(arguments: argparse.Namespace) -> None:
+    """Reconstruct the frames of a folder or a video that are not done yet, and tell what came of them."""
+    from tqdm import tqdm
+
+    from endolab.batch.video import SequenceFolder
+    from endolab.io.images import read_mask
+    from endolab.io.video import open_frames
+    from endolab.numerics.iteration import Status
+    from endolab.reconstruction.sequence import reconstruct_sequence
+
+    for option in ("every", "limit"):
+        value = getattr(arguments, option)
+        if value is not None and value < 1:
+            raise ValueError(f"--{option} must be at least 1, got {value}")
+    if arguments.mesh or arguments.prepare or arguments.snapshots is not None:
+        raise ValueError("--mesh, --prepare and --snapshots are of one frame, not of a folder or a video")
+    calibration = calibration_of(arguments)
+    keywords = solving_keywords(arguments) | known_length(arguments)
+    mask = None if arguments.mask is None else read_mask(arguments.mask)
+    frames = open_frames(arguments.frame)
+    wanted = list(frames.names[:: arguments.every or 1][: arguments.limit])
+    known = {key: value for key, value in calibration.to_dict().items() if key != "evidence"}
+    settings = {**keywords, "mask": arguments.mask, "calibration": known}
+    folder = SequenceFolder(arguments.out, str(frames.path.resolve()), frames.names, settings)
+    recording = _Recording(folder, frames, calibration.camera)
+    number = {name: index for index, name in enumerate(frames.names)}
+    done = [name for name in wanted if folder.done(name)]
+    bar = tqdm(total=len(wanted), initial=len(done), unit="frame", leave=False, disable=None, desc="video")
+    try:
+        with bar:
+            if done and (len(done) < len(wanted) or not recording.path.exists()):
+                recording.begin_again(done)
+            for before, names in _gaps(wanted, folder):
+                pictures = _pictures(frames, names, mask)
+                surface = None if before is None else folder.surface(before)
+                for step in reconstruct_sequence(pictures, calibration, before=surface, **keywords):
+                    result = step.result
+                    if result is not None and result.status is Status.STOPPED:
+                        raise KeyboardInterrupt("interrupted")
+                    folder.add(number[step.name], step)
+                    if result is not None:
+                        recording.add(step.name, result)
+                        bar.set_postfix_str(f"energy {result.energy:.3e}", refresh=False)
+                    bar.update()
+    except (KeyboardInterrupt, OSError, MemoryError) as failure:
+        count = sum(folder.done(name) for name in wanted)
+        if not count:
+            raise
+        with suppress(OSError):  # there is a failure to tell already
+            folder.report(wanted)
+        with suppress(OSError):
+            recording.close()
+        said = str(failure) or ("interrupted" if isinstance(failure, KeyboardInterrupt) else "out of memory")
+        kind = OSError if isinstance(failure, OSError) else type(failure)
+        raise kind(
+            f"{said}; {count} of {len(wanted)} frames are done and stay, the same command goes on"
+        ) from failure
+    _tell(folder, wanted, len(done), recording, arguments.out)
+
+
+def _tell(folder: SequenceFolder, wanted: list[str], before: int, recording: _Recording, out: str) -> None:
+    """End the folder and say what is in it; so many frames were done by an earlier call."""
+    rows = [folder.rows[name] for name in wanted]
+    done, broken = ([row for row in rows if bool(row["error"]) is wrong] for wrong in (False, True))
+    if not done:
+        raise ValueError(f"no frame could be reconstructed; the first: {broken[0]['error']}")
+    folder.report(wanted)
+    recording.close()
+    for row in broken:
+        print(f"not done: {row['error']}")
+    seconds = sum(row["seconds"] for row in done)
+    warm = sum(int(row["warm"]) for row in done)
+    print(f"{len(done)} of {len(rows)} frames, {warm} started from the last, {seconds:.2f} s")
+    if before:
+        print(f"done by an earlier call: {before} of them")
+    middle = [row["median_distance"] for row in done]
+    print(f"median distance: {min(middle):.4g} to {max(middle):.4g} ({done[0]['unit']})")
+    if done[0]["unit"] != "mm":
+        print("The gain is unknown: distances have no unit, but nearly the same one in all frames.")
+    print(f"written to {out}: frames, frames.csv, recording.rrd, report.json")
+
+
+SNAPSHOTS = 12  # of a march, in its recording
+
+
+class _Progress:
+    """An observer that shows a bar on stderr, of the iterations that are done."""
+
+    def __init__(self, total: int | None) -> None:
+        from tqdm import tqdm
+
+        self.bar = tqdm(total=total, unit="it", leave=False, disable=None, desc="solving")
+
+    def __call__(self, iterate: Any) -> None:
+        self.bar.set_postfix_str(f"energy {iterate.energy:.3e}", refresh=False)
+        self.bar.update(iterate.k - self.bar.n)  # the start is none
+
+    def close(self) -> None:
+        self.bar.close()
+
+
+def _reconstruct(arguments: argparse.Namespace) -> None:
+    from endolab.io.atomic import staged_folder
+    from endolab.io.images import read_frame
+    from endolab.io.video import is_sequence
+    from endolab.preprocessing.prepare import prepare
+    from endolab.reconstruction.assumptions import notes
+    from endolab.reconstruction.reconstruct import reconstruct
+    from endolab.recording.recorder import record
+    from endolab.reports.result import save_result
+
+    if is_sequence(arguments.frame):
+        reconstruct_video(arguments)
+        return
+    for option in ("every", "limit"):
+        if getattr(arguments, option) is not None:
+            raise ValueError(f"--{option} is of a folder or a video, and {arguments.frame} is one picture")
+    calibration = calibration_of(arguments)
+    frame = read_frame(arguments.frame, calibration, arguments.mask)
+    prepared = prepare(frame, calibration, highlights="keep") if arguments.prepare else None
+    keywords = solving_keywords(arguments) | known_length(arguments)
+    solver, snapshots = keywords["solver"], arguments.snapshots
+    if snapshots is None and solver == "fast_marching":
+        snapshots = SNAPSHOTS
+    options = {} if snapshots is None else {"snapshots": snapshots}
+    started = time.perf_counter()
+    with staged_folder(arguments.out) as folder:
+        result = reconstruct(
+            frame if prepared is None else prepared.frame,
+            calibration,
+            **keywords,
+            observers=[record(folder / "recording.rrd"), _Progress(snapshots)],
+            **options,
+        )
+        seconds = time.perf_counter() - started  # with all that came before the solver
+        save_result(result, folder)
+        if prepared is not None:
+            from endolab.plots.preparation import prepare_figure
+
+            prepare_figure(prepared, result).savefig(folder / "preparation.png")
+        if arguments.mesh:
+            from endolab.io.surfaces import write_mesh
+            from endolab.reconstruction.mesh import make_mesh
+
+            write_mesh(folder / "mesh.ply", make_mesh(result))
+    near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
+    print(f"{result.status.name}: {result.status.value}")
+    count, first = result.iterations, result.history[0]["energy"]
+    print(
+        f"{solver}, {count} iteration{'' if count == 1 else 's'}, {result.seconds:.2f} s, "
+        f"energy {f'{first:.3e} to ' if count else ''}{result.energy:.3e}, {int(result.mask.sum())} pixels; "
+        f"{seconds:.1f} s in all"
+    )
+    print(f"distance: median {middle:.4g}, 1 % below {near:.4g}, 1 % above {far:.4g} ({result.problem.unit})")
+    if not result.metric:
+        print(
+            "The gain is unknown, so distances have no unit; "
+            "--median-distance, --known-distance or --known-diameter fixes the scale."
+        )
+    for note in (*(prepared.notes if prepared is not None else ()), *notes(result)):
+        print(note)
+    mesh = "mesh.ply, " if arguments.mesh else ""
+    drawn = "overview.png" if prepared is None else "overview.png, preparation.png"
+    print(f"written to {arguments.out}: cloud.ply, depth.npz, {mesh}{drawn}, recording.rrd, report.json")
+
+
+def _sweep(arguments: argparse.Namespace) -> None:
+    from tqdm import tqdm
+
+    from endolab.batch.sweep import sweep
+    from endolab.cli.options import listed
+
+    keywords = solving_keywords(arguments)
+    for name, kind in (("lam", float), ("xi", str), ("regulariser", str)):
+        keywords[name] = listed(keywords[name], name, kind)
+    if arguments.jobs < 1 and arguments.jobs != -1:
+        raise ValueError(f"--jobs must be at least 1, or -1 for every core, got {arguments.jobs}")
+    calibration = calibration_of(arguments)
+    made = 0
+    with tqdm(unit="row", leave=False, disable=None, desc="sweep") as bar:
+
+        def show(done: int, total: int, row: dict[str, Any]) -> None:
+            nonlocal made
+            made += 1
+            bar.total = total
+            bar.set_postfix_str(f"{row['frame']} λ {row['lam']:g}", refresh=False)
+            bar.update(done - bar.n)
+
+        rows = sweep(
+            arguments.frames,
+            calibration,
+            truth=arguments.truth,
+            table=arguments.out,
+            n_jobs=arguments.jobs,
+            backend=arguments.backend,
+            progress=show,
+            **keywords,
+        )
+    failed = [row for row in rows if row["error"]]
+    if len(failed) == len(rows):
+        raise ValueError(f"no row could be made; the first: {failed[0]['error']}")
+    for row in failed:
+        print(
+            f"not done: {row['frame']}, ξ {row['xi']}, {row['regulariser']}, λ {row['lam']:g}: {row['error']}"
+        )
+    print(f"{len(rows) - len(failed)} of {len(rows)} rows")
+    if made < len(rows):
+        print(f"made by an earlier call: {len(rows) - made} of them")
+    print(f"written to {arguments.out}")
+
+
+def add_reconstruct_commands(commands: Any) -> None:
+    """Add the commands `reconstruct` and `sweep` to a parser."""
+    add = commands.add_parser("reconstruct", help="a frame or a video and a calibration in, surfaces out")
+    add.add_argument(
+        "frame", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video"
+    )
+    add_solving_options(add)
+    add.add_argument("--out", required=True, metavar="DIR", help="folder for the results")
+    add.add_argument("--mask", metavar="M.png", help="bright where the frame is to be used")
+    add.add_argument(
+        "--snapshots", type=int, metavar="N", help=f"of fast_marching in the recording (default {SNAPSHOTS})"
+    )
+    add.add_argument(
+        "--prepare",
+        action="store_true",
+        help="leave out text and dark lumen, undo interlacing, and draw it all: preparation.png",
+    )
+    add.add_argument("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
+    add.add_argument("--every", type=int, metavar="N", help="of a video, every N-th frame only")
+    add.add_argument("--limit", type=int, metavar="N", help="of a video, N frames at most")
+    add.set_defaults(run=_reconstruct)
+
+    add = commands.add_parser("sweep", help="frames × λ × ξ × order: one table, which can be gone on with")
+    add.add_argument("frames", nargs="+", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits")
+    add.add_argument("--out", default="sweep.csv", metavar="T.csv", help="the table (default sweep.csv)")
+    add_solving_options(add, several=True)
+    add.add_argument("--truth", nargs="+", metavar="T.npz", help="truth.npz of each frame")
+    add.add_argument("--jobs", type=int, default=1, metavar="N", help="at once; -1: as many as cores")
+    add.add_argument("--backend", help="of joblib: loky (processes, the default), threading or dask")
+    add.set_defaults(run=_sweep)

@@ -1,0 +1,345 @@
+"""Calibrations of the EndoMapper data set: two XML files in, what endolab knows of an endoscope out.
+
+`Endoscope_XX_geometrical.xml` is written by Vicalib (the Calibu library): a Kannala-Brandt camera.
+`Endoscope_XX_photometrical.xml` is written by EndoMapper's tool for the light [1]_: the response γ
+and a spot light (SLS) of Modrzejewski et al. [2]_. Its fields are documented in the tool's README;
+`vignetting` is not, but the tool writes it: the exponent of cos α.
+
+Units and frames: the camera looks along z, x right, y down, as here; the light's centre P is in
+metres there, in mm here. Where pixels count from is not documented: u0 and v0 are taken as they are,
+from the centre of the top-left pixel, which is wrong by half a pixel (0.04°) at most.
+
+.. [1] Azagra et al., "EndoMapper dataset of complete calibrated endoscopy procedures", 2023;
+   github.com/endomapper/EM_Dataset-PhotometricCalibration.
+.. [2] Modrzejewski et al., "Light modelling and calibration in laparoscopy", IJCARS 2020.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from endolab.io.atomic import PathLike
+from endolab.io.descriptions import Calibration
+from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
+from endolab.model.lights import SpotLight
+from endolab.model.photometry import Photometry
+
+MAX_BYTES = 1_000_000  # of an XML file; real ones have 1 kB
+FIELD = math.radians(60.0)  # off the light's direction: where sheets are seen well, so the light is known
+FARTHEST_LIGHT = 0.05  # from the optical centre, m
+
+_CAMERA_TYPES = {"calibu_fu_fv_u0_v0_kb4": 8, "calibu_fu_fv_u0_v0": 4}  # with their number of parameters
+_PARTS = ("width", "height", "right", "down", "forward", "params")
+
+
+# Reading XML --------------------------------------------------------------------------------
+def read_xml(path: PathLike, root: str) -> ElementTree.Element:
+    """Read a small XML file that may hold neither a document type nor entities.
+
+    Parameters
+    ----------
+    path : path
+    root : str
+        Name that its outermost element must have.
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence, if the file cannot be read, is not XML, has another root, is larger than
+        1 MB, or has a `<!DOCTYPE>` or `<!ENTITY>`, which can blow up in memory or open other files.
+    """
+    source = Path(path)
+    if not source.is_file():
+        raise FileNotFoundError(f"{source}: there is no such XML file")
+    try:
+        with source.open("rb") as stream:
+            content = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise OSError(f"{source}: cannot be read: {error.strerror or error}") from error
+    if len(content) > MAX_BYTES:
+        raise ValueError(f"{source}: expected a calibration of a few kB, found more than 1 MB")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{source}: not UTF-8 text") from error
+    if re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
+        raise ValueError(f"{source}: XML with a document type or entities is not read")
+    try:
+        top = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ValueError(f"{source}: not valid XML: {error}") from error
+    if top.tag != root:
+        raise ValueError(f"{source}: expected <{root}>, found <{top.tag}>")
+    return top
+
+
+class _Part:
+    """An element whose children are read one by one; every error names the file and the place."""
+
+    def __init__(self, element: ElementTree.Element, where: str, file: str) -> None:
+        self.element, self.where, self.file = element, where, file
+
+    def error(self, name: str, what: str) -> ValueError:
+        return ValueError(f"{self.file}: {'/'.join(filter(None, (self.where, name)))}: {what}")
+
+    def all(self, name: str) -> list[_Part]:
+        """Return the children of a name, at least one."""
+        found = self.element.findall(name)
+        if not found:
+            raise self.error(name, "missing")
+        where = "/".join(filter(None, (self.where, name)))
+        return [_Part(element, where, self.file) for element in found]
+
+    def one(self, name: str) -> _Part:
+        """Return the only child of a name."""
+        found = self.all(name)
+        if len(found) > 1:
+            raise self.error(name, f"expected one, found {len(found)}")
+        return found[0]
+
+    def only(self, names: tuple[str, ...]) -> None:
+        """Complain of a child of another name: what it says would go unheard."""
+        for child in self.element:
+            if child.tag not in names:
+                raise self.error(str(child.tag), f"unknown element; expected {', '.join(names)}")
+
+    def kind(self, choices: tuple[str, ...]) -> str:
+        """Return the attribute `type`, which must be one of a few."""
+        found = self.element.get("type")
+        if found not in choices:
+            raise self.error("", f"expected the type {' or '.join(choices)}, found {found}")
+        return str(found)
+
+    def numbers(self, name: str, count: int) -> tuple[float, ...]:
+        """Read `[ a; b; … ]`, or one bare number."""
+        text = (self.one(name).element.text or "").strip()
+        inner = re.fullmatch(r"\[([^\[\]]*)\]|([^\[\]]*)", text)
+        parts = re.split(r"[;,]", (inner[1] if inner[1] is not None else inner[2])) if inner else []
+        try:
+            values = tuple(float(part) for part in parts)
+        except ValueError:
+            values = ()
+        if len(values) != count or not all(map(math.isfinite, values)):
+            wanted = "a finite number" if count == 1 else f"{count} finite numbers [ a; b; … ]"
+            raise self.error(name, f"expected {wanted}, found {text[:60] or 'nothing'}")
+        return values
+
+    def number(self, name: str, low: float, above: bool = False) -> float:
+        """Read a number of at least `low`, or above it."""
+        value = self.numbers(name, 1)[0]
+        if value < low or (above and value == low):
+            raise self.error(
+                name, f"expected {'more than' if above else 'at least'} {low:g}, found {value:g}"
+            )
+        return value
+
+
+# The camera ---------------------------------------------------------------------------------
+def read_vicalib(path: PathLike) -> Camera:
+    """Read the camera that Vicalib wrote.
+
+    Parameters
+    ----------
+    path : path
+        `<rig><camera><camera_model type="calibu_fu_fv_u0_v0_kb4">` with `width`, `height` and
+        `params` [ fu; fv; u0; v0; k0; k1; k2; k3 ], px and none: r = ϑ + k0 ϑ³ + k1 ϑ⁵ + k2 ϑ⁷ +
+        k3 ϑ⁹, so k0 to k3 are k1 to k4 here. The type `calibu_fu_fv_u0_v0`, a pinhole, is read too.
+
+    Returns
+    -------
+    KannalaBrandt or Pinhole
+        The axes `right`, `down` and `forward` and the `pose` in the file concern a rig's world
+        frame, and are not needed.
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence that names the file and the element: XML that is not to be read (`read_xml`),
+        several cameras, a camera model of another type, a missing or unknown element, a number that
+        is none, or a principal point outside the picture.
+    """
+    top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
+    model = top.one("camera").one("camera_model")
+    count = _CAMERA_TYPES[model.kind(tuple(_CAMERA_TYPES))]
+    model.only(_PARTS)
+    size = []
+    for name in ("width", "height"):
+        value = model.number(name, 1)
+        if value != int(value) or value > 100_000:
+            raise model.error(name, f"expected a whole number of pixels, found {value:g}")
+        size.append(int(value))
+    values = model.numbers("params", count)
+    for name, value, extent in zip(("u0", "v0"), values[2:4], size, strict=True):
+        if not 0 < value < extent:
+            raise model.error("params", f"{name} = {value:g} lies outside the picture of {extent} px")
+    (width, height), (fu, fv, u0, v0) = size, values[:4]
+    try:
+        if count == 4:
+            return Pinhole(width, height, fu, fv, u0, v0)
+        k0, k1, k2, k3 = values[4:]
+        return KannalaBrandt(width, height, fu, fv, u0, v0, (k0, k1, k2, k3))
+    except ValueError as error:
+        raise model.error("params", str(error)) from error
+
+
+# The light ----------------------------------------------------------------------------------
+def cosine_power(mu: float, cos_psi: np.ndarray) -> tuple[float, float, float]:
+    """Find the cosine power nearest to the spread function of EndoMapper's spot light.
+
+    There the light falls as exp(-μ (1 - cos ψ)), here as w cosⁿψ, which fall alike near the axis and
+    apart from about 45° off it on: by 5 % of a distance at 60° with μ = 2.8. n and w are those of
+    least squares in the logarithm: half an error there is the relative error of a distance.
+
+    Parameters
+    ----------
+    mu : float
+        μ, at least 0.
+    cos_psi : (n,) float array
+        Cosines, above 0, of where the two should agree.
+
+    Returns
+    -------
+    exponent : float
+        n.
+    weight : float
+        w.
+    worst : float
+        The largest relative error of a distance among the places given.
+    """
+    if mu == 0:
+        return 0.0, 1.0, 0.0
+    there, here = -mu * (1 - cos_psi), np.log(cos_psi)
+    spread = here - here.mean()
+    exponent = float(spread @ there / (spread @ spread))
+    offset = float(np.mean(there - exponent * here))
+    worst = float(np.max(np.abs(there - exponent * here - offset))) / 2
+    return exponent, math.exp(offset), worst
+
+
+def _light(part: _Part, rays: np.ndarray) -> tuple[SpotLight, dict[str, Any]]:
+    part.kind(("sls",))
+    part.only(("sigma", "mu", "P", "D"))
+    sigma, mu = part.number("sigma", 0, above=True), part.number("mu", 0)
+    position, direction = part.numbers("P", 3), part.numbers("D", 3)
+    if math.hypot(*position) > FARTHEST_LIGHT:
+        raise part.error("P", f"expected metres, at most {FARTHEST_LIGHT:g} m off, found {position}")
+    if abs(math.hypot(*direction) - 1) > 1e-3 or direction[2] <= 0:
+        raise part.error("D", f"expected a unit vector that looks forward (z > 0), found {direction}")
+    cos_psi = rays @ np.asarray(direction)
+    lit = cos_psi[cos_psi > math.cos(FIELD)]
+    if lit.size < 2:
+        raise part.error("D", f"the light does not shine where the camera looks, found {direction}")
+    exponent, weight, worst = cosine_power(mu, lit)
+    place = tuple(1000 * value for value in position)
+    known = {"mu": mu, "sigma": sigma, "exponent": exponent, "worst_distance_percent": 100 * worst}
+    return SpotLight(place, direction, exponent, sigma * weight), known  # type: ignore[arg-type]
+
+
+def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[str, Any]]:
+    """Read the light and the response that EndoMapper's tool wrote.
+
+    Parameters
+    ----------
+    path : path
+        `<rig>` with `<camera><camera_model type="gamma">` (`gamma`, and `vignetting`, the exponent
+        of cos α, if it was fitted) and one or more `<light><light_model type="sls">` (`sigma`, the
+        strength; `mu`, the spread; `P`, the centre, m; `D`, the direction, a unit vector).
+    camera : Camera
+        The same endoscope's: the spread is matched at the pixels that it sees, up to 60° off D.
+
+    Returns
+    -------
+    photometry : Photometry
+        With `lights` in mm; one light at the optical centre that looks along the axis becomes the
+        exponent k. The gain changes from frame to frame and is unknown; the file says nothing of a
+        surface, so that is a white Lambertian one.
+    evidence : dict
+        What each light was, and how far the cosine power is from it at worst: the relative error of
+        a distance, %.
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence that names the file and the element.
+    """
+    top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
+    top.only(("camera", "light"))
+    model = top.one("camera").one("camera_model")
+    model.kind(("gamma",))
+    model.only(("gamma", "vignetting"))
+    gamma = model.number("gamma", 0, above=True)
+    k = model.number("vignetting", 0) if model.element.find("vignetting") is not None else 0.0
+    small = camera.resize(160, max(1, round(camera.height * 160 / camera.width)))
+    field = small.field
+    rays = field.rays[field.valid & (field.cos_alpha > 0)]
+    made = [_light(light.one("light_model"), rays) for light in top.all("light")]
+    lights = tuple(light for light, _ in made)
+    evidence = {"gamma": gamma, "vignetting": k, "lights": [known for _, known in made]}
+    if len(lights) == 1 and lights[0].position == (0.0, 0.0, 0.0) and lights[0].direction == (0.0, 0.0, 1.0):
+        k, lights = k + lights[0].exponent, ()
+    return Photometry(k=k, gamma=gamma, gain=None, lights=lights), evidence
+
+
+# Both ---------------------------------------------------------------------------------------
+def convert(geometry: PathLike, photometry: PathLike) -> Calibration:
+    """Join the two calibrations of an endoscope.
+
+    Parameters
+    ----------
+    geometry : path
+        See `read_vicalib`.
+    photometry : path
+        See `read_photometry`.
+
+    Returns
+    -------
+    Calibration
+        Its evidence names the two files and says how well the light could be expressed.
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence, if one of them cannot be used.
+    """
+    camera = read_vicalib(geometry)
+    light, evidence = read_photometry(photometry, camera)
+    names = {"geometry": Path(geometry).name, "photometry": Path(photometry).name}
+    return Calibration(camera, light, {"converted": names | evidence})
+
+
+def find_calibrations(folder: PathLike) -> tuple[Path, Path | None]:
+    """Find the two files in a folder `Endoscope_XX` of the data set, by their names.
+
+    Returns
+    -------
+    geometry : Path
+        The one `*_geometrical.xml`.
+    photometry : Path or None
+        The one `*_photometrical.xml`, if there is one.
+
+    Raises
+    ------
+    OSError
+        If the folder holds no `*_geometrical.xml`.
+    ValueError
+        If it holds several of a kind.
+    """
+    place = Path(folder)
+    found = {}
+    for kind in ("geometrical", "photometrical"):
+        paths = sorted(place.glob(f"*_{kind}.xml"))
+        if len(paths) > 1:
+            raise ValueError(f"{place}: expected one *_{kind}.xml, found {len(paths)}")
+        found[kind] = paths[0] if paths else None
+    geometry = found["geometrical"]
+    if geometry is None:
+        raise FileNotFoundError(
+            f"{place}: expected a file *_geometrical.xml, as EndoMapper's Endoscope_01 has"
+        )
+    return geometry, found["photometrical"]

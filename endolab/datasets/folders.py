@@ -1,0 +1,132 @@
+"""Folders of published frames: any known layout opens in one call, told by the names of its files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+
+from endolab.datasets.c3vd import read_c3vd, read_c3vd_depth
+from endolab.datasets.sample import Sample
+from endolab.datasets.simcol3d import read_simcol3d, read_simcol3d_depth
+from endolab.datasets.ucl2019 import read_ucl2019, read_ucl2019_depth
+from endolab.io.atomic import PathLike
+from endolab.model.cameras import Camera
+from endolab.numerics.arrays import FloatArray
+
+_LAYOUTS = {
+    "c3vd": re.compile(r"(?P<index>\d{4})_color\.png"),
+    "simcol3d": re.compile(r"FrameBuffer_(?P<index>\d{4})\.png"),
+    "ucl2019": re.compile(r"(?P<series>.+)_FrameBuffer_(?P<index>\d{4})\.png"),
+}
+
+
+@dataclass(frozen=True)
+class Folder:
+    """The frames of a folder whose layout is known; a sequence of `Sample`, read when asked for.
+
+    Attributes
+    ----------
+    path : Path
+    layout : {"c3vd", "simcol3d", "ucl2019"}
+    names : tuple of str
+        The frames' colour pictures, in order.
+    """
+
+    path: Path
+    layout: str
+    names: tuple[str, ...]
+    _read: Callable[[str], Sample]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @overload
+    def __getitem__(self, which: int | str) -> Sample: ...
+
+    @overload
+    def __getitem__(self, which: slice) -> list[Sample]: ...
+
+    def __getitem__(self, which: int | str | slice) -> Sample | list[Sample]:
+        """Load a frame by its position or by its name in `names`, or those of a slice."""
+        if isinstance(which, slice):
+            return [self._read(name) for name in self.names[which]]
+        if isinstance(which, str) and which not in self.names:
+            raise ValueError(f"{self.path}: there is no frame {which}")
+        return self._read(which if isinstance(which, str) else self.names[which])
+
+
+def open_dataset(path: PathLike, camera: Camera | None = None) -> Folder:
+    """Open a folder of published frames; its layout is told from the names of its files.
+
+    Parameters
+    ----------
+    path : path
+        C3VD (`NNNN_color.png` with `NNNN_depth.tiff`), SimCol3D (`FrameBuffer_NNNN.png` with
+        `Depth_NNNN.png`) or UCL 2019 (`…_FrameBuffer_NNNN.png` with `…_Depth_NNNN.png`).
+    camera : Camera, optional
+        Needed for UCL 2019, whose camera is not published, and refused for the others.
+
+    Returns
+    -------
+    Folder
+        Has a length and is indexed: ``open_dataset(path)[0]`` is a `Sample`.
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence, if there is no such folder, no layout or more than one fits, or the camera
+        is missing or too many.
+    """
+    place = Path(path)
+    if not place.is_dir():
+        raise FileNotFoundError(f"{place}: there is no such folder")
+    listed = sorted(entry.name for entry in place.iterdir())
+    matches = {
+        layout: {name: match for name in listed if (match := pattern.fullmatch(name))}
+        for layout, pattern in _LAYOUTS.items()
+    }
+    fitting = [layout for layout, found in matches.items() if found]
+    if len(fitting) != 1:
+        found_as = (
+            f"found {' and '.join(fitting)} together" if fitting else f"found {len(listed)} other files"
+        )
+        raise ValueError(
+            f"{place}: expected C3VD's NNNN_color.png, SimCol3D's FrameBuffer_NNNN.png or UCL 2019's "
+            f"…_FrameBuffer_NNNN.png, {found_as}"
+        )
+    layout = fitting[0]
+    found = matches[layout]
+    if layout == "ucl2019" and camera is None:
+        raise ValueError(f"{place}: the camera of UCL 2019 is not published; give one")
+    if layout != "ucl2019" and camera is not None:
+        raise ValueError(f"{place}: the camera of {layout} is known; give none")
+
+    def read(name: str) -> Sample:
+        index = int(found[name]["index"])
+        if layout == "ucl2019" and camera is not None:
+            return read_ucl2019(place, found[name]["series"], index, camera)
+        return (read_c3vd if layout == "c3vd" else read_simcol3d)(place, index)
+
+    return Folder(place, layout, tuple(found), read)
+
+
+def true_z(path: PathLike) -> FloatArray:
+    """Read true z, (H, W), mm, from a data set's depth map, told by its name; nan where unknown."""
+    name = Path(path).name.lower()
+    if name.endswith(("_depth.png", "_depth.tiff")):
+        z, known, _ = read_c3vd_depth(path)
+    elif name.startswith("depth_") and name.endswith(".png"):
+        z, known = read_simcol3d_depth(path)
+    elif "_depth_" in name and name.endswith(".png"):
+        z, known = read_ucl2019_depth(path)
+    else:
+        raise ValueError(
+            f"{path}: expected truth.npz, C3VD's NNNN_depth.png (.tiff), SimCol3D's Depth_NNNN.png "
+            "or UCL 2019's …_Depth_NNNN.png"
+        )
+    return np.where(known, z, np.nan)

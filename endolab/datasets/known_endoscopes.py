@@ -1,0 +1,75 @@
+"""The endoscopes that endolab knows by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from endolab.io.atomic import PathLike
+from endolab.io.descriptions import Calibration
+from endolab.model.brdf import Lambertian
+from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
+from endolab.model.photometry import Photometry
+
+CALIBRATIONS: dict[str, Calibration] = {
+    # The paper's endoscope (Section IV-A) over tissue of a colon's mean albedo.
+    "paper": Calibration(
+        KannalaBrandt(
+            1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -1.2396e-3, 9.1258e-4, -4.0716e-5)
+        ),
+        Photometry(k=2.5, gamma=2.2, brdf=Lambertian((0.75, 0.38, 0.30))),
+    ),
+    # A camera without distortion and 90° wide, for the simple scenes.
+    "simple": Calibration(
+        Pinhole(320, 240, 160.0, 160.0, 159.5, 119.5),
+        Photometry(k=2.5, gamma=2.2, brdf=Lambertian((0.75, 0.38, 0.30))),
+    ),
+    # C3VD (Bobrow et al., 2023): its omnidirectional camera; light as in the paper, not calibrated.
+    "c3vd": Calibration(
+        Scaramuzza(
+            1350,
+            1080,
+            678.544839,
+            542.975888,
+            (769.243600037, 0.0, -0.000812770624150226, 6.25674244578925e-07, -1.1966218214428e-09),
+            0.99998686,
+            0.00288274,
+            -0.00296316,
+        ),
+        Photometry(k=2.5, gamma=2.2),
+    ),
+    # SimCol3D (Rau et al., 2023). Published with the picture's corner as origin, c = 237.5.
+    "simcol3d": Calibration(
+        Pinhole(475, 475, 227.60416, 227.60416, 237.0, 237.0), Photometry(k=2.5, gamma=2.2)
+    ),
+}
+
+
+def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibration:
+    """Return an endoscope that endolab knows by name, or one that a file describes.
+
+    Parameters
+    ----------
+    name_or_path : {"paper", "simple", "c3vd", "simcol3d"} or path
+        The paper's endoscope, a 90° pinhole, those of two data sets; or an `endoscope.json`.
+    width : int, optional
+        For pictures of this many columns and the same shape, px.
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence, if there is none of that name, or as `Calibration.load`.
+    """
+    name = str(name_or_path)
+    if name in CALIBRATIONS and not Path(name).exists():
+        found = CALIBRATIONS[name]
+    elif not Path(name).exists() and Path(name).suffix.lower() != ".json":
+        raise ValueError(
+            f"unknown calibration {name!r}; choose {', '.join(CALIBRATIONS)}, or give a JSON file"
+        )
+    else:
+        found = Calibration.load(name)
+    return (
+        found
+        if width is None
+        else found.resize(width, round(found.camera.height * width / found.camera.width))
+    )

@@ -1,0 +1,149 @@
+"""A frame to be explained: everything a solver needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from endolab.model.cameras import Camera, RayField
+from endolab.model.photometry import Photometry
+from endolab.model.surface import check_xi, to_xi
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.derivatives import REFERENCE_WIDTH, forward_gradient
+
+REGULARISERS = ("first", "second")
+EDGE_SCALE = 0.05  # image gradient, per 1/320 of the width, at which g falls to 1/e
+EXACT, AT_LEAST, NONE = 0, 1, 2  # what a pixel's value says of the surface's: see `Problem`
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A frame to be explained: everything a solver needs, and nothing it must look up.
+
+    Parameters
+    ----------
+    image : (H, W) float array
+        Stored values of one channel in [0, 1].
+    mask : (H, W) bool array
+        Pixels that take part.
+    camera : Camera
+        Of size (W, H).
+    photometry : Photometry
+        Simplified model of that channel, its gain known (or chosen, then `metric` is False).
+    xi : {"1/z", "d", "1/d"}
+        The map that the regulariser sees.
+    regulariser : {"first", "second"}
+        Gradient or Hessian.
+    lam : float
+        λ, at least 0: weight of the regulariser, larger is smoother.
+    epsilon : float
+        ε of the Huber norm, positive: below it a derivative costs its square, above it its size.
+        ξ/ξ̃ of a smooth wall bends by less than 1e-3 per squared 1/320 of the width, so that only
+        creases are charged like total variation. The paper's 1e-4, in the unit of its ξ, makes
+        staircases of a wall's own curvature.
+    threshold : float
+        Where the data's Huber penalty becomes a line; stored value, positive.
+    metric : bool
+        Whether distances are in mm; else in relative units.
+    cuts : (2, H, W) bool array, optional
+        Steps from a pixel to its right and its lower neighbour over which the surface is torn, as
+        at an occluding contour: no derivative and no march takes them.
+    evidence : (H, W) int8 array, optional
+        What the image says of each pixel; by default, EXACT everywhere. EXACT (0): it is as bright
+        as this. AT_LEAST (1), saturated: it is this bright or brighter. NONE (2), a highlight or
+        an overlay: nothing. The image holds some plausible value there all the same, that of the
+        surroundings say, for a march to begin with.
+    picture : (H, W) or (H, W, 3) float array, optional
+        The frame as it looked, for people.
+    settings : dict
+        What the user asked for, for people.
+    """
+
+    image: FloatArray
+    mask: BoolArray
+    camera: Camera
+    photometry: Photometry
+    xi: str = "1/d"
+    regulariser: str = "second"
+    lam: float = 1.0
+    epsilon: float = 1e-3
+    threshold: float = 0.05
+    metric: bool = True
+    cuts: BoolArray | None = None
+    evidence: NDArray[np.int8] | None = None
+    picture: FloatArray | None = None
+    settings: dict[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_xi(self.xi)
+        if self.regulariser not in REGULARISERS:
+            raise ValueError(f"unknown regulariser {self.regulariser!r}; choose {' or '.join(REGULARISERS)}")
+        if not (np.isfinite(self.lam) and self.lam >= 0):
+            raise ValueError(f"lam must be finite and at least 0, got {self.lam}")
+        for name in ("epsilon", "threshold"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be positive and finite, got {value}")
+        shape = (self.camera.height, self.camera.width)
+        for name in ("image", "mask"):
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} has shape {getattr(self, name).shape}, the camera {shape}")
+        if self.cuts is not None and (self.cuts.shape != (2, *shape) or self.cuts.dtype != bool):
+            found = f"{self.cuts.dtype} of shape {self.cuts.shape}"
+            raise ValueError(f"cuts must be a bool array of shape {(2, *shape)}, found {found}")
+        if self.evidence is not None:
+            if self.evidence.shape != shape or self.evidence.dtype != np.int8:
+                found = f"{self.evidence.dtype} of shape {self.evidence.shape}"
+                raise ValueError(f"evidence must be an int8 array of shape {shape}, found {found}")
+            unknown = np.setdiff1d(self.evidence[self.mask], (EXACT, AT_LEAST, NONE))
+            if unknown.size:
+                raise ValueError(f"evidence must be 0 (exact), 1 (at least) or 2 (none), found {unknown[0]}")
+
+    @property
+    def field(self) -> RayField:
+        """The camera's ray field."""
+        return self.camera.field
+
+    @property
+    def unit(self) -> str:
+        """Unit of distances."""
+        return "mm" if self.metric else "relative units"
+
+    @cached_property
+    def log_facing(self) -> FloatArray:
+        """log d₀ = -½ log I_c, (H, W): the distance if all the surface faced the camera."""
+        canonical = self.photometry.canonical(self.image, self.field.cos_alpha)
+        return -0.5 * np.log(np.where(self.mask, canonical, np.nan))
+
+    @cached_property
+    def edge_weight(self) -> FloatArray:
+        """g, (H, W): near 1 in smooth parts of the image, less at its edges.
+
+        Steps to and from pixels that say nothing are no edges: a highlight is none of the surface's.
+        """
+        scale = self.camera.width / REFERENCE_WIDTH
+        said = self.mask if self.evidence is None else self.mask & (self.evidence != NONE)
+        size = np.linalg.norm(forward_gradient(self.image, said), axis=0) * scale
+        return np.exp(-size / EDGE_SCALE)
+
+    @property
+    def derivative_scale(self) -> float:
+        """What a derivative of ξ per pixel is multiplied by: (W/320)^order."""
+        return (self.camera.width / REFERENCE_WIDTH) ** (1 if self.regulariser == "first" else 2)
+
+    @cached_property
+    def xi_median(self) -> float:
+        """ξ̃, the median of ξ at the start d₀."""
+        start = to_xi(self.log_facing, self.xi, self.field.cos_alpha)
+        return float(np.median(start[self.mask]))
+
+
+def check_start(start: FloatArray | None, mask: BoolArray) -> None:
+    """Raise a ValueError if a map cannot be what a solver starts from."""
+    if start is not None and start.shape != mask.shape:
+        raise ValueError(f"start has shape {start.shape}, the frame {mask.shape}")
+    if start is not None and not np.isfinite(start[mask]).all():
+        raise ValueError("start must be finite wherever the mask is")

@@ -1,0 +1,152 @@
+"""Endoscopes, cameras and targets in JSON files."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Self
+
+from endolab.calibration.session import Session
+from endolab.calibration.summary import evidence
+from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid, DotGrid, Target
+from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
+from endolab.model.cameras import Camera
+from endolab.model.endoscope import Endoscope, camera_from_dict
+from endolab.model.schema import Section
+
+
+def read_camera(path: PathLike) -> Camera:
+    """Read the camera of an `endoscope.json`, which may hold nothing else.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    OSError, ValueError
+        As `Calibration.load`.
+    """
+    return camera_from_dict(read_json(path, "calibration file"), str(Path(path)))
+
+
+class Calibration(Endoscope):
+    """What is known of an endoscope: its camera and its light.
+
+    Parameters
+    ----------
+    camera : Camera
+    photometry : Photometry
+    evidence : dict
+        Standard errors, sampled ranges, provenance; nothing here depends on it.
+    """
+
+    @classmethod
+    def load(cls, path: PathLike) -> Self:
+        """Read `endoscope.json`.
+
+        Parameters
+        ----------
+        path : path
+
+        Raises
+        ------
+        OSError, ValueError
+            In one sentence that names the key, if something in it is missing, misspelt or wrong.
+        """
+        return cls.from_dict(read_json(path, "calibration file"), str(Path(path)))
+
+    def save(self, path: PathLike) -> None:
+        """Write `endoscope.json`, whole or not at all."""
+        write_atomically(path, as_json(self.to_dict()))
+
+
+def make_calibration(session: Session, source: str = "", channel: str = "grey") -> Calibration:
+    """Make what `endoscope.json` holds: camera, light and the evidence for them.
+
+    Parameters
+    ----------
+    session, source, channel
+        As for `evidence`.
+
+    Returns
+    -------
+    Calibration
+        Its BRDF is that of the sheet; its gain is None unless one was fitted to all frames.
+
+    Raises
+    ------
+    ValueError
+        If the light was refused.
+    """
+    if session.light is None:
+        raise ValueError(f"session has no light to save: {session.refused}")
+    return Calibration(session.camera, session.light.photometry, evidence(session, source, channel))
+
+
+KINDS: dict[str, type[Target]] = {make.kind: make for make in (DotGrid, CircleGrid, Chessboard, Charuco)}
+LENGTHS = {"dots": ("small", "large"), "circles": ("radius",), "chessboard": (), "charuco": ("marker",)}
+
+
+# Descriptions ---------------------------------------------------------------------------
+def read_target(name_or_path: PathLike) -> Target:
+    """Find a target by its name, or read its description.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        A name in `TARGETS`, or a JSON file such as ``{"endolab_target": 1, "kind": "dots",
+        "columns": 19, "rows": 10, "spacing": 5.2797, "small": 1.05885, "large": 1.58266}``. Also
+        "margin" (mm), "fold" (columns on the left of it); for dots "seed" and "greys"; for
+        circles "radius"; for charuco "marker" and "dictionary".
+
+    Returns
+    -------
+    Target
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence that names the file and the key, or lists the names.
+    """
+    name = str(name_or_path)
+    if name in TARGETS:
+        return TARGETS[name]
+    if not Path(name).exists() and Path(name).suffix.lower() != ".json":
+        raise ValueError(f"unknown target {name!r}: choose {', '.join(TARGETS)}, or give a JSON file")
+    top = Section(read_json(name, "target file"), "", name)
+    version = top.take("endolab_target")
+    if version != 1 or isinstance(version, bool):
+        raise top.error("endolab_target", f"expected version 1, found {version}")
+    kind = top.choice("kind", tuple(KINDS))
+    values: dict[str, Any] = {"columns": top.whole("columns"), "rows": top.whole("rows")}
+    for key in ("spacing", *LENGTHS[kind]):
+        values[key] = top.positive(key)
+    values["margin"] = top.positive("margin", Target.margin)
+    if top.content.get("fold") is not None:
+        values["fold"] = top.whole("fold")
+    top.content.pop("fold", None)
+    if kind == "dots":
+        values["seed"] = top.whole("seed", DotGrid.seed)
+        if top.content.get("greys") is not None:
+            values["greys"] = top.positive("greys")
+        top.content.pop("greys", None)
+    if kind == "charuco":
+        values["dictionary"] = top.take("dictionary", Charuco.dictionary)
+        if not isinstance(values["dictionary"], str):
+            raise top.error("dictionary", f"expected a name in quotes, found {values['dictionary']}")
+    target: Target = top.build(KINDS[kind], **values)
+    return target
+
+
+def write_target(target: Target, path: PathLike) -> None:
+    """Write the description of a target, whole or not at all; `read_target` reads it.
+
+    Parameters
+    ----------
+    target : Target
+    path : path
+        Of the JSON file.
+    """
+    values = {key: value for key, value in asdict(target).items() if value is not None}
+    write_atomically(path, as_json({"endolab_target": 1, "kind": target.kind} | values))

@@ -1,0 +1,187 @@
+"""Frames of a folder or a video, in order; and a video written."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from endolab.io.atomic import PathLike
+from endolab.io.images import read_image
+from endolab.numerics.arrays import FloatArray
+
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv")
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what FFmpeg would print is said in one sentence
+
+
+def _by_number(path: Path) -> list[tuple[int, str]]:
+    """Sort frame_2 before frame_10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The frames of a folder of pictures or of a video; iterate over it as often as you like.
+
+    Iterating gives ``(name, image)``: the file's name, or the frame's number in the video, and
+    the stored values in [0, 1], (H, W) or (H, W, 3); None for a picture that cannot be read, and
+    for what a video promises and then does not hold.
+
+    Attributes
+    ----------
+    path : Path
+    names : tuple of str
+    """
+
+    path: Path
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[tuple[str, FloatArray | None]]:
+        return self.read(self.names)
+
+    @property
+    def is_video(self) -> bool:
+        """Whether they come from one file."""
+        return self.path.is_file()
+
+    @property
+    def stamp(self) -> list[list[object]]:
+        """Name, size and time of change of every file: what a cache may depend on."""
+        files = [self.path] if self.is_video else [self.path / name for name in self.names]
+        return [[file.name, file.stat().st_size, file.stat().st_mtime_ns] for file in files]
+
+    def read(self, names: Collection[str]) -> Iterator[tuple[str, FloatArray | None]]:
+        """Give only the frames of these names, in order."""
+        wanted = set(names)
+        if not self.is_video:
+            for name in self.names:
+                if name in wanted:
+                    yield name, _picture(self.path / name)
+            return
+        capture = _open(self.path)
+        try:
+            for name in self.names:
+                alive = capture.grab()  # after a break some decoders go on, with the next whole frame
+                if name in wanted:
+                    done, stored = capture.retrieve() if alive else (False, None)
+                    yield name, np.asarray(stored)[..., ::-1] / 255.0 if done else None
+                    wanted.discard(name)
+                if not wanted:
+                    break
+        finally:
+            capture.release()
+
+
+def _picture(path: Path) -> FloatArray | None:
+    try:
+        return read_image(path)
+    except (OSError, ValueError):
+        return None
+
+
+def _open(path: Path) -> cv2.VideoCapture:
+    capture = cv2.VideoCapture(str(path))
+    if not capture.isOpened():
+        raise ValueError(f"{path}: not a video that can be decoded")
+    return capture
+
+
+def is_sequence(path: PathLike) -> bool:
+    """Whether this names a folder or a video, by what it is or how it ends, rather than one picture."""
+    source = Path(path)
+    suffix = source.suffix.lower()
+    return suffix not in PICTURES and (suffix in VIDEOS or source.is_dir())
+
+
+def open_frames(path: PathLike) -> Frames:
+    """Find the frames of a folder of pictures or of a video.
+
+    Parameters
+    ----------
+    path : path
+        A folder with PNG, JPEG, TIFF or BMP files, taken in the order of the numbers in their
+        names; or a video that OpenCV can read.
+
+    Returns
+    -------
+    Frames
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        In one sentence, if there is no such thing, or nothing in it that can be read.
+    """
+    source = Path(path)
+    if source.is_dir():
+        files = sorted((f for f in source.iterdir() if f.suffix.lower() in PICTURES), key=_by_number)
+        if not files:
+            raise ValueError(f"{source}: no picture in this folder ({', '.join(PICTURES)})")
+        return Frames(source, tuple(file.name for file in files))
+    if not source.exists():
+        raise FileNotFoundError(f"{source}: there is no such folder or video")
+    capture = _open(source)
+    try:
+        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        if count <= 0:  # a stream that does not say; count
+            count = 0
+            while capture.grab():
+                count += 1
+        elif not capture.grab():
+            count = 0
+    finally:
+        capture.release()
+    if count == 0:
+        raise ValueError(f"{source}: a video without a frame that can be decoded")
+    return Frames(source, tuple(f"{number:06d}" for number in range(count)))
+
+
+def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0) -> None:
+    """Write a video without loss (FFV1), whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        Ends in .mkv.
+    images : iterable of (H, W) or (H, W, 3) float arrays
+        Stored values in [0, 1], all of one size; 8 bits are kept.
+    rate : float
+        Frames per second.
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence, if the name is another or the file cannot be written.
+    """
+    target = Path(path)
+    if target.suffix != ".mkv":
+        raise ValueError(f"a video's name ends in .mkv, got {target.name}")
+    writer: cv2.VideoWriter | None = None
+    handle, temporary = tempfile.mkstemp(prefix=f".{target.stem}-", suffix=".mkv", dir=target.parent)
+    os.close(handle)
+    try:
+        for image in images:
+            grey = np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
+            stored = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR if grey.ndim == 2 else cv2.COLOR_RGB2BGR)
+            if writer is None:
+                size = stored.shape[1], stored.shape[0]
+                writer = cv2.VideoWriter(temporary, cv2.VideoWriter.fourcc(*"FFV1"), rate, size)
+                if not writer.isOpened():
+                    raise OSError(f"cannot write {target}: OpenCV has no FFV1 encoder here")
+            writer.write(stored)
+        if writer is None:
+            raise ValueError(f"cannot write {target}: there is no frame")
+        writer.release()
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, target)
+    finally:
+        Path(temporary).unlink(missing_ok=True)

@@ -1,0 +1,5 @@
+"""How far a depth map or a mesh is from the truth."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,433 @@
+"""Cameras: points to pixels, pixels to unit rays, and the ray field that the solvers use.
+
+All three models map the angle ϑ off the axis to a radius ρ in the image and are straight
+lines otherwise, so one class does the work and a model supplies ρ(ϑ) and ϑ(ρ).
+
+Frame: x right, y down, z forward. Pixel coordinates are (column, row), the origin at the
+centre of the top-left pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.roots import invert_increasing, smallest_positive_root
+
+
+@dataclass(frozen=True)
+class RayField:
+    """The rays of every pixel of a camera and the metric that they induce on the grid.
+
+    With J = ∂r/∂u the metric is G = JᵀJ. A map of log-distance v with gradient ∇v is a surface
+    with tan²θ = ∇vᵀ G⁻¹ ∇v, whatever the camera.
+
+    Attributes
+    ----------
+    rays : (H, W, 3) float array
+        Unit rays r in the camera frame; nan outside the field.
+    jacobian : (H, W, 3, 2) float array
+        ∂r/∂(column, row), per pixel.
+    inverse_metric : (H, W, 3) float array
+        The entries (uu, uv, vv) of G⁻¹, in pixels squared.
+    valid : (H, W) bool array
+        Pixels that see something: inside the monotone range of the model.
+    """
+
+    rays: FloatArray
+    jacobian: FloatArray
+    inverse_metric: FloatArray
+    valid: BoolArray
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rays.shape[0], self.rays.shape[1]
+
+    @property
+    def cos_alpha(self) -> FloatArray:
+        """Cosine of the angle α between each ray and the axis: the rays' z."""
+        return self.rays[..., 2]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A central camera that is symmetric about its axis up to an affine map of the image.
+
+    Use a model: `KannalaBrandt`, `Pinhole` or `Scaramuzza`.
+    """
+
+    width: int
+    height: int
+
+    model: ClassVar[str]
+
+    @property
+    def _affine(self) -> FloatArray:
+        """Return the 2×2 map from the model's plane to pixels, centre apart."""
+        raise NotImplementedError
+
+    @property
+    def _centre(self) -> FloatArray:
+        raise NotImplementedError
+
+    @property
+    def max_angle(self) -> float:
+        """The largest angle off the axis that the model maps one to one, rad."""
+        raise NotImplementedError
+
+    @property
+    def _max_radius(self) -> float:
+        raise NotImplementedError
+
+    def _radius(self, theta: FloatArray) -> FloatArray:
+        """Return ρ(ϑ) for angles within the range."""
+        raise NotImplementedError
+
+    def _angle(self, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ϑ(ρ) and dϑ/dρ for radii within the range."""
+        raise NotImplementedError
+
+    def _transformed(self, scale: FloatArray, offset: FloatArray, width: int, height: int) -> Self:
+        """Return the camera whose pixel is ``scale * old pixel + offset``."""
+        raise NotImplementedError
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if not (1 <= value <= 100_000 and int(value) == value):
+                raise ValueError(f"{name} must be a positive whole number of pixels, got {value}")
+
+    def project(self, points: ArrayLike) -> FloatArray:
+        """Project points to pixels.
+
+        Parameters
+        ----------
+        points : (..., 3) array of float
+            Points (or directions) in the camera frame, mm.
+
+        Returns
+        -------
+        (..., 2) float array
+            Column and row, px; nan for points outside the model's range and for the centre.
+            A pixel outside the picture is returned as it is.
+        """
+        points = np.asarray(points, dtype=np.float64)
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        side = np.hypot(x, y)
+        theta = np.arctan2(side, z)
+        inside = (theta <= self.max_angle) & ((side > 0) | (z > 0))
+        rho = self._radius(np.where(inside, theta, 0.0))
+        # ρ/side → 0·(anything) on the axis, where x and y vanish too.
+        ratio = rho / np.where(side > 0, side, 1.0)
+        plane = np.stack([x * ratio, y * ratio], axis=-1)
+        return np.where(inside[..., None], plane @ self._affine.T + self._centre, np.nan)
+
+    def unproject(self, pixels: ArrayLike) -> FloatArray:
+        """Unit rays through pixels.
+
+        Parameters
+        ----------
+        pixels : (..., 2) array of float
+            Column and row, px.
+
+        Returns
+        -------
+        (..., 3) float array
+            Unit rays in the camera frame; nan where the model has none.
+        """
+        return self._rays_at(np.asarray(pixels, dtype=np.float64))[0]
+
+    def _rays_at(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the unit rays (…, 3) and their derivatives by the pixel (…, 3, 2)."""
+        to_plane = np.linalg.inv(self._affine)
+        plane = (pixels - self._centre) @ to_plane.T
+        rho = np.hypot(plane[..., 0], plane[..., 1])
+        inside = rho <= self._max_radius
+        theta, turn = self._angle(np.where(inside, rho, 0.0))
+        theta = np.where(inside, theta, np.nan)
+        sin, cos = np.sin(theta), np.cos(theta)
+        on_axis = rho == 0
+        rho = np.where(on_axis, 1.0, rho)
+        cphi, sphi = plane[..., 0] / rho + on_axis, plane[..., 1] / rho
+        rays = np.empty((*rho.shape, 3))
+        rays[..., 0], rays[..., 1], rays[..., 2] = sin * cphi, sin * sphi, cos
+        # Moving out by dρ turns the ray by ϑ'dρ; moving sideways by ρdφ turns it by sin ϑ dφ.
+        out, side = turn * cos, np.where(on_axis, turn, sin / rho)
+        by_plane = np.empty((*rho.shape, 3, 2))
+        by_plane[..., 0, 0] = out * cphi**2 + side * sphi**2
+        by_plane[..., 0, 1] = by_plane[..., 1, 0] = (out - side) * cphi * sphi
+        by_plane[..., 1, 1] = out * sphi**2 + side * cphi**2
+        by_plane[..., 2, 0], by_plane[..., 2, 1] = -turn * sin * cphi, -turn * sin * sphi
+        return rays, by_plane @ to_plane
+
+    @cached_property
+    def field(self) -> RayField:
+        """The ray field of every pixel; computed once."""
+        rows, columns = np.indices((self.height, self.width), dtype=np.float64)
+        rays, jacobian = self._rays_at(np.stack([columns, rows], axis=-1))
+        by_u, by_v = jacobian[..., 0], jacobian[..., 1]
+        guu, guv, gvv = (
+            np.einsum("hwi,hwi->hw", a, b) for a, b in ((by_u, by_u), (by_u, by_v), (by_v, by_v))
+        )
+        determinant = guu * gvv - guv * guv
+        # At the very edge of a model the ray turns infinitely fast: no metric, no surface.
+        valid = np.isfinite(determinant)
+        inverse = np.stack([gvv, -guv, guu], axis=-1) / determinant[..., None]
+        return RayField(rays, jacobian, inverse, valid)
+
+    def resize(self, width: int, height: int) -> Self:
+        """Return the camera of the same picture resampled to another size.
+
+        Parameters
+        ----------
+        width, height : int
+            New size, px. The picture's outer edges stay where they are.
+        """
+        scale = np.array([width / self.width, height / self.height])
+        return self._transformed(scale, 0.5 * scale - 0.5, width, height)
+
+    def crop(self, left: int, top: int, width: int, height: int) -> Self:
+        """Return the camera of a window of the picture.
+
+        Parameters
+        ----------
+        left, top : int
+            First column and row that are kept, px.
+        width, height : int
+            Size of the window, px.
+
+        Raises
+        ------
+        ValueError
+            If the window reaches outside the picture.
+        """
+        if left < 0 or top < 0 or left + width > self.width or top + height > self.height:
+            raise ValueError(
+                f"the window {width}x{height} at column {left}, row {top} reaches outside "
+                f"the {self.width}x{self.height} picture"
+            )
+        return self._transformed(np.ones(2), np.array([-left, -top], dtype=np.float64), width, height)
+
+
+@dataclass(frozen=True)
+class _FocalCamera(Camera):
+    """A camera with focal lengths and a principal point, px."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("fx", "fy"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be positive and finite, got {value}")
+        for name in ("cx", "cy"):
+            if not np.isfinite(getattr(self, name)):
+                raise ValueError(f"{name} must be finite, got {getattr(self, name)}")
+
+    @property
+    def _affine(self) -> FloatArray:
+        return np.diag([self.fx, self.fy])
+
+    @property
+    def _centre(self) -> FloatArray:
+        return np.array([self.cx, self.cy])
+
+    def _transformed(self, scale: FloatArray, offset: FloatArray, width: int, height: int) -> Self:
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * scale[0],
+            fy=self.fy * scale[1],
+            cx=self.cx * scale[0] + offset[0],
+            cy=self.cy * scale[1] + offset[1],
+        )
+
+
+@dataclass(frozen=True)
+class Pinhole(_FocalCamera):
+    """Pinhole camera: ρ = tan ϑ.
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the picture, px.
+    fx, fy, cx, cy : float
+        Focal lengths and principal point, px.
+    """
+
+    model: ClassVar[str] = "pinhole"
+
+    @property
+    def max_angle(self) -> float:  # noqa: D102
+        return float(np.nextafter(np.pi / 2, 0))
+
+    @property
+    def _max_radius(self) -> float:
+        return np.inf
+
+    def _radius(self, theta: FloatArray) -> FloatArray:
+        return np.tan(theta)
+
+    def _angle(self, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return np.arctan(rho), 1 / (1 + rho * rho)
+
+
+@dataclass(frozen=True)
+class KannalaBrandt(_FocalCamera):
+    """Kannala-Brandt fisheye: ρ = ϑ + k1 ϑ³ + k2 ϑ⁵ + k3 ϑ⁷ + k4 ϑ⁹ (paper, Section III-A).
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the picture, px.
+    fx, fy, cx, cy : float
+        Focal lengths and principal point, px.
+    k : four floats
+        Distortion coefficients k1 to k4.
+
+    Notes
+    -----
+    The polynomial is used as far as it grows, at most to π: beyond that a pixel has no ray
+    and a point no pixel. Agrees with ``cv2.fisheye`` below 90°, and goes on where that ends.
+    """
+
+    k: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    model: ClassVar[str] = "kannala_brandt"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "k", tuple(float(value) for value in self.k))
+        if len(self.k) != 4 or not np.all(np.isfinite(self.k)):
+            raise ValueError(f"k must hold four finite coefficients, got {list(self.k)}")
+
+    @cached_property
+    def max_angle(self) -> float:  # noqa: D102
+        k1, k2, k3, k4 = self.k
+        slope_in_square = [1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4]
+        return float(np.sqrt(smallest_positive_root(slope_in_square, np.pi**2)))
+
+    @cached_property
+    def _max_radius(self) -> float:
+        return float(self._radius(np.asarray(self.max_angle)))
+
+    def _polynomial(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        k1, k2, k3, k4 = self.k
+        s = theta * theta
+        value = theta * (1 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
+        slope = 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)))
+        return value, slope
+
+    def _radius(self, theta: FloatArray) -> FloatArray:
+        return self._polynomial(theta)[0]
+
+    def _angle(self, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
+        theta = invert_increasing(self._polynomial, rho, 0.0, self.max_angle)
+        slope = self._polynomial(theta)[1]
+        with np.errstate(divide="ignore"):
+            return theta, 1 / slope
+
+
+@dataclass(frozen=True)
+class Scaramuzza(Camera):
+    """Scaramuzza's omnidirectional camera (OCamCalib), with z forward.
+
+    The pixel is ``[[c, d], [e, 1]] p + (cx, cy)`` and its ray is parallel to
+    (p, a0 + a1 r + a2 r² + a3 r³ + a4 r⁴), r = |p| in px.
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the picture, px.
+    cx, cy : float
+        Centre of distortion, px.
+    a : five floats
+        The polynomial, lowest degree first; a0 is positive (z forward) and a1 is zero.
+    c, d, e : float
+        Affine map of the sensor.
+
+    References
+    ----------
+    .. [1] Scaramuzza, Martinelli, Siegwart, "A toolbox for easily calibrating omnidirectional
+       cameras", IROS 2006.
+    """
+
+    cx: float
+    cy: float
+    a: tuple[float, float, float, float, float]
+    c: float = 1.0
+    d: float = 0.0
+    e: float = 0.0
+    row_scale: float = 1.0  # the lower right entry of the affine map: 1 until a resize
+
+    model: ClassVar[str] = "scaramuzza"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "a", tuple(float(value) for value in self.a))
+        if len(self.a) != 5 or not np.all(np.isfinite(self.a)):
+            raise ValueError(f"a must hold five finite coefficients, got {list(self.a)}")
+        if not self.a[0] > 0:
+            raise ValueError(f"a[0] must be positive (z forward), got {self.a[0]}")
+        if self.a[1] != 0:
+            raise ValueError(f"a[1] must be 0 (a smooth lens), got {self.a[1]}")
+        numbers = (self.cx, self.cy, self.c, self.d, self.e, self.row_scale)
+        if not (np.all(np.isfinite(numbers)) and np.linalg.det(self._affine) > 0):
+            raise ValueError(f"cx, cy, c, d, e must be finite and c - d·e positive, got {list(numbers[:5])}")
+
+    @property
+    def _affine(self) -> FloatArray:
+        return np.array([[self.c, self.d], [self.e, self.row_scale]])
+
+    @property
+    def _centre(self) -> FloatArray:
+        return np.array([self.cx, self.cy])
+
+    @cached_property
+    def _max_radius(self) -> float:
+        # ϑ = atan2(r, a(r)) grows while a - r a' > 0; work in r/a0 to keep the roots near one.
+        a0, _, a2, a3, a4 = self.a
+        scaled = [1.0, 0.0, -a2 * a0, -2 * a3 * a0**2, -3 * a4 * a0**3]
+        return a0 * smallest_positive_root(scaled, 100.0)
+
+    @cached_property
+    def max_angle(self) -> float:  # noqa: D102
+        return float(self._angle(np.asarray(self._max_radius))[0])
+
+    def _angle(self, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
+        a0, _, a2, a3, a4 = self.a
+        r = rho
+        height = a0 + r * r * (a2 + r * (a3 + r * a4))
+        turn = a0 - r * r * (a2 + r * (2 * a3 + r * 3 * a4))
+        return np.arctan2(r, height), turn / (r * r + height * height)
+
+    def _radius(self, theta: FloatArray) -> FloatArray:
+        return invert_increasing(self._scaled_angle, theta, 0.0, self._max_radius / self.a[0]) * self.a[0]
+
+    def _scaled_angle(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+        angle, slope = self._angle(r * self.a[0])
+        return angle, slope * self.a[0]
+
+    def _transformed(self, scale: FloatArray, offset: FloatArray, width: int, height: int) -> Self:
+        return replace(
+            self,
+            width=width,
+            height=height,
+            cx=self.cx * scale[0] + offset[0],
+            cy=self.cy * scale[1] + offset[1],
+            c=self.c * scale[0],
+            d=self.d * scale[0],
+            e=self.e * scale[1],
+            row_scale=self.row_scale * scale[1],
+        )

@@ -1,0 +1,235 @@
+"""Light that has bounced: how much of what a wall shows came from other walls, not from the lamp.
+
+In a colon it is a quarter of the green light and half of the red, more than any other error of the
+model I_c = cos θ / d². Once a surface is known roughly, it follows: patches of the surface exchange
+light (radiosity; Goral et al., "Modeling the interaction of light between diffuse surfaces",
+SIGGRAPH 1984),
+
+    S_i = Σ_j F_ij ρ (E_j + S_j),     F_ij = cos θ_ij cos θ_ji A_j / (π r_ij²)  where i sees j,
+
+E being the irradiance straight from the lamp and S that of bounced light. Both fall with the square
+of the scene's size, so that the share S/E asks for its shape only. A picture divided by 1 + S/E is
+one that the model explains: solve it, compute S/E anew, and so on; two rounds do.
+
+The walls beside and behind the camera are not in the picture, but half of the bounced light comes
+from them: the picture's rim is drawn back along the axis, as a colon goes on as it came.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from endolab.model.cameras import RayField
+from endolab.model.surface import normals_from_gradient, slant
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.compiled import kernel
+from endolab.numerics.derivatives import gradient
+
+PATCHES = 1200  # of the picture; half as many change S/E by a hundredth
+STEEPEST = 0.1  # cos θ below which a pixel's surface is a fold's edge rather than a wall
+SECTORS = 40  # of the rim
+BACK = 2.0  # how far behind the camera the wall goes on, in radii
+NEARER = 1.1  # a wall must be nearer than a chord by this factor to block it: patches are coarse
+BOUNCES = 25
+MOST = 20.0  # S/E, beyond which it says that the lamp hardly reaches the wall
+
+
+@kernel
+def _exchange(
+    x: FloatArray, n: FloatArray, area: FloatArray, cell: FloatArray, nearest: FloatArray
+) -> FloatArray:
+    """F between patches at x (mm) with normals n; `cell` is where they lie on the grid of `nearest` walls."""
+    count = len(x)
+    factors = np.zeros((count, count))
+    for i in range(count):
+        reach_i = np.sqrt(x[i, 0] ** 2 + x[i, 1] ** 2 + x[i, 2] ** 2)
+        for j in range(i):
+            along = x[j] - x[i]
+            square = along[0] ** 2 + along[1] ** 2 + along[2] ** 2
+            if square == 0.0:
+                continue
+            cos_i = (n[i, 0] * along[0] + n[i, 1] * along[1] + n[i, 2] * along[2]) / np.sqrt(square)
+            cos_j = -(n[j, 0] * along[0] + n[j, 1] * along[1] + n[j, 2] * along[2]) / np.sqrt(square)
+            if cos_i <= 0.0 or cos_j <= 0.0:
+                continue
+            reach_j = np.sqrt(x[j, 0] ** 2 + x[j, 1] ** 2 + x[j, 2] ** 2)
+            steps = int(max(abs(cell[j, 0] - cell[i, 0]), abs(cell[j, 1] - cell[i, 1])))
+            blocked = False
+            for k in range(1, steps):
+                share = k / steps
+                row = int(np.rint(cell[i, 0] + share * (cell[j, 0] - cell[i, 0])))
+                column = int(np.rint(cell[i, 1] + share * (cell[j, 1] - cell[i, 1])))
+                # In a picture 1/distance is nearly linear along a straight chord.
+                chord = 1 / ((1 - share) / reach_i + share / reach_j)
+                if chord > NEARER * nearest[row, column]:
+                    blocked = True
+                    break
+            if not blocked:
+                # A patch is no point: half of each area bounds the share that its neighbour gets.
+                share = cos_i * cos_j / (np.pi * square + 0.5 * (area[i] + area[j]))
+                factors[i, j], factors[j, i] = share * area[j], share * area[i]
+    return factors
+
+
+@dataclass(frozen=True)
+class Walls:
+    """A surface as patches that exchange light.
+
+    Attributes
+    ----------
+    points, normals : (N, 3) float arrays
+        Centres and unit normals; the picture's patches first, then the walls behind them.
+    area : (N,) float array
+        In squares of the unit of distance.
+    lit : (N,) float array
+        E of the patches, for a lamp of unit intensity along the axis.
+    exchange : (N, N) float array
+        F: the share of what patch i receives that comes from patch j; rows sum to 1 at most.
+    seen : (rows, columns) bool array
+        Which cells of the picture's coarse grid are patches.
+    direct : (H, W) float array
+        E of every pixel, μ′ cos θ / d²; 0 outside the mask.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    area: FloatArray
+    lit: FloatArray
+    exchange: FloatArray
+    seen: BoolArray
+    direct: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        log_distance: FloatArray,
+        mask: BoolArray,
+        field: RayField,
+        k: float,
+        cuts: BoolArray | None = None,
+    ) -> Walls:
+        """Cut a depth map into patches.
+
+        Parameters
+        ----------
+        log_distance : (H, W) float array
+            v = log d, any unit.
+        mask : (H, W) bool array
+            Where it is known.
+        field : RayField
+            Of the camera.
+        k : float
+            Joint exponent of the light, taken for that of its spread: μ′ = cos^k α.
+        cuts : (2, H, W) bool array, optional
+            Steps over which the surface is torn, see `Problem`.
+        """
+        v = np.where(mask, log_distance, 0.0)
+        f_u, f_v = gradient(v, mask, cuts)
+        guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
+        solid = np.where(mask, 1 / np.sqrt(np.where(mask, guu * gvv - guv**2, 1.0)), 0.0)
+        cosine = np.where(mask, 1 / np.sqrt(1 + slant(f_u, f_v, field)), 1.0)
+        distance = np.where(mask, np.exp(v), 1.0)
+        light = np.where(mask, np.where(mask, field.cos_alpha, 1.0) ** k, 0.0)
+        rays = np.where(mask[..., None], field.rays, 0.0)
+        facing = np.where(mask[..., None], normals_from_gradient(f_u, f_v, field), 0.0)
+        area = solid * distance**2 / np.maximum(cosine, STEEPEST)
+
+        step = max(1, round(np.sqrt(mask.sum() / PATCHES)))
+        weighted = np.concatenate([(area * distance)[..., None] * rays, area[..., None] * facing], axis=-1)
+        sums = _blocks(np.dstack([mask, area, light * solid, weighted]), step)
+        seen = sums[..., 0] > step**2 / 2
+        covered, flux = sums[seen, 1], sums[seen, 2]
+        points, normals = sums[seen, 3:6] / covered[:, None], sums[seen, 6:]
+        cells = np.argwhere(seen).astype(np.float64)
+        nearest = np.full(seen.shape, np.inf)
+        nearest[seen] = np.linalg.norm(points, axis=-1)
+        lit = flux / covered
+
+        rim, ring_points, ring_normals, ring_area = _drawn_back(points)
+        points = np.concatenate([points, ring_points])
+        normals = np.concatenate([normals / np.linalg.norm(normals, axis=-1, keepdims=True), ring_normals])
+        lit = np.concatenate([lit, _lamp(ring_points, ring_normals, k)])
+        areas = np.concatenate([covered, ring_area])
+        exchange = _exchange(points, normals, areas, np.concatenate([cells, cells[rim]]), nearest)
+        exchange /= np.maximum(exchange.sum(axis=1), 1.0)[:, None]
+        direct = np.where(mask, light * cosine / distance**2, 0.0)
+        return cls(points, normals, areas, lit, exchange, seen, direct)
+
+    def bounced(self, albedo: ArrayLike) -> FloatArray:
+        """S of every patch, (N,), for walls of one albedo; (N, n) for n albedos."""
+        one = np.asarray(albedo, dtype=np.float64)
+        lit = self.lit[:, None]
+        outgoing = lit * one.ravel()
+        for _ in range(BOUNCES):
+            outgoing = one.ravel() * (lit + self.exchange @ outgoing)
+        return (outgoing / one.ravel() - lit).reshape(len(lit), *one.shape)
+
+    def inflation(self, albedo: ArrayLike) -> FloatArray:
+        """S/E of every pixel, (H, W), or (H, W, n) for n albedos: bounced light over direct light.
+
+        It is 0 outside the mask.
+        """
+        bounced = self.bounced(albedo)
+        if bounced.ndim == 1:
+            return self._spread(bounced)
+        return np.stack([self._spread(one) for one in bounced.T], axis=-1)
+
+    def _spread(self, bounced: FloatArray) -> FloatArray:
+        coarse, known = np.zeros(self.seen.shape), self.seen.astype(np.float64)
+        coarse[self.seen] = bounced[: int(self.seen.sum())]
+        # Light that has bounced is smooth: what patches make of it is blurred a little, and spread
+        # to the cells that are no patches.
+        for _ in range(2):
+            spread, share = (cv2.GaussianBlur(a, (0, 0), 0.7) for a in (coarse * (known > 0), known))
+            coarse = np.where(share > 1e-6, spread / np.maximum(share, 1e-6), 0.0)
+            known = (share > 1e-6).astype(np.float64)
+        height, width = self.direct.shape
+        fine = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
+        lit = self.direct > 0
+        return np.where(lit, np.minimum(fine / np.where(lit, self.direct, 1.0), MOST), 0.0)
+
+
+def _blocks(maps: FloatArray, step: int) -> FloatArray:
+    """Sum maps (H, W, C) over squares of `step` pixels; the last of them may be smaller."""
+    height, width = maps.shape[:2]
+    padded = np.pad(maps, ((0, -height % step), (0, -width % step), (0, 0)))
+    rows, columns = padded.shape[0] // step, padded.shape[1] // step
+    return padded.reshape(rows, step, columns, step, -1).sum(axis=(1, 3))
+
+
+def _lamp(points: FloatArray, normals: FloatArray, k: float) -> FloatArray:
+    """E at points that the lamp sees: cos^k α cos θ / d²; 0 behind it."""
+    distance = np.linalg.norm(points, axis=-1)
+    cos_alpha = np.maximum(points[:, 2] / distance, 0.0)
+    cos_theta = np.maximum(-np.sum(points * normals, axis=-1) / distance, 0.0)
+    return np.where(cos_alpha > 0, cos_alpha**k, 0.0) * cos_theta / distance**2
+
+
+def _drawn_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
+    """Draw the rim of the patches back along the axis, past the camera.
+
+    Returns
+    -------
+    rim : (M,) int array
+        The patch from which each new one was drawn.
+    points, normals : (M, 3) float arrays
+    area : (M,) float array
+    """
+    across = np.hypot(points[:, 0], points[:, 1])
+    sector = ((np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1.0) * SECTORS).astype(int)
+    alpha = np.arctan2(across, points[:, 2])
+    rim = np.array([max(np.flatnonzero(sector == s), key=alpha.__getitem__) for s in np.unique(sector)])
+    start, radius = points[rim], np.maximum(across[rim], 1e-9)
+    side = (np.roll(start, -1, axis=0) - np.roll(start, 1, axis=0))[:, :2] / 2
+    length = np.linalg.norm(side, axis=-1)
+    step = float(np.median(length))
+    rings = int(np.ceil((np.median(start[:, 2]) + BACK * np.median(radius)) / step)) if step > 0 else 0
+    normal = np.column_stack([-start[:, :2] / radius[:, None], np.zeros(len(rim))])
+    back = (np.arange(max(rings, 0)) + 0.5)[:, None, None] * step * np.array([0.0, 0.0, 1.0])
+    drawn = (start - back).reshape(-1, 3)
+    times = drawn.shape[0] // len(rim)
+    return np.tile(rim, times), drawn, np.tile(normal, (times, 1)), np.tile(length * step, times)

@@ -1,0 +1,79 @@
+"""Lights of an endoscope."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from endolab.numerics.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class SpotLight:
+    """A small light that fades with the cosine off its direction and the square of the distance.
+
+    L(x) = w cosⁿψ / |x - x_l|² (paper, eqs. 1 and 2, with the exponent n and weight w = σo).
+
+    Parameters
+    ----------
+    position : three floats
+        x_l in the camera frame, mm. The default is the optical centre.
+    direction : three floats
+        Principal direction d_l, of any length; forward by default.
+    exponent : float
+        n, at least 0; 0 shines alike all over the half space in front.
+    weight : float
+        Its share of the light, positive.
+    """
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    exponent: float = 0.0
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        position = np.asarray(self.position, dtype=np.float64)
+        direction = np.asarray(self.direction, dtype=np.float64)
+        length = np.linalg.norm(direction)
+        if position.shape != (3,) or not np.all(np.isfinite(position)):
+            raise ValueError(f"position must be three finite numbers (mm), got {self.position}")
+        if direction.shape != (3,) or not (np.isfinite(length) and length > 0):
+            raise ValueError(f"direction must be three finite numbers, not all 0, got {self.direction}")
+        if not (np.isfinite(self.exponent) and self.exponent >= 0):
+            raise ValueError(f"exponent must be finite and at least 0, got {self.exponent}")
+        if not (np.isfinite(self.weight) and self.weight > 0):
+            raise ValueError(f"weight must be positive and finite, got {self.weight}")
+        object.__setattr__(self, "position", tuple(float(value) for value in position))
+        unit = direction if abs(length - 1) < 1e-12 else direction / length  # unit ones stay as they are
+        object.__setattr__(self, "direction", tuple(float(value) for value in unit))
+
+    def illuminate(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Light that arrives at points.
+
+        Parameters
+        ----------
+        points : (..., 3) float array
+            Points in the camera frame, mm.
+
+        Returns
+        -------
+        radiance : (...) float array
+            w cosⁿψ / distance², 1/mm²; 0 behind the light.
+        distance : (...) float array
+            Distance to the light, mm.
+        """
+        offset = points - np.asarray(self.position)
+        distance = np.linalg.norm(offset, axis=-1)
+        cos_psi = np.maximum(offset @ np.asarray(self.direction), 0.0) / distance
+        front = np.where(cos_psi > 0, cos_psi, 1.0) ** self.exponent * (cos_psi > 0)
+        return self.weight * front / distance**2, distance
+
+    def log_gradient(self, points: FloatArray) -> FloatArray:
+        """Gradient of the logarithm of `illuminate`'s radiance by the point, (..., 3), 1/mm."""
+        offset = points - np.asarray(self.position)
+        square = np.sum(offset**2, axis=-1, keepdims=True)
+        direction = np.asarray(self.direction)
+        along = (offset @ direction)[..., None]
+        along = np.where(along > 0, along, np.inf)
+        return self.exponent * direction / along - (self.exponent + 2) * offset / square

@@ -1,0 +1,298 @@
+"""The photometric model: how bright a surface looks to an endoscope (paper, Section III).
+
+General model (eq. 6), a sum over the lights l:
+
+    I = ( cos^k α · Σ_l w_l cosⁿψ_l / |x - x_l|² · f_r · cos θ_l · g )^(1/γ)
+
+With the one light at the optical centre, looking forward (the default, eq. 9):
+
+    I = ( cos^k α / d² · f_r(θ) · cos θ · g )^(1/γ)
+
+and k is then the joint exponent of light spread and vignetting.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from endolab.model.brdf import BRDF, Lambertian
+from endolab.model.lights import SpotLight
+from endolab.numerics.arrays import FloatArray
+
+CHANNELS = ("red", "green", "blue")
+GREY_WEIGHTS = np.array([0.299, 0.587, 0.114])  # of stored values; ITU-R BT.601, as cv2 and JPEG use
+CENTRED_LIGHT = SpotLight()
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.einsum("...i,...i->...", a, b)
+
+
+@dataclass(frozen=True)
+class Photometry:
+    """Light, surface and response of an endoscope.
+
+    Parameters
+    ----------
+    k : float
+        Exponent of cos α: the joint fall-off of light and vignetting; with `lights`, the
+        vignetting's alone.
+    gamma : float
+        Response exponent γ, positive.
+    gain : float or None
+        g, positive; None when it is not known, and then distances have no unit.
+    brdf : BRDF
+        Of the surface.
+    lights : tuple of SpotLight
+        The real lights; empty means one at the optical centre.
+    """
+
+    k: float = 2.5
+    gamma: float = 2.2
+    gain: float | None = None
+    brdf: BRDF = field(default_factory=Lambertian)
+    lights: tuple[SpotLight, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.k) and self.k >= 0):
+            raise ValueError(f"k must be finite and at least 0, got {self.k}")
+        if not (np.isfinite(self.gamma) and self.gamma > 0):
+            raise ValueError(f"gamma must be positive and finite, got {self.gamma}")
+        if self.gain is not None and not (np.isfinite(self.gain) and self.gain > 0):
+            raise ValueError(f"gain must be positive and finite, or None if unknown, got {self.gain}")
+        object.__setattr__(self, "lights", tuple(self.lights))
+
+    def channel(self, name: str) -> Photometry:
+        """Return the model of one channel, where the albedo differs between them.
+
+        Parameters
+        ----------
+        name : {"red", "green", "blue", "grey"}
+            Grey is the weighted sum of the stored values (ITU-R BT.601).
+
+        Raises
+        ------
+        ValueError
+            If there is no such channel.
+        """
+        if name not in (*CHANNELS, "grey"):
+            raise ValueError(f"unknown channel {name!r}; choose red, green, blue or grey")
+        albedo = getattr(self.brdf, "albedo", None)
+        if not (isinstance(self.brdf, Lambertian) and isinstance(albedo, tuple)):
+            return self
+        if name == "grey":
+            # The gain and geometry are common, so the grey value has an albedo of its own.
+            one = float(GREY_WEIGHTS @ np.asarray(albedo) ** (1 / self.gamma)) ** self.gamma
+        else:
+            one = albedo[CHANNELS.index(name)]
+        return replace(self, brdf=Lambertian(one))
+
+    def simplified(self) -> Photometry:
+        """Replace the lights by one virtual light at the optical centre (Section III-C).
+
+        Its strength is the sum of theirs along the axis and its exponent their mean, weighted by
+        that strength: what they become far from the tip.
+
+        Raises
+        ------
+        ValueError
+            If none of the lights shines forward.
+        """
+        if not self.lights:
+            return self
+        strength = np.array(
+            [light.weight * max(light.direction[2], 0.0) ** light.exponent for light in self.lights]
+        )
+        strength *= [light.direction[2] > 0 for light in self.lights]
+        if not strength.any():
+            raise ValueError("no light shines forward, so no virtual light can stand for them")
+        exponents = np.array([light.exponent for light in self.lights])
+        gain = None if self.gain is None else self.gain * float(strength.sum())
+        return replace(self, k=self.k + float(strength @ exponents / strength.sum()), gain=gain, lights=())
+
+    def attenuation(self, cos_alpha: ArrayLike) -> FloatArray:
+        """μ′ = cos^k α; 0 from 90° off the axis on.
+
+        Parameters
+        ----------
+        cos_alpha : array of float
+            Cosine of the angle between ray and axis.
+
+        Returns
+        -------
+        array of float
+        """
+        cosine = np.asarray(cos_alpha, dtype=np.float64)
+        front = cosine > 0
+        return np.where(np.isnan(cosine), np.nan, np.where(front, cosine, 1.0) ** self.k * front)
+
+    def _known_gain(self) -> float:
+        if self.gain is None:
+            raise ValueError("the gain is unknown (None): set one to compute intensities")
+        return self.gain
+
+    # General model ---------------------------------------------------------------------
+
+    def intensity(self, points: ArrayLike, normals: ArrayLike) -> FloatArray:
+        """Stored value of surface points (eq. 6).
+
+        Parameters
+        ----------
+        points : (..., 3) array of float
+            Surface points in the camera frame, mm.
+        normals : (..., 3) array of float
+            Unit normals there, towards the camera.
+
+        Returns
+        -------
+        (...) float array
+            I, 0 and up; 1 is the sensor's maximum, where a real picture saturates.
+        """
+        return self.intensity_gradient(points, normals)[0]
+
+    def intensity_gradient(
+        self, points: ArrayLike, normals: ArrayLike
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Stored value of surface points and its derivatives by the point and the normal.
+
+        Parameters
+        ----------
+        points, normals : (..., 3) arrays of float
+            As for `intensity`.
+
+        Returns
+        -------
+        intensity : (...) float array
+        by_point : (..., 3) float array
+            ∂I/∂x, 1/mm.
+        by_normal : (..., 3) float array
+            ∂I/∂n, the normal's three components taken as free.
+        """
+        points, normals = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
+        distance = np.linalg.norm(points, axis=-1)
+        to_camera = -points / distance[..., None]
+        linear = np.zeros(distance.shape)
+        by_point, by_normal = np.zeros(points.shape), np.zeros(points.shape)
+        for light in self.lights or (CENTRED_LIGHT,):
+            radiance, reach = light.illuminate(points)
+            to_light = (np.asarray(light.position) - points) / reach[..., None]
+            cos_i = _dot(normals, to_light)
+            lit = (cos_i > 0) * radiance
+            half = to_light + to_camera
+            half_length = np.linalg.norm(half, axis=-1)
+            half = half / half_length[..., None]
+            cos_h = _dot(normals, half)
+            f = self.brdf.value(cos_i, cos_h)
+            f_i, f_h = self.brdf.derivative(cos_i, cos_h)
+            shade = lit * f * cos_i
+            linear += shade
+            by_cos_i, by_cos_h = lit * (f + f_i * cos_i), lit * f_h * cos_i
+            by_normal += by_cos_i[..., None] * to_light + by_cos_h[..., None] * half
+            # The two directions turn with the point: ∂ω/∂x = -(1 - ωωᵀ)/distance.
+            turn_i = -(normals - cos_i[..., None] * to_light) / reach[..., None]
+            across = (normals - cos_h[..., None] * half) / half_length[..., None]
+            turn_h = -(across - _dot(across, to_light)[..., None] * to_light) / reach[..., None]
+            turn_h -= (across - _dot(across, to_camera)[..., None] * to_camera) / distance[..., None]
+            by_point += by_cos_i[..., None] * turn_i + by_cos_h[..., None] * turn_h
+            by_point += shade[..., None] * light.log_gradient(points)
+        cos_alpha = points[..., 2] / distance
+        scale = self.attenuation(cos_alpha) * self._known_gain()
+        forward = np.where(points[..., 2] > 0, points[..., 2], np.inf)[..., None]
+        axis = np.array([0.0, 0.0, 1.0])
+        by_point += self.k * linear[..., None] * (axis / forward - points / distance[..., None] ** 2)
+        linear = linear * scale
+        intensity = linear ** (1 / self.gamma)
+        # dI = I/(γ L) dL; in the dark, where I has no slope, 0.
+        slope = scale * intensity / (self.gamma * np.where(linear > 0, linear, 1.0)) * (linear > 0)
+        return intensity, slope[..., None] * by_point, slope[..., None] * by_normal
+
+    # Simplified model ------------------------------------------------------------------
+
+    def shade(
+        self, log_distance: ArrayLike, slant: ArrayLike, cos_alpha: ArrayLike
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Stored value under the light at the optical centre (eq. 9), with its derivatives.
+
+        Parameters
+        ----------
+        log_distance : (...) array of float
+            v = log d, d in mm.
+        slant : (...) array of float
+            P = tan²θ = ∇vᵀ G⁻¹ ∇v.
+        cos_alpha : (...) array of float
+            Cosine of the angle between ray and axis.
+
+        Returns
+        -------
+        intensity, by_log_distance, by_slant : (...) float arrays
+            I, ∂I/∂v = -2I/γ and ∂I/∂P.
+        """
+        slant = np.asarray(slant, dtype=np.float64)
+        cosine = 1 / np.sqrt(1 + slant)
+        f, slope = self.brdf.value(cosine, cosine), sum(self.brdf.derivative(cosine, cosine))
+        falloff = np.exp(-2 * np.asarray(log_distance, dtype=np.float64))
+        linear = self.attenuation(cos_alpha) * self._known_gain() * falloff * f * cosine
+        intensity = linear ** (1 / self.gamma)
+        # d cos θ / dP = -cos³θ / 2
+        by_slant = -intensity / self.gamma * (1 + cosine * slope / f) * cosine**2 / 2
+        return intensity, -2 * intensity / self.gamma, by_slant
+
+    def canonical(self, image: ArrayLike, cos_alpha: ArrayLike, theta: ArrayLike = 0.0) -> FloatArray:
+        """Canonical intensity I_c = I^γ / (μ′ f_r(θ) g) = cos θ / d².
+
+        Parameters
+        ----------
+        image : (...) array of float
+            Stored values in [0, 1].
+        cos_alpha : (...) array of float
+            Cosine of the angle between ray and axis.
+        theta : array of float, optional
+            Incidence angle at which a BRDF that is not Lambertian is read, rad.
+
+        Returns
+        -------
+        (...) float array
+            1/mm²; with an unknown gain, g = 1 is taken. nan where no light arrives (μ′ = 0).
+        """
+        cosine = np.cos(np.asarray(theta, dtype=np.float64))
+        gain = 1.0 if self.gain is None else self.gain
+        reached = self.attenuation(cos_alpha) * self.brdf.value(cosine, cosine) * gain
+        linear = np.asarray(image, dtype=np.float64) ** self.gamma
+        return np.where(reached > 0, linear / np.where(reached > 0, reached, 1.0), np.nan)
+
+    def slant_table(self, size: int = 2048) -> tuple[FloatArray, FloatArray] | None:
+        """Slant of the surface against canonical intensity, for a BRDF that isn't Lambertian.
+
+        The simplified model says I_c d² = c(θ) = cos θ f_r(θ)/f_r(0); solvers need its inverse.
+
+        Parameters
+        ----------
+        size : int
+            Number of samples of θ.
+
+        Returns
+        -------
+        None for a Lambertian surface, where P = c⁻² - 1; else two (size,) float arrays:
+        log c, increasing, and log(1 + P).
+
+        Raises
+        ------
+        ValueError
+            If c does not fall as θ grows: then one brightness has two slants.
+        """
+        if isinstance(self.brdf, Lambertian):
+            return None
+        theta = np.linspace(0.0, np.deg2rad(89.9), size)
+        cosine = np.cos(theta)
+        f = self.brdf.value(cosine, cosine)
+        brightness = np.log(cosine * f / f[0])
+        if not np.all(np.diff(brightness) < 0):
+            worst = np.rad2deg(theta[np.argmax(np.diff(brightness) >= 0)])
+            raise ValueError(
+                f"the BRDF rises so fast at θ = {worst:.0f}° that one brightness has two slants; "
+                "the surface cannot be found from it"
+            )
+        return brightness[::-1].copy(), (-2 * np.log(cosine))[::-1].copy()

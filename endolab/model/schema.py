@@ -1,0 +1,94 @@
+"""JSON files that people write by hand, read key by key: every error names the file and the key."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+
+def _is_finite(value: Any) -> bool:
+    """Whether a JSON value is a number that a float can hold."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+class Section:
+    """A part of a JSON file that is read key by key; every error names the key."""
+
+    def __init__(self, content: Any, where: str, file: str) -> None:
+        self.where, self.file = where, file
+        if not isinstance(content, dict):
+            raise self.error("", f"expected an object {{…}}, found {json.dumps(content)[:40]}")
+        self.content = dict(content)
+
+    def error(self, key: str, what: str) -> ValueError:
+        """Make the error that says what is wrong with a key; "" means this part as a whole."""
+        name = ".".join(part for part in (self.where, key) if part)
+        return ValueError(f"{self.file}: {name or 'the file'}: {what}")
+
+    def take(self, key: str, default: Any = ...) -> Any:
+        """Take out a value of any kind; it must be there unless a default is given."""
+        if key not in self.content and default is ...:
+            raise self.error(key, "missing")
+        return self.content.pop(key, default)
+
+    def section(self, key: str) -> Section:
+        """Take out an object, to be read key by key."""
+        return Section(self.take(key), ".".join(filter(None, (self.where, key))), self.file)
+
+    def number(self, key: str, default: Any = ..., low: float = -math.inf) -> float:
+        """Take out a finite number of at least `low`."""
+        value = self.take(key, default)
+        if not _is_finite(value):
+            raise self.error(key, f"expected a finite number, found {json.dumps(value)}")
+        if value < low:
+            raise self.error(key, f"expected at least {low:g}, found {value:g}")
+        return float(value)
+
+    def positive(self, key: str, default: Any = ...) -> float:
+        """Take out a positive number."""
+        value = self.number(key, default)
+        if value <= 0:
+            raise self.error(key, f"expected a positive number, found {value:g}")
+        return value
+
+    def whole(self, key: str, default: Any = ..., low: int = 0) -> int:
+        """Take out a whole number of at least `low`."""
+        value = self.number(key, default, low)
+        if value != int(value):
+            raise self.error(key, f"expected a whole number, found {value:g}")
+        return int(value)
+
+    def numbers(self, key: str, count: int | None = None, default: Any = ...) -> tuple[float, ...]:
+        """Take out a list of `count` finite numbers, or of any count."""
+        value = self.take(key, default)
+        good = isinstance(value, list | tuple) and (count is None or len(value) == count)
+        if not good or not all(_is_finite(x) for x in value):
+            wanted = f"{count} finite numbers" if count else "a list of finite numbers"
+            raise self.error(key, f"expected {wanted}, found {json.dumps(value)}")
+        return tuple(float(x) for x in value)
+
+    def choice(self, key: str, choices: tuple[str, ...]) -> str:
+        """Take out one of a few words."""
+        value = self.take(key)
+        if value not in choices:
+            raise self.error(key, f"expected one of {', '.join(choices)}, found {json.dumps(value)}")
+        return str(value)
+
+    def end(self) -> None:
+        """Complain of a key that nobody took."""
+        if self.content:
+            raise self.error(sorted(self.content)[0], "unknown key")
+
+    def build(self, make: Any, **values: Any) -> Any:
+        """Call a constructor whose own complaint names the value; say where it stands."""
+        self.end()
+        try:
+            return make(**values)
+        except ValueError as error:
+            raise self.error("", str(error)) from error

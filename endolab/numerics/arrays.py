@@ -1,0 +1,17 @@
+"""Types of arrays, and arrays that nobody may write into."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+IndexArray = NDArray[np.int32]
+
+
+def frozen(array: np.ndarray) -> np.ndarray:
+    """Make an array read-only: an observer that writes into it would change the result."""
+    array.flags.writeable = False
+    return array

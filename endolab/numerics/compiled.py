@@ -1,0 +1,62 @@
+"""Compiled loops: how they are compiled, and the padding that spares them their borders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from endolab.numerics.arrays import FloatArray
+
+kernel: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")
+PAD = 2
+
+
+def padded(a: Any) -> Any:
+    """Return maps (..., H, W) with `PAD` zeros around each."""
+    out = np.zeros((*a.shape[:-2], a.shape[-2] + 2 * PAD, a.shape[-1] + 2 * PAD), dtype=a.dtype)
+    inner(out)[...] = a
+    return out
+
+
+def inner(a: Any) -> Any:
+    """Return padded maps without their padding, as a view."""
+    return a[..., PAD:-PAD, PAD:-PAD]
+
+
+def framed(array: Any, fill: float = 0.0) -> FloatArray:
+    """Float copy of (..., H, W) with a frame of one pixel."""
+    around = [(0, 0)] * (np.ndim(array) - 2) + [(1, 1), (1, 1)]
+    return np.ascontiguousarray(np.pad(np.asarray(array, dtype=np.float64), around, constant_values=fill))
+
+
+@kernel
+def _block_sums(a: Any, out: FloatArray) -> None:
+    for i in range(PAD, out.shape[0] - PAD):
+        for j in range(PAD, out.shape[1] - PAD):
+            row, column = 2 * i - PAD, 2 * j - PAD
+            above = a[row, column] + a[row, column + 1]
+            out[i, j] = above + a[row + 1, column] + a[row + 1, column + 1]
+
+
+def block_sums(a: Any) -> FloatArray:
+    """Sum of a padded map over every 2×2 block, padded."""
+    height, width = (-(-(size - 2 * PAD) // 2) + 2 * PAD for size in a.shape)
+    out = np.zeros((height, width))
+    _block_sums(a, out)
+    return out
+
+
+def halved(active: Any) -> Any:
+    """Blocks of which at least one pixel is active."""
+    return (block_sums(active) > 0).astype(np.int8)
+
+
+def halved_links(link: Any) -> Any:
+    """Links between 2×2 blocks: where at least one pair of their pixels is linked."""
+    outer = link.copy()  # of the steps from pixel to pixel, those that lead out of a block
+    inner(outer)[0, :, ::2] = 0
+    inner(outer)[1, ::2] = 0
+    return np.stack([halved(outer[0]), halved(outer[1])])

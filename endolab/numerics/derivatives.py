@@ -1,0 +1,199 @@
+"""Derivatives of a map on a pixel grid with a mask and cuts, and their adjoints.
+
+A map is an array of shape (H, W) whose values outside the mask are never read: a hole, whatever
+it holds, does not reach its neighbours. A cut is a step between neighbouring pixels that no
+derivative takes, as at an occluding contour. Both come down to `links`: which steps there are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from endolab.numerics.arrays import BoolArray, FloatArray
+
+
+def shifted(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
+    """Return the array whose element at i is ``a`` at i + step, `fill` beyond the border."""
+    out = np.full_like(a, fill)
+    length = a.shape[axis]
+    if abs(step) < length:
+        here = [slice(None)] * a.ndim
+        there = [slice(None)] * a.ndim
+        here[axis] = slice(max(0, -step), length - max(0, step))
+        there[axis] = slice(max(0, step), length - max(0, -step))
+        out[tuple(here)] = a[tuple(there)]
+    return out
+
+
+def links(mask: BoolArray, cuts: BoolArray | None = None) -> BoolArray:
+    """Steps that derivatives may take.
+
+    Parameters
+    ----------
+    mask : (H, W) bool array
+        Where maps are defined.
+    cuts : (2, H, W) bool array, optional
+        Forbidden steps from each pixel to its right (first) and lower (second) neighbour.
+
+    Returns
+    -------
+    (2, H, W) bool array
+        Whether a pixel and its right, lower neighbour are both in the mask and not cut apart.
+    """
+    joined = np.stack([mask & shifted(mask, 1, axis, False) for axis in (1, 0)])
+    return joined if cuts is None else joined & ~cuts
+
+
+def _links_of(f: FloatArray, mask: BoolArray | None, cuts: BoolArray | None) -> tuple[BoolArray, BoolArray]:
+    inside = np.ones(np.shape(f), dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
+    return inside, links(inside, cuts)
+
+
+def _derivative(f: FloatArray, inside: BoolArray, link: BoolArray, axis: int, edge_order: int) -> FloatArray:
+    before = shifted(link, -1, axis, False)
+    forward = shifted(f, 1, axis, 0.0) - f
+    backward = shifted(forward, -1, axis, 0.0)
+    one_sided = np.select([link, before], [forward, backward], 0.0)
+    if edge_order == 2:
+        # A border pixel takes the three-point formula, as accurate as the central one.
+        far = link & shifted(link, 1, axis, False)
+        near = before & shifted(before, -1, axis, False)
+        bend = np.select(
+            [far, near],
+            [forward - shifted(forward, 1, axis, 0.0), backward - shifted(backward, -1, axis, 0.0)],
+            0.0,
+        )
+        one_sided = one_sided + 0.5 * bend
+    return np.select([~inside, link & before], [np.nan, 0.5 * (forward + backward)], one_sided)
+
+
+def gradient(
+    f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None, edge_order: int = 2
+) -> tuple[FloatArray, FloatArray]:
+    """Gradient of a map per pixel: central differences, one-sided where a step is missing.
+
+    Parameters
+    ----------
+    f : (H, W) float array
+        The map. Values outside the mask are not read.
+    mask : (H, W) bool array, optional
+        Where the map is defined; everywhere by default.
+    cuts : (2, H, W) bool array, optional
+        Steps not to take, see `links`.
+    edge_order : {2, 1}
+        Accuracy of the one-sided differences: from three pixels or from two.
+
+    Returns
+    -------
+    f_u, f_v : (H, W) float arrays
+        Derivatives along columns (u, to the right) and rows (v, downwards), per pixel.
+        nan outside the mask; 0 along an axis on which a pixel has no neighbour.
+    """
+    inside, link = _links_of(f, mask, cuts)
+    f = np.where(inside, np.asarray(f, dtype=np.float64), 0.0)
+    f_u, f_v = (_derivative(f, inside, link[i], axis, edge_order) for i, axis in ((0, 1), (1, 0)))
+    return f_u, f_v
+
+
+def gradient_adjoint(
+    f_u: FloatArray, f_v: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
+) -> FloatArray:
+    """Adjoint of `gradient` with ``edge_order=1``, (H, W); 0 outside the mask."""
+    inside, link = _links_of(f_u, mask, cuts)
+    out = np.zeros(inside.shape)
+    for p, joined, axis in ((f_u, link[0], 1), (f_v, link[1], 0)):
+        before = shifted(joined, -1, axis, False)
+        # The derivative is the mean of the differences that there are: each has its share of p.
+        share = np.where(inside, p, 0.0) / np.maximum(1.0 * joined + before, 1.0)
+        step = joined * (share + shifted(share, 1, axis, 0.0))
+        out += shifted(step, -1, axis, 0.0) - step
+    return out
+
+
+def forward_gradient(
+    f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
+) -> FloatArray:
+    """Differences to the right and lower neighbour.
+
+    Parameters
+    ----------
+    f : (H, W) float array
+        The map. Values outside the mask are not read.
+    mask : (H, W) bool array, optional
+        Where the map is defined; everywhere by default.
+    cuts : (2, H, W) bool array, optional
+        Steps not to take, see `links`.
+
+    Returns
+    -------
+    (2, H, W) float array
+        f_u, f_v per pixel; 0 where there is no such step.
+    """
+    inside, link = _links_of(f, mask, cuts)
+    f = np.where(inside, f, 0.0)
+    return np.stack([(shifted(f, 1, axis, 0.0) - f) * link[i] for i, axis in ((0, 1), (1, 0))])
+
+
+def forward_gradient_adjoint(
+    p: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
+) -> FloatArray:
+    """Adjoint of `forward_gradient`, minus the divergence: (2, H, W) to (H, W), 0 outside the mask."""
+    _, link = _links_of(p[0], mask, cuts)
+    steps = np.where(link, p, 0.0)
+    return sum(shifted(steps[i], -1, axis, 0.0) - steps[i] for i, axis in ((0, 1), (1, 0)))
+
+
+def hessian_stencils(link: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Where f_uu, f_uv and f_vv have all the steps that they need."""
+    along_u, along_v = link
+    return (
+        along_u & shifted(along_u, -1, 1, False),
+        along_u & shifted(along_u, 1, 0, False) & along_v & shifted(along_v, 1, 1, False),
+        along_v & shifted(along_v, -1, 0, False),
+    )
+
+
+def hessian(f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None) -> FloatArray:
+    """Second differences, such that the norm of the three is the Hessian's Frobenius norm.
+
+    Parameters
+    ----------
+    f : (H, W) float array
+        The map. Values outside the mask are not read.
+    mask : (H, W) bool array, optional
+        Where the map is defined; everywhere by default.
+    cuts : (2, H, W) bool array, optional
+        Steps not to take, see `links`.
+
+    Returns
+    -------
+    (3, H, W) float array
+        f_uu, √2 f_uv, f_vv per pixel squared; 0 where the stencil (three in a row, or a square
+        of four) is not whole.
+    """
+    inside, link = _links_of(f, mask, cuts)
+    f = np.where(inside, f, 0.0)
+    whole_uu, whole_uv, whole_vv = hessian_stencils(link)
+    along_u, along_v = (shifted(f, 1, axis, 0.0) - f for axis in (1, 0))
+    return np.stack(
+        [
+            whole_uu * (along_u - shifted(along_u, -1, 1, 0.0)),
+            np.sqrt(2) * whole_uv * (shifted(along_u, 1, 0, 0.0) - along_u),
+            whole_vv * (along_v - shifted(along_v, -1, 0, 0.0)),
+        ]
+    )
+
+
+def hessian_adjoint(
+    p: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
+) -> FloatArray:
+    """Adjoint of `hessian`: (3, H, W) to (H, W), 0 outside the mask."""
+    _, link = _links_of(p[0], mask, cuts)
+    uu, uv, vv = (np.where(whole, q, 0.0) for whole, q in zip(hessian_stencils(link), p, strict=True))
+    out = sum(shifted(q, 1, a, 0.0) - 2 * q + shifted(q, -1, a, 0.0) for q, a in ((uu, 1), (vv, 0)))
+    lower = shifted(uv, -1, 0, 0.0) - uv
+    return out + np.sqrt(2) * (shifted(lower, -1, 1, 0.0) - lower)
+
+
+REFERENCE_WIDTH = 320

@@ -1,0 +1,45 @@
+"""Robust penalties, in the convention with one half: near zero each is r squared over two."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from endolab.numerics.arrays import FloatArray
+
+
+def huber(r: ArrayLike, threshold: float) -> FloatArray:
+    """Huber penalty: r²/2 up to the threshold t, then t(|r| - t/2).
+
+    Parameters
+    ----------
+    r : array of float
+        Residual, of any shape.
+    threshold : float
+        Where the parabola becomes a line; same unit as `r`, positive.
+
+    Returns
+    -------
+    array of float
+        The penalty, in the unit of `r` squared.
+
+    Raises
+    ------
+    ValueError
+        If the threshold is not positive and finite.
+
+    Notes
+    -----
+    ``huber(r, epsilon) / epsilon`` is the Huber norm of DTAM [1]_ that the paper writes
+    ‖·‖_ε: total variation that is smooth within ε.
+
+    References
+    ----------
+    .. [1] Newcombe, Lovegrove, Davison, "DTAM: dense tracking and mapping in real-time",
+       ICCV 2011.
+    """
+    if not (np.isfinite(threshold) and threshold > 0):
+        raise ValueError(f"threshold must be positive and finite, got {threshold}")
+    size = np.abs(np.asarray(r, dtype=np.float64))
+    small = np.minimum(size, threshold)
+    return small * (size - 0.5 * small)

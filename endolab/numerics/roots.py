@@ -1,0 +1,77 @@
+"""Roots of polynomials and inverses of increasing functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.polynomial import polynomial
+from numpy.typing import ArrayLike
+
+from endolab.numerics.arrays import FloatArray
+
+
+def smallest_positive_root(coefficients: ArrayLike, limit: float) -> float:
+    """Return the first positive real root of a polynomial, `limit` if there is none below it.
+
+    Parameters
+    ----------
+    coefficients : (n,) array of float
+        Lowest degree first.
+    limit : float
+        The largest value that is of interest.
+
+    Returns
+    -------
+    float
+    """
+    roots = polynomial.polyroots(np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b"))
+    real = roots.real[(np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots.real))) & (roots.real > 0)]
+    return float(min(real.min(initial=limit), limit))
+
+
+def invert_increasing(
+    function: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+    target: FloatArray,
+    low: float,
+    high: float,
+) -> FloatArray:
+    """Solve f(x) = target by Newton steps kept inside a shrinking bracket.
+
+    A step is Newton's where that stays inside the bracket and halves it elsewhere.
+
+    Parameters
+    ----------
+    function : callable
+        Returns f and its derivative; increasing on [low, high], of the order of one there.
+    target : array of float
+        Values of f, between f(low) and f(high).
+    low, high : float
+        Where to look.
+
+    Returns
+    -------
+    array of float
+        x, to rounding.
+    """
+    wanted = np.asarray(target, dtype=np.float64).ravel()
+    x = np.clip(wanted, low, high)
+    lower, upper = np.full(wanted.shape, low), np.full(wanted.shape, high)
+    busy = np.arange(wanted.size)
+    for _ in range(100):
+        value, slope = function(x[busy])
+        excess = value - wanted[busy]
+        going = np.abs(excess) > 2e-16 * np.maximum(1.0, wanted[busy])
+        busy, excess, slope = busy[going], excess[going], slope[going]
+        if busy.size == 0:
+            break
+        lower[busy] = np.where(excess < 0, x[busy], lower[busy])
+        upper[busy] = np.where(excess > 0, x[busy], upper[busy])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            new = x[busy] - excess / slope
+        outside = ~((new >= lower[busy]) & (new <= upper[busy]))
+        new[outside] = 0.5 * (lower[busy] + upper[busy])[outside]
+        moved = new != x[busy]
+        x[busy] = new
+        busy = busy[moved]
+    return x.reshape(np.shape(target))

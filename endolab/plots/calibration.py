@@ -1,0 +1,348 @@
+"""Figures of a calibration: what was detected, how well the camera fits, and whole pages.
+
+As in `plots`, every function but the two pages draws into the axes ``ax`` it is given, or into
+new ones, under ``title``, and returns the axes. The figures of the light are in `light_plots`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from endolab.calibration.detection.detect import Detection
+from endolab.calibration.geometric.fit import GeometricFit
+from endolab.calibration.session import Session
+from endolab.calibration.summary import counted, mean_distances
+from endolab.calibration.targets import Target
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.plots.light import (
+    histogram,
+    show_brdf,
+    show_fall_off,
+    show_gains,
+    show_light_residuals,
+    show_ridge,
+    show_sampling,
+    show_scores,
+)
+from endolab.plots.maps import show_picture
+from endolab.plots.style import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PAGE_SIZE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    decorate,
+    house,
+    new_axes,
+    round_length,
+)
+
+__all__ = [
+    "best_frame",
+    "geometry_figure",
+    "light_figure",
+    "mean_distances",
+    "samples_of",
+    "show_brdf",
+    "show_coverage",
+    "show_detection",
+    "show_fall_off",
+    "show_gains",
+    "show_light_residuals",
+    "show_reprojection",
+    "show_reprojection_histogram",
+    "show_ridge",
+    "show_sampling",
+    "show_scores",
+    "video_frames",
+]
+
+ROWS = (SKY, VERMILION, GREEN, ORANGE, PURPLE, BLUE)  # of the target, over and over
+MOST_ARROWS = 800  # more hide each other
+LONGEST = 4.0  # standard deviations that an arrow shows
+
+
+def _picture_axes(ax: Axes | None, title: str, width: int, height: int) -> tuple[Axes, Rectangle]:
+    """Axes of a picture that is not shown: its border, pixels as in an array, a strip for the legend."""
+    ax = new_axes(ax)
+    border = Rectangle((-0.5, -0.5), width, height, fill=False, ec="black", lw=1.2, zorder=1)
+    ax.add_patch(border)
+    margin = 0.02 * width
+    ax.set(xlim=(-margin, width + margin), ylim=(height + margin, -0.12 * height), aspect="equal")
+    decorate(ax, title, "column u [px]", "row v [px]", grid=False)
+    ax.locator_params(nbins=4)
+    return ax, border
+
+
+def _rows(target: Target) -> tuple[IntArray, IntArray]:
+    """Row and column of each feature on the target's lattice, (n,)."""
+    place = np.round(target.points[:, :2] / target.spacing).astype(int)
+    return place[:, 1], place[:, 0]
+
+
+@house()
+def show_detection(
+    image: FloatArray,
+    detection: Detection,
+    target: Target,
+    ax: Axes | None = None,
+    *,
+    title: str = "Detection",
+) -> Axes:
+    """Show the features that were found, joined along the target's rows: a wrong id makes a wild line.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values in [0, 1].
+    detection : Detection
+    target : Target
+    """
+    ax = show_picture(image, ax, f"{title}: {len(detection.ids)} of {len(target.points)}")
+    if not len(detection.ids):
+        ax.set_title(f"{title}: none ({detection.reason})")
+        return ax
+    row, column = (values[detection.ids] for values in _rows(target))
+    pixels, least = detection.pixels, row.min()
+    for number in range(least, row.max() + 1):
+        here = np.flatnonzero(row == number)
+        here = here[np.argsort(column[here])]
+        colour = ROWS[number % len(ROWS)]
+        # Features that are farther apart than one that was missed are not joined.
+        for run in np.split(here, np.flatnonzero(np.diff(column[here]) > 2) + 1):
+            ax.plot(*pixels[run].T, color=colour, lw=1.3, marker="o", ms=2.6, mec="black", mew=0.3)
+    first = int(np.argmin(detection.ids))
+    ax.plot(*pixels[first], "o", ms=13, mfc="none", mec="white", mew=3.5)
+    ax.plot(*pixels[first], "o", ms=13, mfc="none", mec=VERMILION, mew=2)
+    ax.annotate(
+        f"id {detection.ids[first]}",
+        pixels[first],
+        xytext=10 * np.sign(np.array(image.shape[1::-1]) / 2 - pixels[first]) * [1, -1],  # inwards
+        textcoords="offset points",
+        ha="left" if pixels[first, 0] < image.shape[1] / 2 else "right",
+        va="top" if pixels[first, 1] < image.shape[0] / 2 else "bottom",
+        fontweight="bold",
+        bbox={"fc": "white", "ec": "none", "alpha": 0.85, "boxstyle": "round,pad=0.15"},
+    )
+    return ax
+
+
+def _points_of(geometry: GeometricFit) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Pixels (n, 2), residuals (n, 2) and inliers (n,) of all views."""
+    pixels = np.concatenate([view.pixels for view in geometry.views])
+    return pixels, np.concatenate(geometry.residuals), np.concatenate(geometry.inliers)
+
+
+@house()
+def show_reprojection(
+    geometry: GeometricFit,
+    ax: Axes | None = None,
+    *,
+    magnify: float | None = None,
+    title: str = "Reprojection",
+) -> Axes:
+    """Show measured less predicted pixels of all views as arrows, where they are in the picture.
+
+    Parameters
+    ----------
+    geometry : GeometricFit
+    magnify : float, optional
+        How much longer than the residuals the arrows are; by default such that those of one
+        standard deviation are 2 % of the picture's width.
+
+    Notes
+    -----
+    Arrows end at 4 standard deviations, or outliers would hide the rest; of more than 800 inliers
+    or outliers some, chosen at random, are left out.
+    """
+    pixels, residuals, inliers = _points_of(geometry)
+    camera, sigma = geometry.camera, max(geometry.sigma, 1e-6)
+    if magnify is None:
+        magnify = round_length(0.02 * camera.width / sigma)
+    ax, border = _picture_axes(ax, f"{title}, × {magnify:g}", camera.width, camera.height)
+    length = np.linalg.norm(residuals, axis=1, keepdims=True)
+    shown = residuals * np.minimum(1, LONGEST * sigma / np.maximum(length, 1e-12))
+    for which, colour, what, order in ((inliers, BLUE, "inlier", 3), (~inliers, VERMILION, "outlier", 2)):
+        drawn = np.flatnonzero(which)
+        if len(drawn) > MOST_ARROWS:
+            drawn = np.random.default_rng(0).choice(drawn, MOST_ARROWS, replace=False)
+        arrows = ax.quiver(
+            *pixels[drawn].T,
+            *shown[drawn].T,
+            angles="xy",
+            scale_units="xy",
+            scale=1 / magnify,
+            width=0.0022,
+            color=colour,
+            label=counted(int(which.sum()), what),
+            zorder=order,
+        )
+        arrows.set_clip_path(border)
+    key = round_length(0.08 * camera.width / magnify)
+    ax.quiverkey(arrows, 0.06, 0.95, key, f"{key:g} px", labelpos="E", color="black")
+    ax.legend(loc="upper right", ncols=2, handlelength=1.2, columnspacing=1.0)
+    return ax
+
+
+@house()
+def show_reprojection_histogram(
+    geometry: GeometricFit, ax: Axes | None = None, *, title: str = "Reprojection"
+) -> Axes:
+    """Show how the coordinates of the inliers' residuals are spread, with a Gaussian as wide.
+
+    Parameters
+    ----------
+    geometry : GeometricFit
+    """
+    ax = new_axes(ax)
+    _, residuals, inliers = _points_of(geometry)
+    values = residuals[inliers].ravel()
+    histogram(ax, values, 0.0, float(np.std(values)), f"{counted(int(inliers.sum()), 'point')}, u and v")
+    return decorate(
+        ax, f"{title}: RMSE {geometry.rmse:.3f} px", "measured - predicted [px]", "density [1/px]"
+    )
+
+
+@house()
+def show_coverage(geometry: GeometricFit, ax: Axes | None = None, *, title: str = "Field covered") -> Axes:
+    """Show where in the picture features were seen, with circles of equal angle off the axis.
+
+    Parameters
+    ----------
+    geometry : GeometricFit
+    """
+    pixels, _, inliers = _points_of(geometry)
+    camera, seen = geometry.camera, np.rad2deg(geometry.max_angle_seen)
+    ax, border = _picture_axes(ax, f"{title}: to {seen:.0f}° off the axis", camera.width, camera.height)
+    ax.plot(*pixels[inliers].T, ".", color=BLUE, ms=3, alpha=0.5, mew=0)
+    turn = np.linspace(0, 2 * np.pi, 241)
+    labelled = np.full(2, -np.inf)
+    angles = [*range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10)]
+    for angle in [*angles, seen]:
+        out = np.sin(np.deg2rad(angle))
+        rays = np.stack(
+            [out * np.cos(turn), out * np.sin(turn), np.full_like(turn, np.cos(np.deg2rad(angle)))], axis=-1
+        )
+        ring = camera.project(rays)
+        reached = angle == seen
+        (line,) = ax.plot(
+            *ring.T,
+            color=VERMILION if reached else "0.35",
+            lw=2.2 if reached else 0.8,
+            ls="--" if reached else "-",
+            label="farthest feature" if reached else None,
+        )
+        line.set_clip_path(border)
+        # Along a diagonal, where the picture is widest.
+        place = ring[np.argmin(np.abs(turn - np.arctan2(camera.height, camera.width)))]
+        inside = (place > 12).all() and (place < [camera.width - 12, camera.height - 12]).all()
+        apart = np.linalg.norm(place - labelled) > 0.06 * camera.width
+        if not reached and inside and apart:
+            labelled = place
+            box = {"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}
+            ax.text(place[0], place[1], f"{angle}°", ha="center", va="center", size="small", bbox=box)
+    ax.legend(loc="upper right")
+    return ax
+
+
+def best_frame(session: Session) -> str:
+    """Name the frame to show: of those that were located, the one with many features seen large."""
+    found = session.detections
+
+    def worth(name: str) -> float:
+        pixels = found[name].pixels
+        return float(len(pixels) * np.sqrt(np.prod(np.ptp(pixels, axis=0)))) if len(pixels) else 0.0
+
+    return max(session.poses or found, key=worth)
+
+
+def samples_of(session: Session, name: str) -> BoolArray:
+    """Tell which of a session's samples were read in a frame, (n,)."""
+    names = list(session.poses)
+    return session.samples.frame == (names.index(name) if name in session.poses else -1)
+
+
+def video_frames(session: Session) -> IntArray:
+    """Numbers, in the video, of the frames that were located: those that ``samples.frame`` counts."""
+    number = {name: index for index, name in enumerate(session.detections)}
+    return np.array([number[name] for name in session.poses], dtype=int)
+
+
+def geometry_figure(session: Session, image: FloatArray, name: str | None = None) -> Figure:
+    """Draw the evidence for a camera on one page.
+
+    Parameters
+    ----------
+    session : Session
+    image : (H, W) or (H, W, 3) float array
+        A frame, stored values in [0, 1].
+    name : str, optional
+        Which; `best_frame` by default.
+
+    Returns
+    -------
+    Figure
+        1600 x 1120 px when saved.
+
+    Raises
+    ------
+    ValueError
+        If the session's camera was given.
+    """
+    if session.geometry is None:
+        raise ValueError("session has no geometry to draw: its camera was given")
+    name = best_frame(session) if name is None else name
+    with house(PAGE_SIZE):
+        figure = Figure(figsize=(16, 11.2), dpi=100, layout="constrained")
+        ((found, arrows), (covered, spread)) = figure.subplots(2, 2)
+        show_detection(image, session.detections[name], session.target, found)
+        show_reprojection(session.geometry, arrows)
+        show_coverage(session.geometry, covered)
+        show_reprojection_histogram(session.geometry, spread)
+    return figure
+
+
+def light_figure(session: Session, image: FloatArray, name: str | None = None) -> Figure:
+    """Draw the evidence for a light on one page: the paper's five panels, and the frames held out.
+
+    Parameters
+    ----------
+    session : Session
+    image : (H, W) or (H, W, 3) float array
+        A frame, stored values in [0, 1].
+    name : str, optional
+        Which; `best_frame` by default.
+
+    Returns
+    -------
+    Figure
+        1800 x 1000 px when saved.
+
+    Raises
+    ------
+    ValueError
+        If the session's light was refused.
+    """
+    light, samples = session.light, session.samples
+    if light is None:
+        raise ValueError(f"session has no light to draw: {session.refused}")
+    here = samples_of(session, best_frame(session) if name is None else name)
+    with house(PAGE_SIZE):
+        figure = Figure(figsize=(18, 10), dpi=100, layout="constrained")
+        ((sampling, residuals, fall_off), (gains, brdf, scores)) = figure.subplots(2, 3)
+        show_sampling(image, samples[here], session.camera, sampling, used=light.used[here])
+        show_light_residuals(light, residuals)
+        show_fall_off(light, fall_off)
+        frames, distance = video_frames(session)[light.frames], mean_distances(samples, light.frames)
+        show_gains(light, gains, frames=frames, distance=distance)
+        show_brdf(light, brdf, samples=samples)
+        if session.scores is None:
+            scores.set_axis_off()
+        else:
+            show_scores(session.scores, scores)
+    return figure

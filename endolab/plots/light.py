@@ -1,0 +1,312 @@
+"""Figures of an endoscope's light: where it was sampled, how it falls off, gains, BRDF, scores.
+
+As in `plots`, every function draws into the axes ``ax`` it is given, or into new ones, under
+``title``, and returns the axes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from endolab.calibration.photometric.result import HeldOut, PhotometricFit
+from endolab.calibration.photometric.samples import Samples
+from endolab.calibration.summary import LEAST_SCORED, brdf_of, counted, exponent
+from endolab.model.brdf import TabulatedBRDF
+from endolab.model.cameras import Camera
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.plots.maps import show_picture
+from endolab.plots.style import BLUE, PAPER, SKY, VERMILION, decorate, house, new_axes
+
+UNSEEN = "0.88"
+
+
+def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: str) -> None:
+    """Draw a histogram as a density, and the normal distribution of `mean` and `sigma` over it."""
+    reach = max(4 * sigma, 1e-9)
+    bins = np.linspace(mean - reach, mean + reach, 61)
+    share = np.histogram(values, bins)[0] / max(len(values), 1) / np.diff(bins)
+    ax.stairs(share, bins, fill=True, color=SKY, label=label)
+    x = np.linspace(bins[0], bins[-1], 301)
+    curve = np.exp(-0.5 * ((x - mean) / (reach / 4)) ** 2) / (np.sqrt(2 * np.pi) * reach / 4)
+    ax.plot(x, curve, color="black", lw=1.8, ls="--", label="Gaussian")
+    ax.set(xlim=(bins[0], bins[-1]), ylim=(0, 1.3 * max(curve.max(), share.max())))
+    ax.locator_params(axis="x", nbins=5)
+    ax.legend(loc="upper right", ncols=2)
+
+
+def _shade_unseen(ax: Axes, low: float, high: float) -> None:
+    """Shade the angles of 0 to 90° that are not between two."""
+    ax.axvspan(0, low, color=UNSEEN, lw=0, zorder=0)
+    ax.axvspan(high, 90, color=UNSEEN, lw=0, zorder=0, label="not sampled")
+    ax.set(xlim=(0, 90), xticks=range(0, 91, 15))
+
+
+@house()
+def show_sampling(
+    image: FloatArray,
+    samples: Samples,
+    camera: Camera,
+    ax: Axes | None = None,
+    *,
+    used: BoolArray | None = None,
+    title: str = "Samples",
+) -> Axes:
+    """Show where the brightness of a frame was read.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values in [0, 1].
+    samples : Samples
+        Of this frame.
+    camera : Camera
+    used : (n,) bool array, optional
+        Those that counted in the fit; all by default.
+    """
+    used = np.ones(len(samples), bool) if used is None else used
+    ax = show_picture(image, ax, f"{title}: {len(samples)} in this frame")
+    pixels = camera.project(samples.points)
+    paper = samples.material == 0
+    for which, face, marker, label in (
+        (used & paper, VERMILION, "o", "bare paper"),
+        (used & ~paper, BLUE, "s", "grey patch"),
+        (~used, "none", "o", "left out"),
+    ):
+        if which.any():
+            edge = "black" if face == "none" else "white"
+            ax.plot(*pixels[which].T, marker, mfc=face, mec=edge, ms=5, mew=0.8, ls="none", label=label)
+    if len(samples):
+        ax.legend(frameon=True, loc="best", handletextpad=0.2)
+    return ax
+
+
+@house()
+def show_light_residuals(light: PhotometricFit, ax: Axes | None = None, *, title: str | None = None) -> Axes:
+    """Show how the residuals of the samples that counted are spread, with a Gaussian.
+
+    Parameters
+    ----------
+    light : PhotometricFit
+    """
+    ax = new_axes(ax)
+    values = light.residuals[light.used]
+    if title is None:
+        title = f"Residuals: {round(light.mean, 2) + 0.0:.2f} ± {light.sigma:.2f} grey levels"  # never -0
+    left_out = len(light.used) - len(values)
+    histogram(ax, values, light.mean, light.sigma, counted(len(values), "sample"))
+    ax.text(0.02, 0.78, f"{left_out} left out", transform=ax.transAxes, color="0.3", va="top")
+    return decorate(ax, title, "measured - predicted [grey levels of 255]", "density [1/grey level]")
+
+
+@house()
+def show_fall_off(light: PhotometricFit, ax: Axes | None = None, *, title: str = "Light's fall-off") -> Axes:
+    """Show the joint vignetting and light spread cosᵏα with its standard error, beside cos⁴α.
+
+    Parameters
+    ----------
+    light : PhotometricFit
+
+    Notes
+    -----
+    Angles at which there were no samples are shaded. If the light's place was fitted, α is the
+    angle off its direction.
+    """
+    ax = new_axes(ax)
+    k, error = exponent(light), light.standard_errors["k"]
+    alpha = np.linspace(0, 90, 361)
+    cosine = np.cos(np.deg2rad(alpha)).clip(1e-9)
+    low, high = np.rad2deg(light.alpha_range)
+    _shade_unseen(ax, low, high)
+    ax.plot(alpha, cosine**4, color="black", lw=1.5, ls=":", label="cos⁴ α")
+    ax.fill_between(
+        alpha,
+        cosine ** (k - error),
+        cosine ** (k + error),
+        color=VERMILION,
+        alpha=0.35,
+        lw=0,
+        label="± 1 s.e.",
+    )
+    ax.plot(alpha, cosine**k, color=VERMILION, lw=2.2, label=f"cosᵏ α, k = {k:.3f} ± {error:.3f}")
+    ax.set_ylim(0, 1.05)
+    # The fitted curve first.
+    handles, labels = ax.get_legend_handles_labels()
+    order = sorted(range(len(labels)), key=lambda i: ("cosᵏ" not in labels[i], "s.e." not in labels[i]))
+    ax.legend([handles[i] for i in order], [labels[i] for i in order], loc="upper right")
+    what = "ψ off the light's direction" if light.photometry.lights else "α off the axis"
+    return decorate(ax, title, f"angle {what} [°]", "share of the light on the axis")
+
+
+@house()
+def show_gains(
+    light: PhotometricFit,
+    ax: Axes | None = None,
+    *,
+    frames: IntArray | None = None,
+    distance: FloatArray | None = None,
+    title: str = "Gain of each frame",
+) -> Axes:
+    """Show the gains, and how far away the sheet was.
+
+    Parameters
+    ----------
+    light : PhotometricFit
+    frames : (m,) int array, optional
+        Numbers of the frames in the video; ``light.frames`` by default.
+    distance : (m,) float array, optional
+        Mean distance of each frame's samples, mm.
+    """
+    ax = new_axes(ax)
+    frames = light.frames if frames is None else frames
+    known = np.isfinite(light.gain_errors)
+    gains, errors = np.where(known, light.gains, np.nan), np.where(known, light.gain_errors, np.nan)
+    ax.fill_between(frames, gains - errors, gains + errors, color=VERMILION, alpha=0.35, lw=0)
+    marker = {"marker": "o", "ms": 4} if len(frames) <= 60 else {}
+    (line,) = ax.plot(frames, gains, color=VERMILION, lw=1.8, label="gain ± 1 s.e.", **marker)  # type: ignore[arg-type]
+    handles = [line]
+    ax.set_ylim(0, 1.25 * float(np.nanmax(gains + errors, initial=1e-9)))
+    decorate(ax, title, "frame", "gain g [mm²]")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3), useMathText=True)
+    if distance is not None:
+        other = ax.twinx()
+        handles += other.plot(frames, distance, color=BLUE, lw=1.5, ls="--", label="distance")
+        other.set_ylabel("mean distance of the sheet [mm]", color=BLUE)
+        other.tick_params(axis="y", colors=BLUE)
+        other.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
+        ax.yaxis.label.set_color(VERMILION)
+        ax.tick_params(axis="y", colors=VERMILION)
+    ax.legend(handles=handles, loc="upper right", ncols=2)
+    return ax
+
+
+@house()
+def show_brdf(
+    light: PhotometricFit,
+    ax: Axes | None = None,
+    *,
+    samples: Samples | None = None,
+    title: str = "BRDF of the paper",
+) -> Axes:
+    """Show the BRDF at its nodes with standard errors, beside a matt surface.
+
+    Parameters
+    ----------
+    light : PhotometricFit
+    samples : Samples, optional
+        Those of the fit; how many lie at each angle is then drawn below.
+    """
+    ax = new_axes(ax)
+    theta, relative, errors = brdf_of(light)
+    tabulated = isinstance(light.photometry.brdf, TabulatedBRDF)
+    low, high = np.rad2deg(theta[[0, -1]])
+    _shade_unseen(ax, low, high)
+    ax.axhline(1, color="black", lw=1.5, ls=":", label="Lambertian" if tabulated else None)
+    ax.errorbar(
+        np.rad2deg(theta),
+        relative,
+        errors,
+        color=VERMILION,
+        lw=1.8,
+        marker="o" if tabulated else "",
+        ms=5,
+        capsize=3,
+        label="fitted ± 1 s.e." if tabulated else "taken to be Lambertian",
+    )
+    bottom, top = (relative - errors).min(), (relative + errors).max()
+    room = max(top - bottom, 0.2)
+    ax.set_ylim(bottom - 0.35 * room, top + 0.15 * room)
+    if samples is not None:
+        bins = np.arange(0, 91, 3)
+        count = np.histogram(np.rad2deg(np.arccos(np.minimum(samples.cos_theta[light.used], 1))), bins)[0]
+        heights = 0.2 * count / max(count.max(), 1)
+        ax.bar(
+            bins[:-1] + 1.5,
+            heights,
+            width=2.6,
+            transform=ax.get_xaxis_transform(),
+            color=SKY,
+            alpha=0.8,
+            label="samples",
+        )
+    ax.legend(loc="upper right")
+    return decorate(ax, title, "incidence θ [°]", "f_r relative to the pinned node")
+
+
+@house()
+def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames held out") -> Axes:
+    """Show by how much the light of frames that the fit has not seen differs from the model's.
+
+    Parameters
+    ----------
+    scores : HeldOut
+    """
+    ax = new_axes(ax)
+    known = scores.count > 0
+    edges = np.rad2deg(scores.edges)
+    middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+    ax.axhline(0, color="black", lw=1.2)
+    ax.errorbar(
+        middle[known],
+        100 * scores.error[known],
+        100 * scores.standard_error[known],
+        half[known],
+        color=VERMILION,
+        ls="none",
+        marker="o",
+        ms=5,
+        lw=1.8,
+        capsize=3,
+    )
+    # A bin of a few samples must not make the others small.
+    sure = known & (scores.count >= min(LEAST_SCORED, scores.count.max(initial=0)))
+    size = 100 * np.abs(scores.error[sure])
+    ends = size + 100 * scores.standard_error[sure]
+    usual = 4 * float(np.quantile(ends, 0.25)) if len(ends) else 0.0
+    reach = max(size.max(initial=0.1), min(ends.max(initial=0.1), usual))
+    ax.set(xlim=(0, edges[-1]), ylim=(-1.25 * reach, 1.25 * reach), xticks=range(0, int(edges[-1]) + 1, 15))
+    below = ax.get_xaxis_transform()
+    box = {"fc": PAPER, "ec": "none", "pad": 1.0}
+    how: dict[str, Any] = {"va": "bottom", "color": "0.3", "size": "small", "transform": below, "bbox": box}
+    for x, count in zip(middle[known], scores.count[known], strict=True):
+        ax.text(x, 0.02, f"{count}", ha="center", **how)
+    ax.text(edges[-1] * 0.99, 0.09, "samples", ha="right", **how)
+    return decorate(ax, title, "angle α off the axis [°]", "measured/modelled light - 1 [%]")
+
+
+@house()
+def show_ridge(
+    gammas: FloatArray,
+    sigmas: FloatArray,
+    ks: FloatArray,
+    ax: Axes | None = None,
+    *,
+    title: str = "What the samples know of γ",
+) -> Axes:
+    """Show how well the samples are explained when γ is held at several values, and the k that goes with it.
+
+    Parameters
+    ----------
+    gammas : (n,) float array
+        Values at which γ was held.
+    sigmas : (n,) float array
+        Standard deviation of the residuals, grey levels.
+    ks : (n,) float array
+        The k that was found.
+    """
+    ax = new_axes(ax)
+    handles = ax.plot(gammas, sigmas, color=VERMILION, lw=2, marker="o", ms=4, label="residuals")
+    ax.set_ylim(0, 1.2 * float(np.max(sigmas)))
+    decorate(ax, title, "γ", "standard deviation [grey levels]")
+    other = ax.twinx()
+    handles += other.plot(gammas, ks, color=BLUE, lw=1.5, ls="--", label="k")
+    other.set_ylabel("k", color=BLUE)
+    other.tick_params(axis="y", colors=BLUE)
+    ax.yaxis.label.set_color(VERMILION)
+    ax.tick_params(axis="y", colors=VERMILION)
+    ax.legend(handles=handles, loc="lower right")
+    return ax

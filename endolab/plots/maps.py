@@ -1,0 +1,395 @@
+"""Figures: a frame, its depth, normals and surface, errors and energies.
+
+Every function but the two pages, `overview` and `compare_depths`, draws into the axes ``ax`` it
+is given, or into new ones, under ``title``, and returns the axes. Colours are safe for
+colour-blind readers, axes carry units, and what is left out (nan) is neutral grey (`style`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from endolab.depth.energy import model_image
+from endolab.depth.result import Iterate, Result
+from endolab.model.cameras import RayField
+from endolab.numerics.arrays import FloatArray
+from endolab.plots.style import (
+    BLUE,
+    LEFT_OUT,
+    LINES,
+    OTHERS,
+    PAGE_SIZE,
+    PAPER,
+    VERMILION,
+    colour_bar,
+    decorate,
+    house,
+    new_axes,
+)
+from endolab.plots.surface_view import show_cloud
+from endolab.reconstruction.assumptions import meaning
+
+__all__ = [
+    "common_limit",
+    "common_limits",
+    "compare_depths",
+    "overview",
+    "show_cloud",
+    "show_depth",
+    "show_error",
+    "show_history",
+    "show_normals",
+    "show_picture",
+    "show_section",
+]
+
+
+def _draw(picture: FloatArray, ax: Axes | None, title: str, **how: object) -> tuple[Axes, ScalarMappable]:
+    """Show a map on pixel axes."""
+    ax = new_axes(ax)
+    shown = ax.imshow(picture, interpolation="nearest", **how)  # type: ignore[arg-type]
+    decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(LEFT_OUT)
+    ax.locator_params(nbins=3)
+    return ax, shown
+
+
+def _known(maps: Iterable[FloatArray]) -> FloatArray:
+    """All finite values of some maps, in one row."""
+    return np.concatenate([np.empty(0), *(values[np.isfinite(values)] for values in maps)])
+
+
+def common_limits(maps: Iterable[FloatArray]) -> tuple[float, float]:
+    """Limits that suit several maps: 1st and 99th percentile of all their values.
+
+    Parameters
+    ----------
+    maps : iterable of arrays
+        Of one unit; nan where unknown.
+
+    Returns
+    -------
+    two floats
+        0 and 1 if nothing is known.
+    """
+    seen = _known(maps)
+    return (float(np.percentile(seen, 1)), float(np.percentile(seen, 99))) if seen.size else (0.0, 1.0)
+
+
+def common_limit(errors: Iterable[FloatArray]) -> float:
+    """Limit that suits several maps of signed errors: 98th percentile of all their sizes.
+
+    Parameters
+    ----------
+    errors : iterable of arrays
+        Of one unit; nan where unknown.
+
+    Returns
+    -------
+    float
+        Positive; 1 if nothing is known or all is 0.
+    """
+    seen = np.abs(_known(errors))
+    limit = float(np.percentile(seen, 98)) if seen.size else 1.0
+    return limit if limit > 0 else 1.0
+
+
+def _diverging(values: FloatArray, ax: Axes | None, title: str, label: str, limit: float | None) -> Axes:
+    """Show signed values, white at 0, with a colour bar."""
+    limit = common_limit([values]) if limit is None else limit
+    if not limit > 0:
+        raise ValueError(f"limit must be positive, got {limit}")
+    ax, shown = _draw(values, ax, title, cmap="RdBu_r", vmin=-limit, vmax=limit)
+    colour_bar(ax, shown, label, "both")
+    return ax
+
+
+@house()
+def show_picture(picture: FloatArray, ax: Axes | None = None, title: str = "Frame") -> Axes:
+    """Show a frame.
+
+    Parameters
+    ----------
+    picture : (H, W) or (H, W, 3) float array
+        Stored values in [0, 1]; values outside are clipped.
+    """
+    return _draw(np.clip(picture, 0, 1), ax, title, cmap="gray", vmin=0, vmax=1)[0]
+
+
+@house()
+def show_depth(
+    distance: FloatArray,
+    ax: Axes | None = None,
+    *,
+    unit: str = "mm",
+    limits: tuple[float, float] | None = None,
+    label: str | None = None,
+    title: str = "Distance",
+) -> Axes:
+    """Show distances with a colour bar.
+
+    Parameters
+    ----------
+    distance : (H, W) float array
+        In `unit`; nan where unknown.
+    unit : str
+        Of the distances.
+    limits : two floats, optional
+        Ends of the colour bar; the 1st and 99th percentile by default. Panels to be compared
+        need the same: see `common_limits` and `compare_depths`.
+    label : str, optional
+        Of the colour bar; "distance" and the unit by default.
+    """
+    seen = distance[np.isfinite(distance)]
+    limits = common_limits([distance]) if limits is None else limits
+    ax, shown = _draw(distance, ax, title, cmap="viridis", vmin=limits[0], vmax=limits[1])
+    below, above = bool((seen < limits[0]).any()), bool((seen > limits[1]).any())
+    extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get((below, above), "neither")
+    colour_bar(ax, shown, f"distance [{unit}]" if label is None else label, extend)
+    return ax
+
+
+@house()
+def show_normals(normals: FloatArray, ax: Axes | None = None, title: str = "Normals") -> Axes:
+    """Show normals as colours, (n + 1)/2.
+
+    Parameters
+    ----------
+    normals : (H, W, 3) float array
+        Unit normals, x right, y down, z forward; nan where unknown.
+    """
+    known = np.isfinite(normals).all(axis=-1, keepdims=True)
+    return _draw(np.where(known, np.clip((normals + 1) / 2, 0, 1), LEFT_OUT), ax, title)[0]
+
+
+@house()
+def show_error(
+    estimate: FloatArray,
+    truth: FloatArray,
+    ax: Axes | None = None,
+    *,
+    relative: bool = True,
+    unit: str = "mm",
+    limit: float | None = None,
+    label: str | None = None,
+    title: str = "Error",
+) -> Axes:
+    """Show estimate - truth: red is too far, blue too near.
+
+    Parameters
+    ----------
+    estimate, truth : (H, W) float array
+        Distances in one unit; nan where unknown.
+    relative : bool
+        In per cent of the truth, else in `unit`.
+    unit : str
+        Of the distances.
+    limit : float, optional
+        End of the colour bar; the 98th percentile of the absolute error by default.
+    label : str, optional
+        Of the colour bar; "error" and its unit by default.
+    """
+    error = estimate - truth
+    error, of = (100 * error / truth, "%") if relative else (error, unit)
+    return _diverging(error, ax, title, f"error [{of}]" if label is None else label, limit)
+
+
+@house()
+def show_section(
+    distances: Mapping[str, FloatArray],
+    field: RayField,
+    ax: Axes | None = None,
+    *,
+    row: int | None = None,
+    column: int | None = None,
+    unit: str = "mm",
+    title: str | None = None,
+) -> Axes:
+    """Show where a row or column of the picture cuts surfaces, seen from the side.
+
+    Parameters
+    ----------
+    distances : mapping of str to (H, W) float array
+        The surfaces by name; "truth", "start" and "estimate" have colours of their own.
+    field : RayField
+        Of the camera.
+    row, column : int, optional
+        Which; the middle column by default.
+    unit : str
+        Of the distances.
+    """
+    if row is not None and column is not None:
+        raise ValueError("choose a row or a column, not both")
+    if row is None and column is None:
+        column = field.shape[1] // 2
+    ax = new_axes(ax)
+    across, name = (1, f"column {column}") if row is None else (0, f"row {row}")
+    others = iter(OTHERS * len(distances))
+    for label, distance in distances.items():
+        surface = distance[..., None] * field.rays
+        points = surface[:, column] if row is None else surface[row]
+        colour = LINES[label] if label in LINES else next(others)
+        ax.plot(points[:, 2], points[:, across], color=colour, lw=1.8, label=label)
+    ax.plot(0, 0, marker=">", color="black", ms=7, ls="none")
+    box = {"fc": PAPER, "ec": "none", "alpha": 0.75, "pad": 1.0}  # a wall may be as near as the word
+    ax.annotate("camera", (0, 0), xytext=(-4, 8), textcoords="offset points", bbox=box)
+    title = f"Section along {name}" if title is None else title
+    decorate(ax, title, f"z [{unit}]", f"{'xy'[across]} [{unit}]")
+    ax.set_aspect("equal", adjustable="datalim")
+    if across == 1 and not ax.yaxis_inverted():
+        ax.invert_yaxis()  # as in the picture, y points down
+    ax.legend(loc="best")
+    return ax
+
+
+@house()
+def show_history(
+    history: Sequence[Mapping[str, float]], ax: Axes | None = None, title: str = "Energy"
+) -> Axes:
+    """Show energy and terms against the iteration, on a logarithmic axis.
+
+    Parameters
+    ----------
+    history : sequence of mappings
+        `Result.history`: k, energy and its terms.
+    """
+    ax = new_axes(ax)
+    k = [entry["k"] for entry in history]
+    for name, colour, style in (
+        ("energy", "black", "-"),
+        ("data", BLUE, "--"),
+        ("regulariser", VERMILION, ":"),
+    ):
+        values = np.array([entry.get(name, np.nan) for entry in history], dtype=float)
+        # A term of exactly 0 (λ = 0, say) has no place on a logarithmic axis.
+        if np.any(values > 0):
+            ax.plot(k, np.where(values > 0, values, np.nan), style, color=colour, lw=2, label=name)
+    decorate(ax, title, "iteration", "energy [1]").set_yscale("log")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.legend()
+    return ax
+
+
+def compare_depths(
+    distances: Mapping[str, FloatArray],
+    truth: FloatArray | None = None,
+    *,
+    relative: bool = True,
+    unit: str = "mm",
+    limits: tuple[float, float] | None = None,
+    limit: float | None = None,
+    label: str | None = None,
+) -> Figure:
+    """Draw distances side by side with the same limits, and their errors below.
+
+    Parameters
+    ----------
+    distances : mapping of str to (H, W) float array
+        The maps by name, in one unit; nan where unknown.
+    truth : (H, W) float array, optional
+        The true distance: drawn first, and what the errors are errors from.
+    relative : bool
+        Errors in per cent of the truth, else in `unit`.
+    unit : str
+        Of all distances.
+    limits : two floats, optional
+        Ends of the colour bars of distances; by default those that suit all that is drawn.
+    limit : float, optional
+        End of the colour bars of errors; likewise.
+    label : str, optional
+        Of the colour bars of distances; "distance" and the unit by default.
+
+    Returns
+    -------
+    Figure
+        About 480 px a panel when saved; not one of pyplot's, so there is nothing to close.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to compare or sizes differ.
+    """
+    shown = ({} if truth is None else {"truth": truth}) | dict(distances)
+    sizes = {name: f"{name} {values.shape[1]}x{values.shape[0]} px" for name, values in shown.items()}
+    if not distances or len({values.shape for values in shown.values()}) > 1:
+        raise ValueError(f"expected maps of one size, found {', '.join(sizes.values()) or 'none'}")
+    limits = common_limits(shown.values()) if limits is None else limits
+    if truth is not None and limit is None:
+        errors = (values - truth for values in distances.values())
+        limit = common_limit(100 * error / truth if relative else error for error in errors)
+    rows, columns = 1 if truth is None else 2, len(shown)
+    high, wide = next(iter(shown.values())).shape
+    label = f"distance [{unit}]" if label is None else label
+    with house():
+        figure = Figure(
+            figsize=(4.8 * columns, rows * (3.2 * high / wide + 1.0)), dpi=100, layout="constrained"
+        )
+        axes = figure.subplots(rows, columns, squeeze=False)
+        for i, (name, values) in enumerate(shown.items()):
+            show_depth(values, axes[0, i], unit=unit, limits=limits, label=label, title=name)
+            if name not in distances:
+                axes[1, i].set_axis_off()
+            elif truth is not None:
+                show_error(
+                    values,
+                    truth,
+                    axes[1, i],
+                    relative=relative,
+                    unit=unit,
+                    limit=limit,
+                    title=f"{name}: error",
+                )
+    return figure
+
+
+def overview(
+    shown: Result | Iterate, picture: FloatArray | None = None, truth: FloatArray | None = None
+) -> Figure:
+    """Draw everything about a result on one page.
+
+    Parameters
+    ----------
+    shown : Result or Iterate
+    picture : (H, W) or (H, W, 3) float array, optional
+        The frame as it looked; the problem's own by default.
+    truth : (H, W) float array, optional
+        True distance, mm. Where the result has no unit, the truth takes the result's scale.
+
+    Returns
+    -------
+    Figure
+        1600 x 900 px when saved; not one of pyplot's, so there is nothing to close.
+    """
+    iterate = shown.iterate if isinstance(shown, Result) else shown
+    problem, unit = iterate.problem, iterate.problem.unit
+    if picture is None:
+        picture = problem.image if problem.picture is None else problem.picture
+    start = np.exp(np.where(problem.mask, problem.log_facing, np.nan))
+    curves = {"start": start, "estimate": iterate.distance}
+    if truth is not None:
+        scale = 1.0 if problem.metric else np.nanmedian((iterate.distance / truth)[problem.mask])
+        curves = {"truth": np.where(problem.mask, scale * truth, np.nan), **curves}
+
+    with house(PAGE_SIZE):
+        figure = Figure(figsize=(16, 9), dpi=100, layout="constrained")
+        ((frame, depth, facing), (surface, section, residual)) = figure.subplots(2, 3)
+        show_picture(picture, frame)
+        show_depth(iterate.distance, depth, unit=unit)
+        show_normals(iterate.normals, facing)
+        show_cloud(iterate.points, picture, surface, unit=unit)
+        show_section(curves, problem.field, section, unit=unit)
+        error = 255 * (model_image(problem, iterate.log_distance) - problem.image)
+        _diverging(error, residual, "Model - frame", "grey levels of 255", None)
+        what = [f"iteration {iterate.k}", f"energy {iterate.energy:.4g}"]
+        if isinstance(shown, Result):
+            what.insert(0, shown.status.value.rstrip("."))
+        if not problem.metric:
+            what.append("relative units")
+        figure.suptitle("  ·  ".join(what), fontsize=15)
+        figure.supxlabel(meaning(shown)[0], fontsize=13)
+    return figure

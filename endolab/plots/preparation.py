@@ -1,0 +1,118 @@
+"""The figure of a frame that was prepared: as it came, without μ′, what was masked, what is solved."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from endolab.depth.result import Result
+from endolab.numerics.arrays import FloatArray
+from endolab.plots.maps import show_depth, show_normals, show_picture, show_section
+from endolab.plots.style import BLUE, GREEN, LEFT_OUT, ORANGE, PAGE_SIZE, house
+from endolab.preprocessing.prepare import Prepared
+
+__all__ = ["mask_overlay", "prepare_figure"]
+
+COLOURS = {
+    "outside": LEFT_OUT,
+    "lumen": to_rgb(BLUE),
+    "highlights": to_rgb(GREEN),
+    "text": to_rgb(ORANGE),
+}
+
+
+def mask_overlay(prepared: Prepared) -> tuple[FloatArray, dict[str, str]]:
+    """Paint what was masked over the frame.
+
+    Parameters
+    ----------
+    prepared : Prepared
+
+    Returns
+    -------
+    picture : (H, W, 3) float array
+    legend : dict of str to str
+        Colour and its name with the share of the picture, of what occurs.
+    """
+    picture = _rgb(prepared.original.image)
+    parts = {
+        "outside": ~prepared.field_of_view,
+        "lumen": prepared.lumen,
+        "highlights": prepared.highlights,
+        "text": prepared.text,
+    }
+    legend = {}
+    for name, part in parts.items():
+        if part.any():
+            below = np.clip(np.nan_to_num(picture[part]), 0, 1)
+            picture[part] = 0.25 * below + 0.75 * np.asarray(COLOURS[name])
+            legend[name] = f"{name}, {100 * part.mean():.2g} %"
+    return picture, legend
+
+
+def _rgb(picture: FloatArray) -> FloatArray:
+    """Return a picture of three channels, grey where it is not known."""
+    three = np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
+    return np.where(np.isfinite(three).all(axis=-1, keepdims=True), three, LEFT_OUT)
+
+
+def _used(prepared: Prepared) -> FloatArray:
+    """Return the frame that is solved, grey where it is left out."""
+    return np.where(prepared.frame.mask[..., None], _rgb(prepared.frame.image), LEFT_OUT)
+
+
+def prepare_figure(prepared: Prepared, result: Result | None = None) -> Figure:
+    """Draw the steps from a frame as it came to a frame that is solved, as the paper does.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    result : Result, optional
+        Of the prepared frame; its distance, normals and section fill a second row.
+
+    Returns
+    -------
+    Figure
+        Four panels a row, 1600 px wide when saved; not one of pyplot's.
+    """
+    image = prepared.original.image
+    high, wide = image.shape[:2]
+    rows = 1 if result is None else 2
+    ready = "Undistorted, " if prepared.undistorted else ""
+    ready += "inpainted" if prepared.inpainted else "pixels to be solved"
+    with house(PAGE_SIZE):
+        figure = Figure(figsize=(16, rows * (3.7 * high / wide + 1.5) + 0.4), dpi=100, layout="constrained")
+        axes = figure.subplots(rows, 4, squeeze=False)
+        show_picture(_rgb(image), axes[0, 0], "Original")
+        show_picture(_rgb(prepared.canonical), axes[0, 1], "Canonical")
+        picture, legend = mask_overlay(prepared)
+        show_picture(picture, axes[0, 2], "Masks")
+        patches = [Patch(color=COLOURS[name], label=label) for name, label in legend.items()]
+        if patches:
+            # Below the picture, so that nothing of it is hidden.
+            axes[0, 2].legend(
+                handles=patches, loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=2, fontsize="small"
+            )
+        show_picture(_used(prepared), axes[0, 3], ready[0].upper() + ready[1:])
+        if result is not None:
+            problem = result.iterate.problem
+            show_depth(result.distance, axes[1, 0], unit=problem.unit)
+            show_normals(result.normals, axes[1, 1])
+            show_section({"estimate": result.distance}, problem.field, axes[1, 2], unit=problem.unit)
+            axes[1, 3].set_axis_off()
+            text = "\n".join(_wrapped(note) for note in prepared.notes)
+            axes[1, 3].text(0, 1, text, va="top", transform=axes[1, 3].transAxes, linespacing=1.5)
+    return figure
+
+
+def _wrapped(note: str, width: int = 38) -> str:
+    """Break a sentence into lines; the first has a mark."""
+    lines, line = [], "·"
+    for word in note.split():
+        if len(line) + len(word) >= width:
+            lines.append(line)
+            line = " "
+        line += f" {word}"
+    return "\n".join([*lines, line])

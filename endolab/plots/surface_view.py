@@ -1,0 +1,277 @@
+"""A surface seen from beside the camera: the view, the light, and a depth map's surface in it."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+
+from endolab.metrics.mesh_distance import caster, load_open3d, to_open3d
+from endolab.model.mesh import Mesh, triangle_normals
+from endolab.numerics.arrays import FloatArray
+from endolab.plots.style import BACKDROP, house, new_axes, scale_bar
+
+VIEW_WIDTH = 320  # columns of a surface that `show_cloud` draws; more cost time and show no more
+JUMP = 1.25  # neighbours whose distances differ by more are not joined
+EDGE_ON = 0.15  # cosine to the line of sight below which a patch joins the two sides of a contour
+FARTHEST = 8.0  # median distances that the view reaches
+LAMP = np.array([-0.35, 0.35, 0.87])  # over the left shoulder of the viewer
+
+
+def to_viewer(angle: float, elevation: float) -> FloatArray:
+    """Turn the camera frame into the viewer's: right, down, away.
+
+    Parameters
+    ----------
+    angle, elevation : float
+        How far the viewer stands to the left of the optical axis and above it, degrees.
+
+    Returns
+    -------
+    (3, 3) float array
+        A rotation about the camera.
+    """
+    yaw, pitch = np.deg2rad(angle), np.deg2rad(elevation)
+    turn = np.array([[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]])
+    nod = np.array([[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
+    return nod @ turn
+
+
+def lit(colours: FloatArray, away: FloatArray) -> FloatArray:
+    """Give colours the relief of a lamp that stands by the viewer.
+
+    Parameters
+    ----------
+    colours : (n, 3) float array
+        R, G, B in [0, 1].
+    away : (n, 3) float array
+        Unit normals in the viewer's frame that point away from the viewer.
+
+    Returns
+    -------
+    (n, 3) float array
+    """
+    if not len(colours):
+        return colours
+    # The far end of a lumen is dark in any frame: lift it, or relief drowns.
+    colours = (colours / max(np.percentile(colours, 99), 1e-6)).clip(0, 1) ** 0.6
+    return colours * (0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)[:, None])
+
+
+def bounds(seen: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest right and down of what is near, the camera included.
+
+    Parameters
+    ----------
+    seen : (n, ..., 2) float array
+        Places in the viewer's frame.
+    distance : (n,) float array
+        From the camera. A plane that runs to the horizon must not make what is near small.
+
+    Returns
+    -------
+    low, high : (2,) float arrays
+    """
+    near = seen[distance <= FARTHEST * np.median(distance)].reshape(-1, 2)
+    return np.minimum(near.min(axis=0), 0), np.maximum(near.max(axis=0), 0)
+
+
+def mark_camera(ax: Axes, title: str) -> None:
+    """Finish the axes of a view: no ticks, for a scale bar says the size; the camera at 0."""
+    if not ax.yaxis_inverted():
+        ax.invert_yaxis()
+    ax.plot(0, 0, marker="o", color="white", ms=5)
+    ax.annotate("camera", (0, 0), xytext=(0, 7), textcoords="offset points", color="white", ha="center")
+    ax.set_title(title)
+    ax.set(xticks=[], yticks=[], facecolor=BACKDROP)
+    ax.set_aspect("equal", adjustable="datalim")
+
+
+@house()
+def show_cloud(
+    points: FloatArray,
+    colours: FloatArray,
+    ax: Axes | None = None,
+    *,
+    angle: float = 30.0,
+    elevation: float = 20.0,
+    unit: str = "mm",
+    title: str = "Surface from the side",
+) -> Axes:
+    """Show a surface from beside the camera, in its picture's colours and with relief.
+
+    Parameters
+    ----------
+    points : (H, W, 3) float array
+        Surface points in the camera frame; nan where unknown.
+    colours : (H, W, 3) or (H, W) float array
+        Of the points, in [0, 1].
+    angle, elevation : float
+        How far the viewer stands to the left of the optical axis and above it, degrees.
+    unit : str
+        Of the points.
+
+    Notes
+    -----
+    A parallel projection. What the viewer would see from behind is not drawn, so that a tube
+    lies open, and neither are jumps in depth nor what the camera sees edge-on.
+    """
+    ax = new_axes(ax)
+    step = -(-points.shape[1] // VIEW_WIDTH)
+    points, colours = points[::step, ::step], np.clip(colours[::step, ::step], 0, 1)
+
+    def corners(a: FloatArray) -> FloatArray:
+        return np.stack([a[:-1, :-1], a[:-1, 1:], a[1:, 1:], a[1:, :-1]], axis=2)
+
+    patch = corners(points @ to_viewer(angle, elevation).T)
+    distance = corners(np.linalg.norm(points, axis=-1))
+    # Rows and columns turn clockwise around a patch for the camera; so they must for the viewer.
+    normal = np.cross(patch[:, :, 2] - patch[:, :, 0], patch[:, :, 3] - patch[:, :, 1])
+    sight = patch.mean(axis=2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
+        kept = (normal[..., 2] > 0) & (distance.max(axis=-1) < JUMP * distance.min(axis=-1))
+        kept &= np.abs(np.sum(normal * sight, axis=-1)) > EDGE_ON
+    patch = patch[kept]
+    colour = colours[:-1, :-1][kept]
+    colour = np.repeat(colour[:, None], 3, axis=-1) if colour.ndim == 1 else colour
+    if len(patch):
+        colour = lit(colour, normal[kept])
+        order = np.argsort(-patch[..., 2].mean(axis=-1))
+        faces, flat = colour[order], patch[order, :, :2]
+        patches = PolyCollection(flat, facecolors=faces, edgecolors=faces, linewidths=0.4, rasterized=True)
+        ax.add_collection(patches, autolim=False)
+        low, high = bounds(patch[..., :2], distance[kept].max(axis=-1))
+        ax.update_datalim(np.stack([low, high + (high - low) * [0, 0.12]]))  # the bar's place
+        ax.autoscale_view()
+        scale_bar(ax, high[0] - low[0], unit)
+    mark_camera(ax, title)
+    return ax
+
+
+def show_mesh(
+    mesh: Mesh,
+    ax: Axes | None = None,
+    *,
+    angle: float = 30.0,
+    elevation: float = 20.0,
+    title: str = "Surface from the side",
+) -> Axes | None:
+    """Show a mesh: in a window to turn it in, or as a picture.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    ax : Axes, optional
+        If given, the picture is drawn there and no window opens.
+    angle, elevation : float
+        Of the picture: how far the viewer stands to the left of the optical axis and above it,
+        degrees.
+    title : str
+
+    Returns
+    -------
+    Axes or None
+        None after the window has been closed. Where none can open, a sentence says so and the
+        axes are those of a new figure.
+
+    Raises
+    ------
+    OSError
+        In one sentence, if Open3D does not import.
+    """
+    if ax is None:
+        if _show_window(mesh, title):
+            return None
+        print("No window can open here, so this is a picture of the mesh; `angle` and `elevation` turn it.")
+    return _draw(mesh, ax, angle, elevation, title)
+
+
+def _show_window(mesh: Mesh, title: str) -> bool:
+    """Open a window and wait until it is closed; False if it does not open."""
+    open3d = load_open3d()
+    on_linux = sys.platform.startswith("linux")
+    if on_linux and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return False
+    quiet = open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error)
+    window = open3d.visualization.Visualizer()
+    with quiet:
+        if not window.create_window(window_name=title, width=1200, height=900):
+            return False
+        try:
+            window.add_geometry(to_open3d(mesh))
+            view = window.get_view_control()
+            view.set_front([-0.5, -0.35, -0.8])  # from behind the camera, to its left and above it
+            view.set_up([0, -1, 0])
+            window.run()
+        finally:
+            window.destroy_window()
+    return True
+
+
+def _draw(mesh: Mesh, ax: Axes | None, angle: float, elevation: float, title: str) -> Axes:
+    with house():
+        ax = new_axes(ax)
+        if len(mesh.triangles):
+            picture, extent = render_side(mesh, angle=angle, elevation=elevation, background=BACKDROP)
+            ax.imshow(picture, extent=extent, interpolation="antialiased")
+            scale_bar(ax, extent[1] - extent[0], mesh.unit)
+        mark_camera(ax, title)
+    return ax
+
+
+def render_side(
+    mesh: Mesh,
+    *,
+    angle: float = 30.0,
+    elevation: float = 20.0,
+    width: int = 960,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> tuple[FloatArray, tuple[float, float, float, float]]:
+    """Render a mesh from beside the camera, with relief; on the processor, no display is needed.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        With at least one triangle.
+    angle, elevation : float
+        How far the viewer stands to the left of the optical axis and above it, degrees.
+    width : int
+        Of the picture, pixels.
+    background : three floats
+        R, G, B.
+
+    Returns
+    -------
+    picture : (height, width, 3) float array
+        In [0, 1]. A parallel projection; what the viewer would see from behind is not drawn.
+    extent : four floats
+        Left, right, bottom, top of the picture in the mesh's unit, the camera being at 0, 0.
+    """
+    turn = to_viewer(angle, elevation)
+    vertices, away = mesh.vertices @ turn.T, -mesh.normals @ turn.T
+    low, high = bounds(vertices[:, :2], np.linalg.norm(vertices, axis=-1))
+    margin = 0.05 * (high - low).max()
+    low, high = low - margin, high + margin * np.array([1, 2])  # the scale bar's place
+    pixel = (high - low)[0] / width
+    height = int(np.clip(round((high - low)[1] / pixel), width // 4, 2 * width))
+    x, y = np.meshgrid(low[0] + pixel * (np.arange(width) + 0.5), low[1] + pixel * (np.arange(height) + 0.5))
+    rays = np.zeros((height, width, 6), dtype=np.float32)
+    rays[..., 0], rays[..., 1], rays[..., 2], rays[..., 5] = x, y, vertices[:, 2].min() - 1, 1
+    seen = mesh.triangles[triangle_normals(vertices[mesh.triangles])[:, 2] < 0]
+    picture = np.empty((height, width, 3))
+    picture[:] = background
+    if len(seen):
+        hit = caster(vertices, seen).cast_rays(load_open3d().core.Tensor(rays))
+        met = np.isfinite(hit["t_hit"].numpy())
+        corners = seen[hit["primitive_ids"].numpy()[met]]
+        u, v = np.moveaxis(hit["primitive_uvs"].numpy()[met].astype(np.float64), -1, 0)
+        weights = np.stack([1 - u - v, u, v], axis=-1)[..., None]
+        normal = (weights * away[corners]).sum(axis=1)
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        picture[met] = lit((weights * mesh.colours[corners]).sum(axis=1), normal)
+    return picture, (low[0], high[0], low[1] + pixel * height, low[1])

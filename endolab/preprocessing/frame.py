@@ -1,0 +1,263 @@
+"""What is done to a frame before it is solved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
+from endolab.numerics.arrays import BoolArray, FloatArray
+
+DARK = 4 / 255  # below this rounding and noise say more than the surface does
+MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
+FRAME = 8 / 255  # the black around an endoscope's picture, codec noise included
+BRIGHT = 254.5 / 255  # from here on it is saturated
+QUIET = 0.3 / 255  # the noise of rounding to 8 bits
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A picture and the pixels of it that are to be used.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values over their maximum, in [0, 1], gamma-coded as read; channels R, G, B.
+    mask : (H, W) bool array
+        Pixels that take part.
+    name : str
+        What to call it in messages.
+
+    Raises
+    ------
+    ValueError
+        If the image has a value that is not finite or outside [0, 1], if its shape is not that of a
+        picture, if the mask has another size or is empty.
+    """
+
+    image: FloatArray
+    mask: BoolArray
+    name: str = "frame"
+
+    def __post_init__(self) -> None:
+        image = np.asarray(self.image, dtype=np.float64)
+        mask = np.asarray(self.mask, dtype=bool)
+        if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or 0 in image.shape:
+            raise ValueError(
+                f"{self.name}: expected a grey or RGB picture, found an array of shape {image.shape}"
+            )
+        if mask.shape != image.shape[:2]:
+            raise ValueError(
+                f"{self.name}: the mask is {mask.shape[1]}x{mask.shape[0]} px, "
+                f"the frame {image.shape[1]}x{image.shape[0]} px"
+            )
+        if not mask.any():
+            raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
+        used = image[mask]
+        if not np.all(np.isfinite(used)):
+            raise ValueError(f"{self.name}: the picture holds values that are not finite")
+        if used.min() < 0 or used.max() > 1:
+            raise ValueError(
+                f"{self.name}: values must lie in [0, 1], found {used.min():.4g} to {used.max():.4g}"
+            )
+        object.__setattr__(self, "image", image)
+        object.__setattr__(self, "mask", mask)
+
+    @property
+    def width(self) -> int:
+        """Columns, px."""
+        return self.image.shape[1]
+
+    @property
+    def height(self) -> int:
+        """Rows, px."""
+        return self.image.shape[0]
+
+    def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
+        """One channel of the picture.
+
+        Parameters
+        ----------
+        name : {"red", "green", "blue", "grey"}, optional
+            Green by default, which neither saturates like red nor is as dark as blue; a grey
+            picture has grey alone.
+
+        Returns
+        -------
+        name : str
+        values : (H, W) float array
+
+        Raises
+        ------
+        ValueError
+            If the picture has no such channel.
+        """
+        if self.image.ndim == 2:
+            if name not in (None, "grey"):
+                raise ValueError(f"{self.name}: the picture is grey and has no {name} channel; choose grey")
+            return "grey", self.image
+        name = name or "green"
+        if name == "grey":
+            return name, self.image @ GREY_WEIGHTS
+        if name not in CHANNELS:
+            raise ValueError(f"unknown channel {name!r}; choose red, green, blue or grey")
+        return name, self.image[..., CHANNELS.index(name)]
+
+    def resize(self, width: int, height: int, gamma: float) -> Frame:
+        """Shrink the picture by averaging light, which is not averaging stored values.
+
+        Parameters
+        ----------
+        width, height : int
+            New size, px, not above the old one.
+        gamma : float
+            Response exponent γ: stored values are averaged as I^γ.
+
+        Returns
+        -------
+        Frame
+            Pixels of which less than half was in the mask are out of it; masked pixels do not
+            enter the averages.
+        """
+        if not (1 <= width <= self.width and 1 <= height <= self.height):
+            raise ValueError(
+                f"{self.name}: cannot shrink {self.width}x{self.height} px to {width}x{height} px"
+            )
+        size = (width, height)
+        share = cv2.resize(self.mask.astype(np.float64), size, interpolation=cv2.INTER_AREA)
+        masked = self.mask if self.image.ndim == 2 else self.mask[..., None]
+        light = cv2.resize(np.where(masked, self.image, 0.0) ** gamma, size, interpolation=cv2.INTER_AREA)
+        plain = cv2.resize(
+            np.clip(np.nan_to_num(self.image), 0, 1) ** gamma, size, interpolation=cv2.INTER_AREA
+        )
+        kept = (share >= 0.5) if light.ndim == 2 else (share >= 0.5)[..., None]
+        whole = share if light.ndim == 2 else share[..., None]
+        mean = np.where(kept, light / np.where(kept, whole, 1.0), plain)
+        return Frame(np.clip(mean, 0.0, 1.0) ** (1 / gamma), share >= 0.5, self.name)
+
+
+def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str = "frame") -> BoolArray:
+    """Pixels of a channel from which a distance can be had.
+
+    Parameters
+    ----------
+    image : (H, W) float array
+        One channel, stored values.
+    mask : (H, W) bool array
+        Pixels that may be used.
+    cos_alpha : (H, W) float array
+        Cosine of the angle off the axis; nan where the camera sees nothing.
+    name : str
+        What to call the frame in messages.
+
+    Returns
+    -------
+    (H, W) bool array
+        The mask without pixels that are outside the camera's field, more than 80° off its axis
+        or as good as black (below 4 of 255).
+
+    Raises
+    ------
+    ValueError
+        If none is left, or if what is left is constant or all saturated.
+    """
+    field = mask & (np.nan_to_num(cos_alpha, nan=-1.0) > np.cos(np.deg2rad(MAX_ALPHA)))
+    if not field.any():
+        raise ValueError(f"{name}: the mask and the camera's field of view have no pixel in common")
+    bright = field & (image > DARK)
+    if not bright.any():
+        raise ValueError(
+            f"{name}: the picture is all dark, its brightest pixel is {image[field].max() * 255:.2g} of 255"
+        )
+    if np.all(image[bright] >= BRIGHT):
+        raise ValueError(f"{name}: the picture is fully saturated")
+    if np.ptp(image[bright]) == 0:
+        raise ValueError(f"{name}: the picture is constant, {image[bright][0] * 255:.4g} of 255 everywhere")
+    return bright
+
+
+def field_of_view(image: FloatArray) -> BoolArray:
+    """Find what an endoscope shows: all but the black frame that touches the picture's border.
+
+    Parameters
+    ----------
+    image : (H, W) float array
+        Stored values.
+
+    Returns
+    -------
+    (H, W) bool array
+        All True if there is no such frame. Else two pixels narrower than the bright part, since
+        lenses and codecs blur its edge, and without bright islands (text) in the frame.
+    """
+    rim = np.pad(image < FRAME, 1, constant_values=True)
+    labels = cv2.connectedComponents(rim.astype(np.uint8), connectivity=4)[1]
+    frame = (labels == labels[0, 0])[1:-1, 1:-1]
+    if not frame.any() or frame.all():
+        return np.ones(image.shape, dtype=bool)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    # Beyond the picture's own border nothing is known, so nothing is taken away there.
+    shown = cv2.erode((~frame).astype(np.uint8), disc, borderValue=1)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(shown, connectivity=4)
+    areas = stats[:, cv2.CC_STAT_AREA]
+    large = [label for label in range(1, count) if areas[label] >= 0.02 * areas[1:].max()]
+    return np.isin(labels, large)
+
+
+def noise_level(image: FloatArray, mask: BoolArray) -> float:
+    """Estimate the standard deviation of a picture's noise.
+
+    Parameters
+    ----------
+    image : (H, W) float array
+        Stored values.
+    mask : (H, W) bool array
+        Pixels to look at; their eight neighbours must be in it too.
+
+    Returns
+    -------
+    float
+        Stored value; 0 if no pixel has all its neighbours in the mask.
+
+    Notes
+    -----
+    The difference of two Laplacians, to which surfaces and shading give almost nothing
+    (Immerkær, "Fast noise variance estimation", 1996). The mean is over the lower four fifths
+    of its sizes, so that edges do not count; 0.5586 is that mean for a normal distribution.
+    """
+    kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]]) / 6
+    inside = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
+    if not inside.any():
+        return 0.0
+    size = np.abs(cv2.filter2D(np.where(mask, image, 0.0), -1, kernel)[inside])
+    return float(size[size <= np.quantile(size, 0.8)].mean() / 0.5586)
+
+
+def smooth_light(image: FloatArray, mask: BoolArray, gamma: float, sigma: float) -> FloatArray:
+    """Blur the light of a picture, which is not blurring stored values.
+
+    Parameters
+    ----------
+    image : (H, W) float array
+        Stored values.
+    mask : (H, W) bool array
+        Pixels outside it do not enter.
+    gamma : float
+        Response exponent γ.
+    sigma : float
+        Standard deviation of the Gaussian, px.
+
+    Returns
+    -------
+    (H, W) float array
+        Stored values; as they were outside the mask.
+    """
+    if sigma <= 0:
+        return image
+    light = cv2.GaussianBlur(
+        np.where(mask, image, 0.0) ** gamma, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT
+    )
+    share = cv2.GaussianBlur(mask.astype(np.float64), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+    return np.where(mask, np.maximum(light / np.where(mask, share, 1.0), 0.0) ** (1 / gamma), image)

@@ -1,0 +1,270 @@
+"""Highlights: light that a wet film mirrors, found and filled in.
+
+Mirrored light has the colour of the lamp, white, and lies in small patches on top of the tissue's
+own colour. So a highlight is where two things are true at once, both told in linear light: the
+pixel is whiter than the palest tissue around it, and brighter than its neighbourhood and than
+what the slopes around it lead to. A near wall is bright but large, a fold's crest is narrow but
+lies at the end of a slope or has the tissue's colour, and what lies between vessels is pale but
+no paler than the tissue elsewhere.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from scipy.ndimage import percentile_filter
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import splu
+
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.preprocessing.frame import QUIET, noise_level
+
+# Sizes are shares of the width of what the endoscope shows, amounts are mirrored light over the tissue's.
+SMALL, LARGE = 1 / 100, 1 / 30  # half the width of highlights: most, and the largest
+AROUND = 1 / 8  # half the neighbourhood whose palest quarter is the tissue's colour
+SKIRT_WIDTH = 1 / 320  # a highlight's faint rim
+SEED, SKIRT = 0.3, 0.12  # where a small highlight begins and ends
+LARGE_SEED, LARGE_SKIRT = 1.5, 0.75  # the same of large ones, as folds bulge at that scale
+GREY = 2.5  # without colour there is but half the evidence, so seeds must be brighter by this factor
+SURE, LIKELY = 4.0, 2.0  # of seeds and skirts, in standard deviations of the noise
+STEEPEST = 0.7  # change of log light over twice a highlight's width that still counts as a slope
+COLOURLESS = 0.8  # green or blue over red, from which on tissue can't be told from lamps
+STRAY = 0.02  # linear light that scatters into every pixel: in the dark, ratios say little
+ROUNDING = 0.5 / 255
+
+
+def _odd(size: float) -> int:
+    """Return the width of a window that reaches as far as this to either side, at least 1 px."""
+    return 2 * max(1, round(size)) + 1
+
+
+def _checked(image: FloatArray, mask: BoolArray, what: str) -> None:
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or 0 in image.shape:
+        raise ValueError(f"expected a grey or RGB picture, found an array of shape {image.shape}")
+    if mask.shape != image.shape[:2]:
+        raise ValueError(f"expected {what} of the picture's shape {image.shape[:2]}, found {mask.shape}")
+
+
+def extended(image: FloatArray, mask: BoolArray) -> FloatArray:
+    """Give every pixel outside the mask the value of the nearest one inside.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+    mask : (H, W) bool array
+        With at least one pixel.
+
+    Returns
+    -------
+    array of the image's shape
+    """
+    if mask.all():
+        return image
+    away = (~mask).astype(np.uint8)
+    labels = cv2.distanceTransformWithLabels(away, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)[1]
+    row, column = np.nonzero(mask)
+    index = np.zeros(labels.max() + 1, np.intp)
+    index[labels[mask]] = np.arange(row.size)
+    nearest = index[labels]
+    return image[row[nearest], column[nearest]]
+
+
+def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
+    """Colour of the palest quarter of the tissue around each pixel, over its red, (H, W, 3)."""
+    high, across = light.shape[:2]
+    step = max(1.0, wide / 80)
+    size = (max(1, round(across / step)), max(1, round(high / step)))
+    small = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
+    ratio = small / np.maximum(small[..., :1], 1e-4)
+    width = _odd(AROUND * wide / step)
+    pale = np.stack([percentile_filter(ratio[..., c], 75, size=width, mode="nearest") for c in range(3)], -1)
+    return np.asarray(cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR), dtype=np.float64)
+
+
+def _white_part(light: FloatArray, colour: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Split light into tissue's and white by least squares; the white part and its standard deviation."""
+    weight = 1 / spread**2
+    aa, ab, bb = ((weight * part).sum(-1) for part in (colour**2, colour, np.ones_like(colour)))
+    aa = aa + 1e-12 * bb  # a picture may be all black
+    a, b = (weight * colour * light).sum(-1), (weight * light).sum(-1)
+    determinant = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb)  # 0 where the tissue itself is white
+    return (aa * b - ab * a) / determinant, np.sqrt(aa / determinant)
+
+
+def _led_to(tissue: FloatArray, step: int) -> FloatArray:
+    """Brightest value to which the tissue's slopes lead from eight sides."""
+    log = np.log(np.maximum(tissue, 1e-4)).astype(np.float32)
+    edge = 2 * step
+    rows, columns = log.shape
+    padded = cv2.copyMakeBorder(log, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
+    best = log.copy()
+    for turn in np.arange(8) * np.pi / 4:
+        near, far = (
+            padded[edge + y : edge + y + rows, edge + x : edge + x + columns]
+            for x, y in ((round(r * np.cos(turn)), round(r * np.sin(turn))) for r in (step, edge))
+        )
+        np.maximum(best, near + np.clip(near - far, -STEEPEST, STEEPEST), out=best)
+    return np.exp(best.astype(np.float64))
+
+
+def grown(region: BoolArray, reach: float) -> BoolArray:
+    """Grow a region by a square.
+
+    Parameters
+    ----------
+    region : (H, W) bool array
+    reach : float
+        To every side, px; at least 1.
+
+    Returns
+    -------
+    (H, W) bool array
+    """
+    return cv2.dilate(region.astype(np.uint8), np.ones((_odd(reach),) * 2, np.uint8)) > 0
+
+
+def _with_seeds(seed: BoolArray, skirt: BoolArray) -> BoolArray:
+    """Return the connected parts of the skirt that hold a seed."""
+    labels = cv2.connectedComponents(skirt.astype(np.uint8), connectivity=8)[1]
+    kept = np.zeros(labels.max() + 1, dtype=bool)
+    kept[labels[seed & skirt]] = True
+    kept[0] = False
+    return kept[labels]
+
+
+def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> BoolArray:
+    """Find mirrored light, by colour, local contrast and noise.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values in [0, 1]; channels R, G, B, white-balanced, so that the lamp is white. A
+        grey picture has contrast alone, and less is found in it.
+    mask : (H, W) bool array
+        What the endoscope shows; nothing is looked at outside.
+    gamma : float
+        Response exponent γ.
+
+    Returns
+    -------
+    (H, W) bool array
+        Highlights with their skirts; none outside the mask.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit or γ is not positive.
+
+    Notes
+    -----
+    Light is split into the palest tissue colour around and a white part; small highlights stand
+    out from an opening of the light (Vincent's top-hat), from the values to which the slopes
+    around lead, and from the noise. What is large, overexposed and smooth is a near wall, not a
+    highlight: whoever solves the frame has to treat saturation by itself.
+    """
+    image, mask = np.asarray(image, dtype=np.float64), np.asarray(mask, dtype=bool)
+    _checked(image, mask, "a mask")
+    if not gamma > 0:
+        raise ValueError(f"gamma must be positive, got {gamma}")
+    if not mask.any():
+        return np.zeros(mask.shape, dtype=bool)
+    wide = float(np.ptp(np.nonzero(mask.any(axis=0))[0]) + 1)
+    filled = extended(np.clip(np.nan_to_num(image), 0, 1), mask)
+    light = filled**gamma
+    calm = cv2.medianBlur(light.astype(np.float32), 3)
+    noise = max(noise_level(filled if filled.ndim == 2 else filled[..., 1], mask), QUIET)
+    spread = gamma * np.maximum(filled, 0.05) ** (gamma - 1) * noise
+    white, doubt = np.full(mask.shape, np.inf), np.ones(mask.shape)
+    coloured = False
+    if image.ndim == 3:
+        colour = _palest_colour(calm.astype(np.float64), wide)
+        coloured = float(np.median(colour[mask].min(axis=-1))) < COLOURLESS
+        if coloured:
+            white, doubt = _white_part(light, colour, spread)
+        # Blue and green differ most between lamp and tissue; red may be saturated.
+        light, calm = light[..., 1:].mean(axis=-1), calm[..., 1:].mean(axis=-1)
+        spread = np.sqrt((spread[..., 1:] ** 2).mean(axis=-1) / 2)
+
+    def evidence(base: FloatArray, over: float, sigmas: float) -> BoolArray:
+        excess = light - base
+        amount = np.minimum(excess, white) > over * (base + STRAY)
+        return mask & amount & (np.minimum(excess / spread, white / doubt) > sigmas)
+
+    found = np.zeros(mask.shape, dtype=bool)
+    demand = 1.0 if coloured else GREY
+    for reach, seed, skirt in ((SMALL, SEED, SKIRT), (LARGE, LARGE_SEED, LARGE_SKIRT)):
+        lowest = cv2.morphologyEx(calm, cv2.MORPH_OPEN, np.ones((_odd(reach * wide),) * 2, np.uint8))
+        lowest = cv2.GaussianBlur(lowest, (0, 0), max(0.25 * reach * wide, 0.5))
+        opened = np.asarray(lowest, dtype=np.float64)
+        base = _led_to(opened, 2 * max(1, round(reach * wide)))
+        certain = evidence(base, demand * seed, SURE)
+        found |= _with_seeds(certain, evidence(base, demand * skirt, LIKELY))
+        if reach == SMALL:
+            near = grown(certain, SKIRT_WIDTH * wide)
+            found |= _with_seeds(certain, near & evidence(opened, demand * skirt, LIKELY))
+    # Small holes are the highlights' own tops, where even white is clipped.
+    closed = cv2.morphologyEx(found.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
+    return closed & mask
+
+
+def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray | None = None) -> FloatArray:
+    """Fill holes smoothly from what surrounds them.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values in [0, 1].
+    holes : (H, W) bool array
+        Pixels to be filled.
+    mask : (H, W) bool array, optional
+        Pixels that may be used or filled, all by default: black around the endoscope's picture
+        must not leak in.
+
+    Returns
+    -------
+    array of the image's shape
+        As it was outside the holes. Within, the logarithm of light is harmonic: it has no peak or
+        pit of its own, so nothing rings, and no response exponent is needed, as log I^γ = γ log I.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit or if no pixel is left to fill the holes from.
+    """
+    image, holes = np.asarray(image, dtype=np.float64), np.asarray(holes, dtype=bool)
+    _checked(image, holes, "holes")
+    shown = np.ones(holes.shape, dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
+    _checked(image, shown, "a mask")
+    holes = holes & shown
+    if not holes.any():
+        return image.copy()
+    known = shown & ~holes
+    if not known.any():
+        raise ValueError("the whole picture is a hole, there is nothing to fill it from")
+    log = np.log(np.maximum(extended(np.where(np.isfinite(image), image, 0.0), known), ROUNDING))
+    log = log.reshape(*holes.shape, -1)
+    count = int(holes.sum())
+    number = np.full(holes.shape, -1)
+    number[holes] = np.arange(count)
+    # A hint of the nearest value keeps a hole definite that the mask's rim cuts off on all sides.
+    hint = 1e-6
+    diagonal, right = np.full(count, hint), hint * log[holes]
+    rows, columns = [], []
+    row, column = np.nonzero(holes)
+    for down, across in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+        y, x = row + down, column + across
+        inside = (y >= 0) & (y < holes.shape[0]) & (x >= 0) & (x < holes.shape[1])
+        index, y, x = np.nonzero(inside)[0], y[inside], x[inside]
+        index, y, x = (values[shown[y, x]] for values in (index, y, x))
+        diagonal[index] += 1
+        given = known[y, x]
+        right[index[given]] += log[y[given], x[given]]
+        rows.append(index[~given])
+        columns.append(number[y[~given], x[~given]])
+    rows_, columns_ = np.concatenate([*rows, np.arange(count)]), np.concatenate([*columns, np.arange(count)])
+    values = np.concatenate([np.full(rows_.size - count, -1.0), diagonal])
+    # The matrix is symmetric: ordered for that, its factors stay thin.
+    factors = splu(coo_array((values, (rows_, columns_)), shape=(count, count)).tocsc(), "MMD_AT_PLUS_A")
+    filled = image.copy().reshape(*holes.shape, -1)
+    filled[holes] = np.clip(np.exp(factors.solve(right)), 0.0, 1.0)
+    return filled.reshape(image.shape)

@@ -1,0 +1,391 @@
+"""A real frame made ready: what it shows, what in it is not tissue, what it looks like without μ′."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import cv2
+import numpy as np
+
+from endolab.model.cameras import Camera, Pinhole
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.preprocessing.frame import DARK, FRAME, MAX_ALPHA, Frame, field_of_view, noise_level
+from endolab.preprocessing.highlights import find_highlights, grown, inpaint
+
+if TYPE_CHECKING:
+    from endolab.model.endoscope import Endoscope
+
+FEW = 5.0  # signal over noise below which noise alone moves a distance by γ/10, about a fifth
+COMBED = 0.05  # combing from which on a frame is taken for interlaced
+HALO = 2 / 320  # of the picture's width: colour fringes around highlights, which inpainting must not spread
+PAPER_WHITE, PALE, STANDS_OUT = 0.6, 0.08, 0.2  # of text: least value, most colour, contrast
+LETTERS = 4  # as many of one height and colour in a row make a text
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A frame that is ready to be solved, and what was found in it.
+
+    Attributes
+    ----------
+    original : Frame
+        As it came.
+    frame : Frame
+        Ready: its mask leaves out all that is not tissue; on the grid of `camera`.
+    camera : Camera
+        The calibration's own, or the pinhole to which the frame was undistorted.
+    canonical : (H, W) or (H, W, 3) float array
+        See `canonical_picture`; on the original grid, as are the masks below.
+    field_of_view, lumen, highlights, text : (H, W) bool array
+        What the endoscope shows; where noise says more than the wall; mirrored light; letters.
+    interlaced : bool
+        Whether two fields were found and one of them was replaced.
+    undistorted, inpainted : bool
+        What was done.
+    notes : tuple of str
+        What was found, in sentences.
+    """
+
+    original: Frame
+    frame: Frame
+    camera: Camera
+    canonical: FloatArray
+    field_of_view: BoolArray
+    lumen: BoolArray
+    highlights: BoolArray
+    text: BoolArray
+    interlaced: bool
+    undistorted: bool
+    inpainted: bool
+    notes: tuple[str, ...]
+
+
+def _brightest(image: FloatArray) -> FloatArray:
+    return image if image.ndim == 2 else image.max(axis=-1)
+
+
+def _green(image: FloatArray) -> FloatArray:
+    return image if image.ndim == 2 else image[..., 1]
+
+
+def dark_lumen(image: FloatArray, mask: BoolArray) -> BoolArray:
+    """Find the depth of the lumen, where noise says more than the wall.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values; green is looked at.
+    mask : (H, W) bool array
+        What the endoscope shows.
+
+    Returns
+    -------
+    (H, W) bool array
+        Connected regions of the mask in which the signal is below five times the noise (or below
+        4 of 255): a distance is there uncertain by γ/10 from noise alone. Specks are left alone.
+    """
+    green = np.where(mask, np.nan_to_num(_green(image)), 0.0)
+    limit = max(DARK, FEW * noise_level(green, mask))
+    share = cv2.blur(mask.astype(np.float64), (5, 5), borderType=cv2.BORDER_CONSTANT)
+    calm = cv2.blur(green, (5, 5), borderType=cv2.BORDER_CONSTANT) / np.where(mask, share, 1.0)
+    dark = (mask & (calm < limit)).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=4)
+    least = max(9, 2e-4 * mask.sum())
+    kept = [label for label in range(1, count) if stats[label, cv2.CC_STAT_AREA] >= least]
+    return np.isin(labels, kept)
+
+
+def _rows_of_letters(boxes: list[tuple[int, int, int, int, float]]) -> list[list[int]]:
+    """Group boxes (left, top, width, height, value) that stand in a row, like letters."""
+    rows: list[list[int]] = []
+    for index in sorted(range(len(boxes)), key=lambda i: boxes[i][0]):
+        left, top, _, high, value = boxes[index]
+        for row in rows:
+            last = boxes[row[-1]]
+            tall = max(high, last[3])
+            aligned = abs(top + high - last[1] - last[3]) <= 0.25 * tall
+            alike = abs(high - last[3]) <= 0.25 * tall and abs(value - last[4]) <= 4 / 255
+            if aligned and alike and -0.2 * tall <= left - last[0] - last[2] <= 1.5 * tall:
+                row.append(index)
+                break
+        else:
+            rows.append([index])
+    return [row for row in rows if len(row) >= LETTERS]
+
+
+def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
+    """Find text that a video system has written over the picture.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values.
+    mask : (H, W) bool array
+        What the endoscope shows.
+
+    Returns
+    -------
+    (H, W) bool array
+        Bright islands in the black around the picture, and rows of at least four pale marks of one
+        height and value on one line. Highlights are pale too, but stand in no row; a single sign
+        within the picture is not found.
+    """
+    shade = np.nan_to_num(_brightest(image))
+    apart = ~grown(mask, 4) & (shade > 4 * FRAME)
+    found = grown(apart, 1) & ~mask if apart.any() else apart
+    pale = image if image.ndim == 2 else np.nan_to_num(image).min(axis=-1)
+    reach = 2 * max(4, image.shape[1] // 60) + 1
+    stroke = cv2.morphologyEx(pale, cv2.MORPH_OPEN, np.ones((reach, reach), np.uint8))
+    marks = (pale > PAPER_WHITE) & (shade - pale < PALE) & (pale - stroke > STANDS_OUT)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(marks.astype(np.uint8), connectivity=8)
+    boxes = []
+    for label in range(1, count):
+        left, top, wide, high = (int(value) for value in stats[label, :4])
+        if high >= 5 and wide <= 3 * high and high <= image.shape[0] / 8:
+            window = (slice(top, top + high), slice(left, left + wide))
+            boxes.append((left, top, wide, high, float(pale[window][labels[window] == label].max())))
+    for row in _rows_of_letters(boxes):
+        tall = max(boxes[i][3] for i in row)
+        top, bottom = min(boxes[i][1] for i in row), max(boxes[i][1] + boxes[i][3] for i in row)
+        left, right = boxes[row[0]][0], boxes[row[-1]][0] + boxes[row[-1]][2]
+        line = np.zeros(mask.shape, dtype=bool)
+        line[max(0, top - tall // 2) : bottom + tall // 2, max(0, left - tall) : right + tall] = True
+        found |= grown(marks & line, max(2.0, 0.1 * tall))
+    return found
+
+
+def combing(image: FloatArray, mask: BoolArray) -> float:
+    """Tell how much odd and even rows differ, as they do where two fields show a moving scene.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values; green is looked at.
+    mask : (H, W) bool array
+        What the endoscope shows.
+
+    Returns
+    -------
+    float
+        Share of the picture in which neighbouring rows differ more than every second, less the
+        share in which columns do: about 0 in a picture that was taken at once, since nothing in a
+        scene, nor noise, makes near rows less alike than far ones; above 0.05 in an interlaced one.
+    """
+    green = np.where(mask, np.nan_to_num(_green(image)), 0.0)
+    inside = cv2.erode(mask.astype(np.uint8), np.ones((7, 7), np.uint8), borderValue=0) > 0
+    shares = []
+    for rows, known in ((green, inside), (green.T, inside.T)):
+        if len(rows) < 3 or not known[1:-1].any():
+            return 0.0
+        one = cv2.blur((rows[1:-1] - rows[:-2]) ** 2, (15, 15))
+        two = cv2.blur((rows[2:] - rows[:-2]) ** 2, (15, 15))
+        shares.append(float((one > 1.2 * two + (1 / 255) ** 2)[known[1:-1]].mean()))
+    return shares[0] - shares[1]
+
+
+def interlaced(image: FloatArray, mask: BoolArray) -> bool:
+    """Tell whether a frame is made of two fields; see `combing`."""
+    return combing(image, mask) >= COMBED
+
+
+def deinterlace(image: FloatArray) -> FloatArray:
+    """Keep the field of the even rows (0, 2, …) and interpolate the other.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values.
+
+    Returns
+    -------
+    array of the image's shape
+    """
+    image = np.asarray(image, dtype=np.float64).copy()
+    above = image[0 : len(image) - 1 : 2]
+    below = image[2::2]
+    odd = image[1::2]
+    odd[: len(below)] = (above[: len(below)] + below) / 2
+    odd[len(below) :] = image[-2 : len(image) - 1] if len(odd) > len(below) else odd[len(below) :]
+    return image
+
+
+def undistorted(
+    frame: Frame,
+    camera: Camera,
+    fov: float = 90.0,
+    size: tuple[int, int] | None = None,
+    *,
+    crop: bool = False,
+) -> tuple[Frame, Pinhole]:
+    """Show a frame as a pinhole camera in its place would.
+
+    Parameters
+    ----------
+    frame : Frame
+    camera : Camera
+        Of the frame.
+    fov : float
+        Angle that the new width spans, degrees, below 170.
+    size : two ints, optional
+        New width and height, px; by default as fine as the frame is at its centre, with its
+        proportions.
+    crop : bool
+        Whether to cut off rows and columns in which nothing is seen.
+
+    Returns
+    -------
+    frame : Frame
+        Its mask leaves out what the old one left out or did not reach.
+    camera : Pinhole
+
+    Raises
+    ------
+    ValueError
+        If an option is out of range, sizes differ, or nothing is seen.
+    """
+    if not 0 < fov < 170:
+        raise ValueError(f"fov must be between 0 and 170 degrees, got {fov}")
+    if (camera.width, camera.height) != (frame.width, frame.height):
+        raise ValueError(
+            f"{frame.name}: {frame.width}x{frame.height} px, but the camera is for "
+            f"{camera.width}x{camera.height} px"
+        )
+    half = np.tan(np.deg2rad(fov) / 2)
+    if size is None:
+        axis = np.array([[0.0, 0.0, 1.0], [1e-4, 0.0, 1.0]])
+        finest = float(np.linalg.norm(np.diff(camera.project(axis), axis=0)) / 1e-4)
+        width = max(1, round(2 * half * finest))
+        size = (width, max(1, round(width * frame.height / frame.width)))
+    width, height = size
+    focal = width / (2 * half)
+    new = Pinhole(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+    columns, rows = np.moveaxis(np.nan_to_num(camera.project(new.field.rays), nan=-9.0), -1, 0)
+    maps = columns.astype(np.float32), rows.astype(np.float32)
+    image = cv2.remap(np.nan_to_num(frame.image), *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    seen = cv2.remap(frame.mask.astype(np.float32), *maps, cv2.INTER_LINEAR, borderValue=0) > 0.999
+    if not seen.any():
+        raise ValueError(f"{frame.name}: the pinhole camera sees none of the frame's mask")
+    made = Frame(np.clip(image, 0.0, 1.0), seen, frame.name)
+    if not crop:
+        return made, new
+    left, top, wide, high = cv2.boundingRect(seen.astype(np.uint8))
+    window = (slice(top, top + high), slice(left, left + wide))
+    return Frame(made.image[window], seen[window], frame.name), new.crop(left, top, wide, high)
+
+
+def canonical_picture(frame: Frame, calibration: Endoscope) -> FloatArray:
+    """Take μ′ = cos^k α out of a picture, for people to look at (paper, Section IV).
+
+    Parameters
+    ----------
+    frame : Frame
+    calibration : Endoscope
+        Of the frame's size.
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) float array
+        I_c per channel to the power of 1/γ, in [0, 1]; the 90th percentile of the brightest channel
+        is 0.9. nan outside the mask and more than 80° off the axis.
+    """
+    photometry, cosine = calibration.photometry.simplified(), calibration.camera.field.cos_alpha
+    seen = frame.mask & (np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(MAX_ALPHA)))
+    if not seen.any():
+        raise ValueError(f"{frame.name}: the mask and the camera's field of view have no pixel in common")
+    factor = np.where(seen, photometry.attenuation(np.where(seen, cosine, 1.0)), np.nan)
+    factor **= 1 / photometry.gamma
+    picture = frame.image / (factor if frame.image.ndim == 2 else factor[..., None])
+    top = float(np.percentile(_brightest(picture)[seen], 90))
+    return np.clip(picture * (0.9 / top if top > 0 else 1.0), 0.0, 1.0)
+
+
+def _share(part: BoolArray, whole: BoolArray) -> str:
+    return f"{100 * part[whole].mean():.2g} % of what the endoscope shows"
+
+
+def prepare(
+    frame: Frame,
+    calibration: Endoscope,
+    *,
+    undistort: bool = False,
+    highlights: Literal["ignore", "inpaint", "keep"] = "ignore",
+) -> Prepared:
+    """Make a real frame ready to be solved.
+
+    Parameters
+    ----------
+    frame : Frame
+        As it came; pixels outside its mask stay out.
+    calibration : Endoscope
+        Of the frame's size.
+    undistort : bool
+        Whether to resample to a pinhole camera of 90°; solvers do not need it.
+    highlights : {"ignore", "inpaint", "keep"}
+        Leave them out of the mask, fill them in from around, or take them as they are.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    ValueError
+        If an option is unknown, sizes differ, or nothing is left to be solved.
+    """
+    if highlights not in ("ignore", "inpaint", "keep"):
+        raise ValueError(f"unknown way with highlights {highlights!r}; choose ignore, inpaint or keep")
+    camera, gamma = calibration.camera, calibration.photometry.gamma
+    if (camera.width, camera.height) != (frame.width, frame.height):
+        raise ValueError(
+            f"{frame.name}: {frame.width}x{frame.height} px, but the calibration is for "
+            f"{camera.width}x{camera.height} px"
+        )
+    notes = []
+    image = np.nan_to_num(frame.image)
+    field = frame.mask & field_of_view(_brightest(image))
+    if not field.any():
+        raise ValueError(f"{frame.name}: the frame shows nothing but black")
+    notes.append(f"The endoscope shows {100 * field.mean():.0f} % of the picture.")
+    fields = interlaced(image, field)
+    if fields:
+        image = deinterlace(image)
+        notes.append("Two interlaced fields: the even rows are kept, the odd ones interpolated.")
+    text = overlay_text(image, field)
+    if text.any():
+        notes.append(f"Text or signs on the screen: {int(text.sum())} px, {_share(text, field)}.")
+    tissue = field & ~text
+    if not tissue.any():
+        raise ValueError(f"{frame.name}: nothing but text is left of the frame")
+    mirrored, lumen = find_highlights(image, tissue, gamma), dark_lumen(image, tissue)
+    lumen &= ~mirrored
+    if lumen.any():
+        notes.append(f"Dark lumen, where noise says more than the wall: {_share(lumen, field)}.")
+    treated = {"ignore": "left out", "inpaint": "filled in from around", "keep": "left to the solver"}
+    if mirrored.any():
+        notes.append(f"Highlights: {_share(mirrored, field)}, {treated[highlights]}.")
+    canonical = canonical_picture(Frame(image, field, frame.name), calibration)
+    mask = tissue & ~lumen
+    inpainted = highlights == "inpaint" and bool(mirrored.any())
+    if inpainted:
+        image = inpaint(image, grown(mirrored, HALO * frame.width) & tissue, tissue)
+    elif highlights == "ignore":
+        mask &= ~mirrored
+    ready = Frame(image, mask, frame.name)
+    if undistort:
+        ready, camera = undistorted(ready, camera)
+        notes.append(f"Undistorted to a pinhole camera of {camera.width}x{camera.height} px, 90° across.")
+    return Prepared(
+        original=frame,
+        frame=ready,
+        camera=camera,
+        canonical=canonical,
+        field_of_view=field,
+        lumen=lumen,
+        highlights=mirrored,
+        text=text,
+        interlaced=fields,
+        undistorted=undistort,
+        inpainted=inpainted,
+        notes=tuple(notes),
+    )

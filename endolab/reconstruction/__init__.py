@@ -1,0 +1,8 @@
+"""A frame and a calibration in, a surface out, stage by stage.
+
+Read `problem_setup`, `separation`, `reconstruct`, `scale`, `assumptions`, `sequence`, `mesh`.
+"""
+
+from endolab._deprecated import with_old_names
+
+__getattr__ = with_old_names(__name__)

@@ -1,0 +1,132 @@
+"""What the numbers of a result mean and what they rest on, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import cast
+
+import numpy as np
+
+from endolab.depth.problem import AT_LEAST, NONE
+from endolab.depth.result import Iterate, Result
+from endolab.reconstruction.scale import KnownDiameter, KnownDistance, pixel_name, scale_of
+
+GAMMA_STEP = 0.1  # error of γ whose effect is told
+
+
+def meaning(result: Result | Iterate) -> tuple[str, ...]:
+    """Say what the numbers of a result mean and what they rest on.
+
+    Parameters
+    ----------
+    result : Result or Iterate
+
+    Returns
+    -------
+    tuple of str
+        A sentence each: the unit and what fixes it; the wall's albedo; light that bounced; γ; pixels
+        that are saturated or say nothing; the notes of the settings.
+    """
+    return (
+        *_of_scale(result),
+        *_of_albedo(result),
+        _of_bounces(result),
+        _of_gamma(result),
+        *_of_evidence(result),
+        *notes(result),
+    )
+
+
+def notes(result: Result | Iterate) -> tuple[str, ...]:
+    """Return what was noted on the way: sentences of the setting "notes"."""
+    return tuple(cast("tuple[str, ...]", result.problem.settings.get("notes") or ()))
+
+
+def _of_scale(result: Result | Iterate) -> Iterator[str]:
+    settings, how = result.problem.settings, scale_of(result)
+    if how == "gain":
+        yield "Distances are in mm, because the gain of the endoscope is known."
+    elif how == "median distance":
+        mm = cast("float", settings["median_distance"])
+        yield f"Distances are in mm, because their median was said to be {mm:g} mm."
+    elif how == "known distance":
+        mm, *pixel = cast("KnownDistance", settings["known_distance"])
+        where = pixel_name((pixel[0], pixel[1]))
+        yield f"Distances are in mm, because the surface at {where} was said to be {mm:g} mm away."
+    elif how == "known diameter":
+        mm, one, other = cast("KnownDiameter", settings["known_diameter"])
+        where = f"{pixel_name(one)} and {pixel_name(other)}"
+        yield f"Distances are in mm, because the points at {where} were said to be {mm:g} mm apart."
+    elif result.problem.metric:
+        yield "Distances are in mm, and the scale is carried over from the frame before."
+    elif how == "none":
+        yield "The gain is unknown: distances show the shape, and their unit is arbitrary."
+    else:
+        yield "The gain is unknown: distances have an arbitrary unit, nearly that of the frame before."
+    if settings.get("by_gain") is not None:
+        mm = cast("float", settings["by_gain"])
+        yield f"By the gain of the calibration that length would be {mm:.3g} mm."
+
+
+def _of_albedo(result: Result | Iterate) -> Iterator[str]:
+    brdf = result.problem.photometry.brdf
+    albedo = getattr(brdf, "albedo", None)
+    at_zero = float(np.pi * brdf.value(np.ones(1), np.ones(1))[0]) if albedo is None else albedo
+    name = "albedo" if albedo is not None else "reflectance (π times the BRDF, facing)"
+    by_gain = scale_of(result) == "gain"  # else the value cancels
+    yield (
+        f"The wall is taken to have one {name}{f', {at_zero:.2g}' if by_gain else ''}; "
+        "a patch that reflects 10 % more comes out 5 % too near."
+    )
+    if by_gain:
+        yield (
+            "Distances go with the square root of albedo times gain: "
+            "if that product is 10 % higher than taken, every distance is 5 % too short."
+        )
+
+
+def _of_bounces(result: Result | Iterate) -> str:
+    settings = result.problem.settings
+    if settings.get("channel") != "separated":
+        return (
+            "Light that bounced from wall to wall counts as direct; in simulated colons it adds about "
+            "120 % to red, 30 % to green and 20 % to blue."
+        )
+    albedo = cast("tuple[float, ...] | None", settings.get("albedo"))
+    values = ", ".join(f"{one:.2g}" for one in albedo or ())
+    told = f", with albedos of {values} (R, G, B)," if values else ""
+    return f"Light that bounced from wall to wall was estimated{told} and taken out."
+
+
+def _of_gamma(result: Result | Iterate) -> str:
+    """Tell what an error of γ does: d goes with I^(-γ/2), and the scale keeps the median."""
+    problem = result.problem
+    said = problem.mask if problem.evidence is None else problem.mask & (problem.evidence != NONE)
+    image = problem.image[said & (problem.image > 0)]
+    low, middle, high = np.percentile(image, [5, 50, 95]) if image.size else np.ones(3)
+    dark, bright = (abs(GAMMA_STEP / 2 * np.log(one / middle)) for one in (low, high))
+    gamma = problem.photometry.gamma
+    return (
+        f"If γ were {gamma + GAMMA_STEP:.4g} and not {gamma:.4g}, the brightest twentieth of the pixels "
+        f"would come out {-100 * np.expm1(-bright):.2g} % or more nearer and the darkest "
+        f"{100 * np.expm1(dark):.2g} % or more farther, the median held."
+    )
+
+
+def _of_evidence(result: Result | Iterate) -> Iterator[str]:
+    problem = result.problem
+    total = int(problem.mask.sum())
+
+    def share(count: int) -> str:
+        return f"{count} of {total} pixels ({100 * count / max(total, 1):.2g} %)"
+
+    if problem.evidence is None:
+        return
+    saturated, silent = (int((problem.evidence[problem.mask] == what).sum()) for what in (AT_LEAST, NONE))
+    if saturated:
+        yield f"The sensor is saturated in {share(saturated)}, which only say 'at least this bright'."
+    if silent:
+        yield (
+            f"Highlights and overlays hide {share(silent)}, "
+            "where the surface is what its neighbours make of it."
+        )

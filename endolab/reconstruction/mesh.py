@@ -1,0 +1,124 @@
+"""A mesh out of a result."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from endolab.depth.result import Iterate, Result
+from endolab.model.mesh import Mesh, triangle_normals, vertex_normals
+from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
+from endolab.numerics.derivatives import links
+
+JUMP = 1.08  # corners whose distances differ by more may lie on two surfaces …
+GRAZING = 85.0  # … and do if what would join them is seen at more than this angle, degrees
+NEUTRAL = 0.7  # grey of a mesh without a picture
+
+
+# Making ---------------------------------------------------------------------------------
+def make_mesh(
+    shown: Result | Iterate | FloatArray,
+    colours: FloatArray | None = None,
+    *,
+    cuts: BoolArray | None = None,
+    jump: float = JUMP,
+    grazing: float = GRAZING,
+) -> Mesh:
+    """Join the surface points of neighbouring pixels by triangles.
+
+    Parameters
+    ----------
+    shown : Result, Iterate or (H, W, 3) float array
+        The last one are surface points in the camera frame, mm; nan where unknown.
+    colours : (H, W, 3) or (H, W) float array, optional
+        Of the pixels, in [0, 1]; by default those of the frame, or grey for bare points.
+    cuts : (2, H, W) bool array, optional
+        Steps to the right and lower neighbour over which the surface is torn, as
+        `evaluation.occlusion_cuts` finds them; by default those of the problem that was solved.
+    jump, grazing : float
+        A triangle is left out if the distances of its corners from the camera differ by more
+        than the factor `jump` and the angle between its normal and the line of sight is more
+        than `grazing`, degrees. (The factor alone would tear a slanted wall in a small frame, the
+        angle alone a smooth one seen at its limb.)
+
+    Returns
+    -------
+    Mesh
+        Only of the pixels that are a triangle's corner; empty if there is none. A square with
+        one corner missing, or cut off, is one triangle; else it is split along the diagonal over
+        which the distance changes less. Normals are those of the triangles, weighted by area.
+
+    Raises
+    ------
+    ValueError
+        If arrays do not fit or a threshold is out of range.
+    """
+    if isinstance(shown, Result | Iterate):
+        problem, unit = shown.problem, shown.problem.unit
+        points = shown.points
+        colours = problem.picture if colours is None else colours
+        colours = problem.image if colours is None else colours
+        cuts = problem.cuts if cuts is None else cuts
+    else:
+        points, unit = np.asarray(shown, dtype=np.float64), "mm"
+    if points.ndim != 3 or points.shape[2] != 3:
+        raise ValueError(f"points must be an array of shape (H, W, 3), found {points.shape}")
+    shape = points.shape[:2]
+    if cuts is not None and (cuts.shape != (2, *shape) or cuts.dtype != bool):
+        raise ValueError(
+            f"cuts must be a bool array of shape {(2, *shape)}, found {cuts.dtype} of shape {cuts.shape}"
+        )
+    colours = np.full(shape, NEUTRAL) if colours is None else colours
+    if colours.shape not in (shape, (*shape, 3)):
+        raise ValueError(f"colours must have shape {shape} or {(*shape, 3)}, found {colours.shape}")
+    if not (jump >= 1 and 0 <= grazing <= 90):
+        raise ValueError(
+            f"jump must be at least 1 and grazing from 0 to 90 degrees, got {jump} and {grazing}"
+        )
+    triangles = _triangles(points, cuts)
+    points = points.reshape(-1, 3)
+    triangles = triangles[~_torn(points, triangles, jump, grazing)]
+    used = np.zeros(len(points), dtype=bool)
+    used[triangles] = True
+    vertices, triangles = points[used], (np.cumsum(used, dtype=np.int32) - 1)[triangles]
+    colours = colours[..., None] if colours.ndim == 2 else colours
+    colours = np.broadcast_to(colours, (*shape, 3)).reshape(-1, 3)[used].clip(0, 1)
+    return Mesh(vertices, triangles, colours, vertex_normals(vertices, triangles), unit)
+
+
+def _triangles(points: FloatArray, cuts: BoolArray | None) -> IndexArray:
+    """Triangles whose sides along rows and columns are all steps that may be taken."""
+    distance = np.linalg.norm(points, axis=-1)
+    right, lower = links(np.isfinite(distance) & (distance > 0), cuts)
+    number = np.arange(distance.size, dtype=np.int32).reshape(distance.shape)
+
+    def corners(a: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+        return a[:-1, :-1], a[:-1, 1:], a[1:, :-1], a[1:, 1:]
+
+    a, b, c, d = corners(number)
+    (top, _, bottom, _), (left, far, _, _) = corners(right), corners(lower)
+    upper_left, lower_right, lower_left, upper_right = top & left, bottom & far, left & bottom, top & far
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at_a, at_b, at_c, at_d = corners(np.log(distance))
+        flatter = np.abs(at_a - at_d) < np.abs(at_b - at_c)
+    rising, falling = 1 * upper_left + lower_right, 1 * lower_left + upper_right
+    falls = (falling > rising) | ((falling == rising) & flatter)  # the diagonal is a-d, else b-c
+    parts = [
+        (upper_left & ~falls, (a, c, b)),
+        (lower_right & ~falls, (b, c, d)),
+        (lower_left & falls, (a, c, d)),
+        (upper_right & falls, (a, d, b)),
+    ]
+    return np.concatenate([np.stack([corner[kept] for corner in three], -1) for kept, three in parts])
+
+
+def _torn(points: FloatArray, triangles: IndexArray, jump: float, grazing: float) -> BoolArray:
+    """Triangles that would join two surfaces."""
+    distance = np.linalg.norm(points, axis=-1)[triangles]
+    torn = distance.max(axis=1, initial=0) > jump * distance.min(axis=1, initial=np.inf)
+    corners = points[triangles[torn]]
+    normal, sight = triangle_normals(corners), corners.mean(axis=1)
+    size = np.linalg.norm(normal, axis=-1) * np.linalg.norm(sight, axis=-1)
+    cosine = np.abs(np.einsum("ni,ni->n", normal, sight))
+    torn[torn] = cosine < np.cos(np.deg2rad(grazing)) * size
+    return torn

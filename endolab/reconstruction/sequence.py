@@ -1,0 +1,263 @@
+"""Frame after frame: each starts from the last, and their scales are linked.
+
+A frame whose gain is unknown has a scale of its own. Between neighbours two things are known:
+the gain that an automatic exposure sets changes smoothly, and the surface that both see moves
+little and rigidly. `scale_between` weighs the one against the other.
+"""
+
+from __future__ import annotations
+
+import inspect
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from endolab.depth.result import Result
+from endolab.depth.solvers import DEFAULT_SOLVER, SOLVERS
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.iteration import Status
+from endolab.preprocessing.frame import Frame
+from endolab.reconstruction.reconstruct import reconstruct
+from endolab.reconstruction.scale import check_scale, rescaled, with_known_length
+
+if TYPE_CHECKING:
+    from endolab.model.endoscope import Endoscope
+
+WORSE = 1.3  # times the energy of the last cold start: then a warm start is not trusted
+REFRESH = 25  # frames after which a cold start is tried anyway
+GAIN_STEP = 0.1  # standard deviation of the change of log gain from frame to frame
+MOTION_STEP = 0.05  # of the camera's motion: median distances, and rad
+SAMPLES, INDEPENDENT = 20_000, 100.0  # pixels that are compared; how many tell their own story
+SCALES = ("median_distance", "known_distance", "known_diameter")  # options that fix a frame's scale
+GRAZING = 0.25  # cosine between ray and normal below which a surface says little of its place
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What the next frame's scale is linked to.
+
+    Attributes
+    ----------
+    distance : (H, W) float array
+        At its linked scale, mm or relative; nan where unknown.
+    normals : (H, W, 3) float array
+        Unit normals in the camera frame.
+    gain : float
+        That belongs to this scale.
+    metric : bool
+        Whether distances are in mm.
+    """
+
+    distance: FloatArray
+    normals: FloatArray
+    gain: float
+    metric: bool
+
+    @classmethod
+    def of(cls, result: Result) -> Surface:
+        """Take it from a result."""
+        gain = result.problem.photometry.gain or 1.0
+        return cls(result.distance, result.normals, gain, result.metric)
+
+
+@dataclass(frozen=True)
+class Step:
+    """What became of one frame.
+
+    Attributes
+    ----------
+    index : int
+        Counts the frames given, from 0.
+    name : str
+    result : Result or None
+        None if there is an error.
+    error : str
+        One sentence; empty if there is a result.
+    warm : bool
+        Whether the result was started from the last frame's.
+    seconds : float
+        What the frame took, a second try from cold included.
+    """
+
+    index: int
+    name: str
+    result: Result | None
+    error: str = ""
+    warm: bool = False
+    seconds: float = 0.0
+
+
+def reconstruct_sequence(
+    frames: Iterable[tuple[str, Frame | FloatArray | None]],
+    calibration: Endoscope,
+    *,
+    before: Surface | None = None,
+    **options: Any,
+) -> Iterator[Step]:
+    """Reconstruct the frames of a video, one after the other.
+
+    A frame starts from the last one's result if the solver can. Its result is kept if the solver
+    got on and the energy is at most `WORSE` times that of the last cold start; otherwise, and
+    every `REFRESH` frames, it is begun anew and the lower energy wins: an error is not passed on
+    for long. Where the gain is unknown, scales are linked by `scale_between`.
+
+    Parameters
+    ----------
+    frames : iterable of (str, Frame or array or None)
+        Names and pictures, as `endolab.open_frames` gives them; None for a broken one.
+    calibration : Endoscope
+        For pictures of that size.
+    before : Surface, optional
+        The frame before the first, if that one's scale is to go on.
+    **options
+        See `endolab.reconstruct`. What fixes the scale, such as `median_distance`, is said of the
+        first frame and fixes that of all; it is not used with `before`.
+
+    Yields
+    ------
+    Step
+        One for every frame. One that cannot be read or used has an error, and the next goes on
+        from the last that could. After a result that was interrupted or stopped nothing follows.
+
+    Raises
+    ------
+    MemoryError
+        If frames of that size need more memory than there is.
+    ValueError
+        If a known distance or diameter cannot be used: it is said of the first frame alone.
+    """
+    lengths = {name: options.pop(name, None) for name in SCALES[1:]}
+    check_scale(options.get("median_distance"), **lengths)
+    solver = SOLVERS.get(options.get("solver", DEFAULT_SOLVER))
+    can_start = solver is not None and "start" in inspect.signature(solver).parameters
+    known_gain = calibration.photometry.gain is not None
+    last: Result | None = None
+    last_light = 1.0
+    least, age = np.inf, 0  # energy of the last cold start, and frames since
+    for index, (name, picture) in enumerate(frames):
+        started = time.perf_counter()
+        try:
+            frame = _framed(name, picture)
+            light = _light(frame, calibration.photometry.gamma)
+            how = options if before is None else {k: v for k, v in options.items() if k not in SCALES}
+            result, warm = None, False
+            if last is not None and can_start:
+                start = last if known_gain else _as_bright(last, light / last_light)
+                result = reconstruct(frame, calibration, start=start, **how)
+                warm = result.status is Status.STOPPED or (
+                    result.status is Status.CONVERGED and result.energy <= WORSE * least and age < REFRESH
+                )
+            if result is None or not warm:
+                cold = reconstruct(frame, calibration, **how)
+                least, age = cold.energy, 0
+                warm = result is not None and result.energy < cold.energy
+                if result is None or not warm:
+                    result = cold
+            if before is None:
+                result = with_known_length(result, **lengths, size=(frame.width, frame.height))
+        except (ValueError, OSError) as error:
+            if before is None and any(length is not None for length in lengths.values()):
+                raise ValueError(_sentence(name, error)) from error  # another frame shows other places
+            yield Step(index, name, None, _sentence(name, error), False, time.perf_counter() - started)
+            continue
+        age += 1
+        if before is not None:
+            gain = result.problem.photometry.gain or 1.0
+            factor = np.sqrt(before.gain / gain) if known_gain else scale_between(before, result)
+            linked = {} if known_gain and np.isclose(factor, 1) else {"scale": "frame before"}
+            result = rescaled(result, float(factor), before.metric, **linked)
+        before = Surface.of(result)
+        last, last_light = result, light
+        yield Step(index, name, result, "", warm, time.perf_counter() - started)
+        if result.status is Status.STOPPED:
+            return
+
+
+def _framed(name: str, picture: Frame | FloatArray | None) -> Frame:
+    if picture is None:
+        raise ValueError(f"{name}: cannot be read")
+    if isinstance(picture, Frame):
+        return picture
+    return Frame(picture, np.ones(np.shape(picture)[:2], dtype=bool), name)
+
+
+def _light(frame: Frame, gamma: float) -> float:
+    """Brightness of a picture: the median of its lit pixels, as light."""
+    image = frame.image[frame.mask]
+    lit = image[image > 0]
+    return float(np.median(lit)) ** gamma if lit.size else 1.0
+
+
+def _as_bright(last: Result, ratio: float) -> Result:
+    """Undo what `reconstruct` does to a start when gains differ.
+
+    It takes a brighter picture of unknown gain for one of the same surface with more gain, in a unit that
+    is smaller; but the unit is tied to the picture's brightness, so that the surface stays what it was.
+    """
+    moved = last.iterate.log_distance - 0.5 * np.log(ratio)
+    return replace(last, iterate=replace(last.iterate, log_distance=moved))
+
+
+def _sentence(name: str, error: Exception) -> str:
+    said = str(error)
+    return said if name in said else f"{name}: {said}"
+
+
+def scale_between(before: Surface, result: Result) -> float:
+    """What a frame's distances must be multiplied by to be in the unit of the frame before.
+
+    The unknowns are the log of that factor c, and the camera's motion T, ω between the two frames.
+    Along a ray u that meets the old surface at D u with normal n, a rigid motion changes the distance
+    by (n·T/D + ω·(u × n))/(-n·u) parts of it (range flow: Horn and Harris, Rigid body motion from
+    range image sequences, 1991), so that every pixel says
+
+        log D - log d = c + (n·T/D + ω·(u × n))/(n·u) + error.
+
+    Prior beliefs are that log gain makes a random walk of `GAIN_STEP` a frame, and that T, in
+    median distances, and ω, in rad, are of the order `MOTION_STEP`. The maximum a posteriori is
+    found by reweighting (Cauchy), because at folds the motion is none of the linear kind; the
+    pixels' errors are alike, so that all count as `INDEPENDENT` ones.
+
+    Parameters
+    ----------
+    before : Surface
+        Of the same size.
+    result : Result
+        In a unit of its own.
+
+    Returns
+    -------
+    float
+        e^c. Coming straight at a flat wall and turning up the gain look the same: then the priors
+        share the change between them.
+    """
+    gain = result.problem.photometry.gain or 1.0
+    prior = 0.5 * np.log(before.gain / gain)
+    if before.distance.shape != result.mask.shape:
+        return float(np.exp(prior))
+    stride = max(1, int(np.sqrt(result.mask.size / SAMPLES)))
+    thin = np.s_[::stride, ::stride]
+    old, new = before.distance[thin], result.distance[thin]
+    n, u = before.normals[thin], result.problem.field.rays[thin]
+    facing = np.einsum("...i,...i->...", n, u)
+    with np.errstate(invalid="ignore"):
+        good = (old > 0) & (new > 0) & (facing < -GRAZING)
+    if good.sum() < INDEPENDENT:
+        return float(np.exp(prior))
+    old, new, n, u, facing = old[good], new[good], n[good], u[good], facing[good, None]
+    y = np.log(old / new)
+    by_motion = n * (np.median(old) / old)[:, None] / facing
+    a = np.concatenate([np.ones_like(facing), by_motion, np.cross(u, n) / facing], axis=-1)
+    trust = np.array([2 / GAIN_STEP, *[1 / MOTION_STEP] * 6]) ** 2
+    x = np.array([np.median(y), *[0.0] * 6])
+    for _ in range(20):
+        residual = y - a @ x
+        spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
+        weight = 1 / (1 + (residual / (2 * spread)) ** 2) / spread**2
+        weight *= min(1.0, INDEPENDENT / len(y))
+        information = (a * weight[:, None]).T @ a + np.diag(trust)
+        x = np.linalg.solve(information, a.T @ (weight * y) + trust * np.array([prior, *[0.0] * 6]))
+    return float(np.exp(x[0]))

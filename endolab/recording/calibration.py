@@ -1,0 +1,331 @@
+"""Recordings of a calibration for the Rerun viewer: its frames, and the steps of the light's fit.
+
+The timeline "frame" shows what was found and how well it is explained, "iteration" how the light
+was fitted. As in `recording`, the file is kept in memory until it is complete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from endolab.calibration.geometric.pose import Pose
+from endolab.calibration.least_squares import FitIterate
+from endolab.calibration.photometric.result import PhotometricFit
+from endolab.calibration.session import Named, Session
+from endolab.calibration.summary import account, brdf_of, mean_distances
+from endolab.calibration.targets import Target
+from endolab.io.atomic import PathLike, write_atomically
+from endolab.io.video import Frames
+from endolab.numerics.arrays import FloatArray
+from endolab.recording import layouts as blueprints
+from endolab.recording.recorder import BLUE_WHITE_RED
+from endolab.recording.stream import START, THIN, camera_shape
+
+FRAME, ITERATION = "frame", "iteration"  # the timelines
+MOST_FRAMES = 300  # of a long video, evenly; curves have all
+NOW, GREY, OUTLIER = (230, 159, 0), (160, 160, 160), (213, 94, 0)
+TEXTURE = 640  # px, the width of the sheet's picture
+ARROW = 0.015  # of the picture's width: a reprojection residual of one standard deviation
+TALL = 100.0  # a BRDF of 1, where a degree is 1
+
+
+class LightRecorder:
+    """An observer of the light's fit that keeps its steps for `record_calibration`.
+
+    Attributes
+    ----------
+    steps : list of FitIterate
+    """
+
+    def __init__(self) -> None:
+        self.steps: list[FitIterate] = []
+
+    def __call__(self, iterate: FitIterate) -> None:
+        """Keep one step."""
+        self.steps.append(iterate)
+
+
+def record_calibration(
+    session: Session,
+    frames: Named,
+    path: PathLike,
+    *,
+    light_steps: Sequence[FitIterate] = (),
+    max_width: int = 480,
+) -> None:
+    """Record a calibration to a file for the Rerun viewer.
+
+    Parameters
+    ----------
+    session : Session
+    frames : Frames, or iterable of (str, image)
+        What was calibrated from.
+    path : path
+        The recording to write, ``.rrd``.
+    light_steps : sequence of FitIterate
+        What a `LightRecorder` among the session's `light_observers` has kept.
+    max_width : int
+        Pictures wider than this, px, are thinned.
+
+    Raises
+    ------
+    ValueError
+        If the path does not end in .rrd.
+    OSError
+        If the file cannot be written; then there is none.
+
+    Notes
+    -----
+    Static: ``account``, ``world/camera``. Per frame: ``picture``, ``picture/detected``,
+    ``picture/reprojection`` (measured - predicted, magnified), ``picture/samples`` (coloured by
+    measured - predicted grey level), ``world/sheet/<panel>``, ``plots/gain``, ``plots/distance``,
+    ``plots/residual`` (standard deviation). Per iteration: ``fit/k``, ``fit/gamma``,
+    ``fit/sigma``, ``fit/cost``, ``fit/change``, ``brdf/now``, ``residuals``.
+    """
+    if Path(path).suffix != ".rrd":
+        raise ValueError(f"a recording's name ends in .rrd, got {path}")
+    stream = rr.RecordingStream("endolab")
+    memory = rr.binary_stream(stream)
+    try:
+        _Recording(stream, session, max_width).log(frames, light_steps)
+        content = memory.read()
+    finally:
+        stream.disconnect()
+    write_atomically(path, content or b"")
+
+
+class _Recording:
+    """One session, on its way into a stream."""
+
+    def __init__(self, stream: rr.RecordingStream, session: Session, max_width: int) -> None:
+        self.stream, self.session = stream, session
+        self.step = -(-session.camera.width // max_width)
+        self.sigma = 1.0 if session.geometry is None else session.geometry.sigma
+        self.magnify = ARROW * session.camera.width / max(self.sigma, 1e-6)
+
+    def log(self, frames: Named, light_steps: Sequence[FitIterate]) -> None:
+        names = list(self.session.detections)
+        shown = set(names[:: -(-len(names) // MOST_FRAMES)])
+        self._log_static()
+        self._log_curves(names)
+        pictures = frames.read(shown) if isinstance(frames, Frames) else frames
+        for name, image in pictures:
+            if name in shown:
+                self.stream.set_time(FRAME, sequence=names.index(name))
+                self._log_frame(name, image)
+        self.stream.reset_time()
+        for step in light_steps:
+            self.stream.set_time(ITERATION, sequence=step.k)
+            self._log_step(step)
+
+    def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
+        self.stream.log(entity, *what, static=static, strict=True)
+
+    def _places(self, pixels: FloatArray) -> FloatArray:
+        """Where pixels are in the thinned picture; Rerun counts from a pixel's corner."""
+        return pixels / self.step + 0.5
+
+    # What stays -----------------------------------------------------------------------
+
+    def _log_static(self) -> None:
+        session = self.session
+        text = (
+            "```\n" + "\n".join(account(session)) + "\n```\n\n"
+            f"- **Detection**: features found; arrows are reprojection residuals x {self.magnify:.0f}, "
+            "outliers red\n"
+            "- **Brightness**: where the paper's brightness was read; blue is darker than the model, "
+            "red brighter, grey was left out\n"
+            "- **Fit**: set the timeline to *iteration* to see the light being fitted\n"
+        )
+        self._log("account", rr.TextDocument(text, media_type="text/markdown"), static=True)
+        self._log("world", rr.ViewCoordinates.RDF, static=True)
+        middles = [pose.transform(_middle(session.target)) for pose in _located(session)]
+        centre = np.mean(middles, axis=0) if middles else np.array([0.0, 0.0, 50.0])
+        distance = float(np.linalg.norm(centre))
+        self._log("world/camera", camera_shape(session.camera, 0.2 * distance), static=True)
+        texture = _texture(session.target)
+        for panel in range(session.target.panels):
+            # The corners move, the rest stays.
+            sheet = rr.Mesh3D.from_fields(
+                triangle_indices=[[0, 1, 2], [0, 2, 3]],
+                vertex_texcoords=_panel(session.target, panel)[1],
+                albedo_texture_buffer=texture.tobytes(),
+                albedo_texture_format=rr.components.ImageFormat(
+                    width=texture.shape[1],
+                    height=texture.shape[0],
+                    color_model=rr.ColorModel.RGB,
+                    channel_datatype=rr.ChannelDatatype.U8,
+                ),
+            )
+            self._log(f"world/sheet/{panel}", sheet, static=True)
+        for name, (colour, _) in _curves(session).items():
+            style = rr.SeriesLines(colors=colour, names=name, widths=2)
+            self._log(f"plots/{name}", style, static=True)
+        if session.light is not None:
+            self._log_brdf_axes(session.light)
+        titles = {name: title for name, (_, title) in _curves(session).items()}
+        layout = blueprints.calibration(centre, distance, titles, session.light is not None, FRAME)
+        self.stream.send_blueprint(layout)
+
+    def _log_brdf_axes(self, light: PhotometricFit) -> None:
+        theta, relative, _ = brdf_of(light)
+        fitted = np.column_stack([np.rad2deg(theta), -TALL * relative])
+        self._log("brdf/fitted", rr.LineStrips2D([fitted], colors=GREY, radii=THIN), static=True)
+        levels = np.arange(0.4, 1.61, 0.2)
+        levels = levels[(levels > relative.min() - 0.2) & (levels < relative.max() + 0.2)]
+        lines = [[[0, -TALL * level], [90, -TALL * level]] for level in levels]
+        low, high = -TALL * levels[[0, -1]]
+        lines += [[[angle, low], [angle, high]] for angle in (0, 30, 60, 90)]
+        grid = rr.LineStrips2D(lines, colors=(90, 90, 90), radii=rr.Radius.ui_points(0.5))
+        self._log("brdf/grid", grid, static=True)
+        ticks = [[-6, -TALL * level] for level in levels] + [[angle, low + 6] for angle in (0, 30, 60, 90)]
+        labels = [f"{level:.1f}" for level in levels] + ["0°", "30°", "60°", "90°"]
+        self._log("brdf/ticks", rr.Points2D(ticks, colors=GREY, radii=0.1, labels=labels), static=True)
+
+    # Frames ---------------------------------------------------------------------------
+
+    def _log_curves(self, names: Sequence[str]) -> None:
+        session, light = self.session, self.session.light
+        number = [names.index(name) for name in session.poses]
+        found = np.unique(session.samples.frame)
+        curves = {"distance": (found, mean_distances(session.samples, found))}
+        if light is not None:
+            known = np.isfinite(light.gain_errors)
+            curves["gain"] = light.frames[known], light.gains[known]
+            used, frame = light.used, session.samples.frame
+            spread = [float(np.std(light.residuals[used & (frame == f)])) for f in found]
+            some = np.array([np.sum(used & (frame == f)) > 1 for f in found], dtype=bool)
+            curves["residual"] = found[some], np.array(spread)[some]
+        for name, (frames, values) in curves.items():
+            for frame, value in zip(frames, values, strict=True):
+                self.stream.set_time(FRAME, sequence=number[frame])
+                self._log(f"plots/{name}", rr.Scalars(float(value)))
+
+    def _log_frame(self, name: str, image: FloatArray | None) -> None:
+        session = self.session
+        if image is not None:
+            stored = np.round(255 * np.clip(image[:: self.step, :: self.step], 0, 1)).astype(np.uint8)
+            contents = cv2.imencode(".jpg", stored[..., ::-1] if stored.ndim == 3 else stored)[1].tobytes()
+            self._log("picture", rr.EncodedImage(contents=contents, media_type="image/jpeg"))
+        pixels = self._places(session.detections[name].pixels)
+        self._log("picture/detected", rr.Points2D(pixels, colors=START, radii=rr.Radius.ui_points(2.5)))
+        self._log_reprojection(name)
+        self._log_samples(name)
+        poses = session.poses.get(name, (None,) * session.target.panels)
+        for panel, pose in enumerate(poses):
+            corners = np.zeros((0, 3)) if pose is None else pose.transform(_panel(session.target, panel)[0])
+            self._log(f"world/sheet/{panel}", rr.Mesh3D.from_fields(vertex_positions=corners))
+
+    def _log_reprojection(self, name: str) -> None:
+        origins, vectors, good = [np.zeros((0, 2))], [np.zeros((0, 2))], [np.zeros(0, bool)]
+        geometry = self.session.geometry
+        if geometry is not None:
+            for view, residual, inlier in zip(
+                geometry.views, geometry.residuals, geometry.inliers, strict=True
+            ):
+                if view.name == name:
+                    origins.append(view.pixels)
+                    vectors.append(residual)
+                    good.append(inlier)
+        vector = np.concatenate(vectors)
+        # Outliers would run across the picture.
+        length = np.linalg.norm(vector, axis=1, keepdims=True)
+        vector = vector * np.minimum(1, 4 * self.sigma / np.maximum(length, 1e-12))
+        colours = np.where(np.concatenate(good)[:, None], NOW, OUTLIER)
+        arrows = rr.Arrows2D(
+            vectors=vector * self.magnify / self.step,
+            origins=self._places(np.concatenate(origins)),
+            colors=colours.astype(np.uint8),
+            radii=rr.Radius.ui_points(1.0),
+        )
+        self._log("picture/reprojection", arrows)
+
+    def _log_samples(self, name: str) -> None:
+        session, light = self.session, self.session.light
+        names = list(session.poses)
+        here = session.samples.frame == (names.index(name) if name in session.poses else -1)
+        colours = np.full((int(here.sum()), 3), GREY, dtype=np.uint8)
+        if light is not None:
+            used = light.used[here]
+            colours[used] = _diverging(light.residuals[here][used] / (3 * light.sigma))
+        places = self._places(session.camera.project(session.samples.points[here]))
+        self._log("picture/samples", rr.Points2D(places, colors=colours, radii=rr.Radius.ui_points(4.0)))
+
+    # Iterations -----------------------------------------------------------------------
+
+    def _log_step(self, step: FitIterate) -> None:
+        unknowns, light = step.unknowns, self.session.light
+        scalars = {
+            "k": unknowns.k,
+            "gamma": unknowns.gamma,
+            "sigma": step.sigma,
+            "cost": step.cost,
+            "change": step.change,
+        }
+        for name, value in scalars.items():
+            if np.isfinite(value):
+                self._log(f"fit/{name}", rr.Scalars(float(value)))
+        edges = np.linspace(-20, 20, 81)
+        count = np.histogram(step.residual[step.used, 0], edges)[0]
+        chart = rr.BarChart(count, abscissa=(edges[1:] + edges[:-1]) / 2, widths=np.diff(edges), color=START)
+        self._log("residuals", chart)
+        if light is None:
+            return
+        theta, relative, _ = brdf_of(light)
+        pinned = light.photometry.brdf.value(np.cos(theta[:1]), np.cos(theta[:1])) / relative[:1]
+        values = np.broadcast_to(np.exp(unknowns.log_brdf) / pinned, theta.shape)
+        line = np.column_stack([np.rad2deg(theta), -TALL * values])
+        self._log("brdf/now", rr.LineStrips2D([line], colors=NOW, radii=rr.Radius.ui_points(2.0)))
+
+
+def _curves(session: Session) -> dict[str, tuple[tuple[int, ...], str]]:
+    """Colours and titles of the curves over the frames."""
+    curves: dict[str, tuple[tuple[int, ...], str]] = {
+        "gain": (OUTLIER, "Gain [mm²]"),
+        "distance": (START, "Distance [mm]"),
+        "residual": (NOW, "Residual [grey levels]"),
+    }
+    return curves if session.light is not None else {"distance": curves["distance"]}
+
+
+def _located(session: Session) -> list[Pose]:
+    return [pose for poses in session.poses.values() for pose in poses if pose is not None]
+
+
+def _middle(target: Target) -> FloatArray:
+    left, top, width, height = target.sheet
+    return np.array([left + width / 2, top + height / 2, 0.0])
+
+
+def _panel(target: Target, panel: int) -> tuple[FloatArray, FloatArray]:
+    """Corners of a panel in the target's frame, (4, 3), mm, and in the texture, (4, 2)."""
+    left, top, width, height = target.sheet
+    ends = [left, left + width]
+    if target.fold_x is not None:
+        ends[1 - panel] = target.fold_x
+    x = np.array([ends[0], ends[1], ends[1], ends[0]])
+    y = np.array([top, top, top + height, top + height])
+    return np.column_stack([x, y, 0 * x]), np.column_stack([(x - left) / width, (y - top) / height])
+
+
+def _texture(target: Target) -> NDArray[np.uint8]:
+    """Picture of the sheet, (h, `TEXTURE`, 3)."""
+    left, top, width, height = target.sheet
+    rows = max(round(TEXTURE * height / width), 1)
+    x = left + (np.arange(TEXTURE) + 0.5) * width / TEXTURE
+    y = top + (np.arange(rows) + 0.5) * height / rows
+    grey = np.nan_to_num(target.reflectance(np.stack(np.meshgrid(x, y), axis=-1)))
+    return np.repeat(np.round(255 * np.sqrt(grey)).astype(np.uint8)[..., None], 3, axis=-1)
+
+
+def _diverging(values: FloatArray) -> NDArray[np.uint8]:
+    """Map -1…1 to blue, white, red, (n, 3)."""
+    nodes = np.linspace(-1, 1, len(BLUE_WHITE_RED))
+    channels = [np.interp(values, nodes, channel) for channel in BLUE_WHITE_RED.T]
+    return np.round(np.stack(channels, axis=-1)).astype(np.uint8)

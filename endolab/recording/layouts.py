@@ -1,0 +1,217 @@
+"""How the Rerun viewer opens a recording: what is shown, where, and how large.
+
+`reconstruction` shows everything about a run, `convergence` its curves at large, `comparison`
+several runs side by side, `calibration` a calibration's frames, sheet and fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from endolab.numerics.arrays import FloatArray
+
+TIMELINE = "iteration"
+BACKGROUND = (45, 50, 58)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a recorded run holds, as far as the layout depends on it.
+
+    Attributes
+    ----------
+    run : str
+        Its name, which its entities begin with; empty if the run is alone.
+    unit : str
+        Of distances.
+    terms, maps : tuple of str
+        Names of the energy's terms and of the solver's maps.
+    low, high : (3,) float array
+        Ends of the surface along x, y and z.
+    far : float
+        z up to which the section is shown.
+    """
+
+    run: str
+    unit: str
+    terms: tuple[str, ...]
+    maps: tuple[str, ...]
+    low: FloatArray
+    high: FloatArray
+    far: float
+
+    def at(self, entity: str) -> str:
+        """Path of an entity."""
+        return f"/{self.run}/{entity}" if self.run else f"/{entity}"
+
+    def called(self, title: str) -> str:
+        """Title of a view, with the run's name."""
+        return f"{title} · {self.run}" if self.run else title
+
+
+def _opened(layout: rrb.Container, timeline: str = TIMELINE) -> rrb.Blueprint:
+    return rrb.Blueprint(
+        layout,
+        rrb.TimePanel(state="collapsed", timeline=timeline),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+    )
+
+
+def _picture(shown: Shown, entity: str, title: str) -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(origin=shown.at(entity), name=shown.called(title))
+
+
+def _depth(shown: Shown) -> rrb.Spatial2DView:
+    contents = [shown.at("depth"), shown.at("mask")]
+    return rrb.Spatial2DView(
+        origin=shown.at(""), contents=contents, name=shown.called(f"Distance [{shown.unit}]")
+    )
+
+
+def _surface(shown: Shown) -> rrb.Spatial3DView:
+    target = (shown.low + shown.high) / 2
+    # From behind the camera, to its left and above it.
+    eye = target + 0.9 * np.linalg.norm(shown.high - shown.low) * np.array([-0.5, -0.35, -0.8])
+    return rrb.Spatial3DView(
+        origin=shown.at("world"),
+        name=shown.called("Surface"),
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=[0, -1, 0]),
+        overrides={shown.at("world/truth"): rrb.EntityBehavior(visible=False)},
+        background=BACKGROUND,
+        line_grid=False,
+    )
+
+
+def _section(runs: Sequence[Shown]) -> rrb.Spatial2DView:
+    far = max(shown.far for shown in runs)
+    top, bottom = min(shown.low[1] for shown in runs), max(shown.high[1] for shown in runs)
+    bounds = rrb.VisualBounds2D(x_range=[-0.1 * far, 1.1 * far], y_range=[1.2 * top, 1.2 * bottom])
+    contents = [shown.at("section/**") for shown in runs]
+    return rrb.Spatial2DView(origin="/", contents=contents, name="Middle column", visual_bounds=bounds)
+
+
+def _curves(title: str, contents: Sequence[str]) -> rrb.TimeSeriesView:
+    legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
+    return rrb.TimeSeriesView(origin="/", contents=list(contents), name=title, plot_legend=legend)
+
+
+def _energy(shown: Shown) -> rrb.TimeSeriesView:
+    return _curves("Energy", [shown.at(f"plots/{name}") for name in ("energy", *shown.terms)])
+
+
+def _others(shown: Shown, left_out: Sequence[str], title: str) -> rrb.TimeSeriesView:
+    """Curves of all scalars but some, and but a mere count of steps, which would flatten the others."""
+    without = [f"- {shown.at(f'plots/{name}')}" for name in (*left_out, "steps")]
+    return _curves(title, [shown.at("plots/**"), *without])
+
+
+def reconstruction(shown: Shown) -> rrb.Blueprint:
+    """Pictures above, the surface and the curves below."""
+    residual: list[rrb.View] = [_picture(shown, "residual", "Residual")]
+    residual += [_picture(shown, f"front/{name}", name.capitalize()) for name in shown.maps]
+    settings = rrb.TextDocumentView(origin=shown.at("settings"), name="Settings")
+    return _opened(
+        rrb.Vertical(
+            rrb.Horizontal(
+                rrb.Spatial2DView(origin=shown.at(""), contents=[shown.at("input")], name="Frame"),
+                _depth(shown),
+                _picture(shown, "normals", "Normals"),
+                rrb.Tabs(*residual, active_tab=len(residual) - 1),
+            ),
+            rrb.Horizontal(
+                _surface(shown),
+                rrb.Vertical(_energy(shown), _section([shown])),
+                rrb.Tabs(settings, _others(shown, ["energy", *shown.terms], "Steps")),
+                column_shares=[2, 1.4, 1],
+            ),
+            row_shares=[1, 1.4],
+        )
+    )
+
+
+def convergence(shown: Shown) -> rrb.Blueprint:
+    """Curves of energy, change and steps above, at large; what they mean for the surface below."""
+    change = _curves("Change of log-distance", [shown.at("plots/change")])
+    return _opened(
+        rrb.Vertical(
+            rrb.Horizontal(
+                _energy(shown),
+                rrb.Vertical(change, _others(shown, ["energy", *shown.terms, "change"], "Steps")),
+                column_shares=[1.4, 1],
+            ),
+            rrb.Horizontal(_picture(shown, "residual", "Residual"), _section([shown]), _depth(shown)),
+            row_shares=[1.4, 1],
+        )
+    )
+
+
+BLUEPRINTS = {"reconstruction": reconstruction, "convergence": convergence}
+
+
+def comparison(runs: Sequence[Shown]) -> rrb.Blueprint:
+    """Each run a column of pictures; energies and sections of all in one plot each, beside them."""
+    columns = [
+        rrb.Vertical(_depth(shown), _picture(shown, "residual", "Residual"), name=shown.run) for shown in runs
+    ]
+    plots = rrb.Vertical(
+        _curves("Energy", [shown.at("plots/energy") for shown in runs]),
+        _curves("Change of log-distance", [shown.at("plots/change") for shown in runs]),
+        _section(runs),
+    )
+    return _opened(rrb.Horizontal(*columns, plots, column_shares=[*(1.0 for _ in runs), 1.2]))
+
+
+def calibration(
+    centre: FloatArray, distance: float, curves: Mapping[str, str], light: bool, timeline: str
+) -> rrb.Blueprint:
+    """The frame, the sheet in space, the curves over the frames, and the light's fit behind a tab.
+
+    Parameters
+    ----------
+    centre : (3,) float array
+        Where the sheet mostly is, mm.
+    distance : float
+        How far that is, mm.
+    curves : mapping of str to str
+        Titles of the curves below ``plots``.
+    light : bool
+        Whether the light was fitted.
+    timeline : str
+        The one to open on.
+    """
+    target = centre / 2  # between the camera and where the sheet mostly is
+    eye = target + 2.0 * distance * np.array([-0.6, -0.4, -0.7])
+    fit: list[rrb.View | rrb.Container] = [
+        rrb.TimeSeriesView(origin="/fit", contents=["/fit/k", "/fit/gamma"], name="k and γ"),
+        rrb.TimeSeriesView(origin="/fit", contents=["/fit/sigma"], name="σ [grey levels]"),
+    ]
+    if light:
+        fit.append(rrb.Spatial2DView(origin="/brdf", name="BRDF over θ [°]"))
+    fit.append(rrb.BarChartView(origin="/residuals", name="Residuals [grey levels]"))
+    found = ["/picture", "/picture/detected", "/picture/reprojection"]
+    read = ["/picture", "/picture/samples"]
+    sheet = rrb.Spatial3DView(
+        origin="/world",
+        name="Sheet",
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=[0, -1, 0]),
+        background=BACKGROUND,
+        line_grid=False,
+    )
+    plots = [rrb.TimeSeriesView(origin=f"/plots/{entity}", name=title) for entity, title in curves.items()]
+    return _opened(
+        rrb.Horizontal(
+            rrb.Vertical(
+                rrb.Spatial2DView(origin="/", contents=found, name="Detection"),
+                rrb.Spatial2DView(origin="/", contents=read, name="Brightness"),
+            ),
+            rrb.Vertical(sheet, rrb.Horizontal(*plots), row_shares=[2, 1]),
+            rrb.Tabs(rrb.TextDocumentView(origin="/account", name="Account"), rrb.Vertical(*fit, name="Fit")),
+            column_shares=[1.2, 1.5, 1],
+        ),
+        timeline,
+    )

@@ -1,0 +1,160 @@
+"""The Rerun viewer: native, or in a notebook; for this machine only."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import io
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import rerun as rr
+
+PORT = 9876  # the viewer's own default
+SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")  # variables, one of which Linux has then
+NO_SCREEN = "the Rerun viewer did not start: it needs a screen; record to a file instead"
+
+
+def viewer_address(port: int | None = None) -> str:
+    """Where the native viewer listens, or a server at a port."""
+    return f"rerun+http://127.0.0.1:{PORT if port is None else port}/proxy"
+
+
+def start_viewer(path: Path | None = None) -> subprocess.Popen[bytes] | None:
+    """Start the native viewer, unless one is there; not by ``rr.spawn``, which listens to the network.
+
+    Parameters
+    ----------
+    path : Path, optional
+        A recording to open; a viewer that is there already is told to.
+
+    Returns
+    -------
+    Popen or None
+        The viewer, if it was started here.
+
+    Raises
+    ------
+    OSError
+        If it does not start.
+    """
+    there = _listening(PORT)
+    if there and path is None:
+        return None
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in SCREENS):
+        raise OSError(NO_SCREEN)
+    viewer = _start(PORT, "--expect-data-soon" if path is None else str(path.resolve()))
+    started = time.monotonic()
+    # With a screen that it cannot use it listens for a moment before it gives up.
+    while time.monotonic() < started + 1.5 or (not _listening(PORT) and time.monotonic() < started + 20):
+        if viewer.poll() is not None:
+            if there and viewer.returncode == 0:  # it has passed the recording on
+                return None
+            raise OSError(NO_SCREEN)
+        time.sleep(0.1)
+    return viewer
+
+
+def start_server() -> str:
+    """Start a server between a run and the pages that follow it; it ends with this program.
+
+    A process of its own: Rerun's server within a program listens to the network, and ends with the
+    stream, before a slow page has asked for it.
+
+    Returns
+    -------
+    str
+        Its address.
+
+    Raises
+    ------
+    OSError
+        If it does not start.
+    """
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    server = _start(port, "--serve-grpc")
+    atexit.register(_end, server)
+    started = time.monotonic()
+    while not _listening(port):
+        if server.poll() is not None or time.monotonic() > started + 20:
+            _end(server)
+            raise OSError("Rerun's server did not start; record to a file instead")
+        time.sleep(0.02)
+    return viewer_address(port)
+
+
+def _start(port: int, *arguments: str) -> subprocess.Popen[bytes]:
+    """Start Rerun's program; for this machine only."""
+    # Run as a module, rerun_cli exits with 0 whatever has happened.
+    program = [sys.executable, "-c", "import sys, rerun_cli.__main__ as cli; sys.exit(cli.main())"]
+    return subprocess.Popen(
+        [*program, "--bind", "127.0.0.1", "--port", str(port), *arguments],
+        env={**os.environ, "CI": "1"},  # the one variable by which the viewer sends no usage data
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # an interrupt ends the run and leaves the window
+    )
+
+
+def _end(program: subprocess.Popen[bytes]) -> None:
+    """End a program with those that it has started."""
+    with contextlib.suppress(OSError):
+        if hasattr(os, "killpg"):
+            os.killpg(program.pid, signal.SIGTERM)
+        else:
+            program.terminate()
+    program.wait(10)
+
+
+def _listening(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+HEIGHT = 640  # px
+
+
+# Told to kernels by those who show what they say: Jupyter's server, VS Code, Colab.
+FRONT_ENDS = ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG")
+
+
+def front_end() -> bool:
+    """Whether someone looks at this notebook; a test or a script that runs one shows no widgets."""
+    if "ipykernel" not in sys.modules:
+        return False
+    return any(os.environ.get(name) for name in FRONT_ENDS)
+
+
+def notebook_viewer() -> Any:
+    """Rerun's module for notebooks, with its program served by this machine."""
+    os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "serve-local")
+    with contextlib.redirect_stdout(io.StringIO()):  # it tells of every step
+        import rerun_notebook  # type: ignore[import-untyped]
+    return rerun_notebook
+
+
+def follow(stream: rr.RecordingStream, height: int = HEIGHT) -> None:
+    """Show a viewer below the cell that follows what is logged to a stream, while the cell runs.
+
+    Raises
+    ------
+    OSError
+        If nobody looks at the notebook, or the server does not start.
+    """
+    if not front_end():
+        raise OSError("a viewer that follows a run needs JupyterLab; record to a file instead")
+    from IPython.display import display
+
+    address = start_server()
+    stream.connect_grpc(address)
+    # The page fetches the run from the server: messages through the kernel, which is busy with the
+    # run, would arrive when the cell has ended.
+    display(notebook_viewer().Viewer(width="auto", height=height, url=address))

@@ -1,0 +1,70 @@
+"""A result as a folder of files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from endolab.depth.result import Result
+from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
+from endolab.io.surfaces import save_depth, write_cloud
+from endolab.reconstruction.assumptions import meaning
+from endolab.reconstruction.scale import scale_of
+
+
+def report(result: Result) -> dict[str, Any]:
+    """What `report.json` holds: status, energy, settings, the range of distances and what they mean."""
+    known = result.distance[result.mask]
+    photometry = result.problem.photometry
+    return {
+        "status": result.status.name,
+        "ended": result.status.value,
+        "iterations": result.iterations,
+        "energy": result.energy,
+        "terms": dict(result.iterate.terms),
+        "seconds": result.seconds,
+        "unit": result.problem.unit,
+        "metric": result.metric,
+        "scale": scale_of(result),
+        "meaning": list(meaning(result)),
+        "distance": {
+            "median": float(np.median(known)),
+            "least": float(known.min()),
+            "greatest": float(known.max()),
+        },
+        "pixels": int(known.size),
+        "photometry": {"k": photometry.k, "gamma": photometry.gamma, "gain": photometry.gain},
+        "settings": result.problem.settings,
+    }
+
+
+def save_result(result: Result, folder: PathLike) -> None:
+    """Write `depth.npz`, `cloud.ply`, `overview.png` and `report.json` into a folder.
+
+    Parameters
+    ----------
+    result : Result
+    folder : path
+        Made if need be. Either all four files are written or none.
+
+    Raises
+    ------
+    OSError
+        In one sentence, if they cannot be written.
+    """
+    from endolab.plots.maps import overview
+
+    with staged_folder(folder) as staging:
+        save_depth(
+            staging / "depth.npz", result.distance, result.z, result.normals, result.mask, result.metric
+        )
+        picture = result.problem.picture if result.problem.picture is not None else result.problem.image
+        colour = np.broadcast_to(picture[..., None], (*picture.shape, 3)) if picture.ndim == 2 else picture
+        inside = result.mask
+        write_cloud(staging / "cloud.ply", result.points[inside], result.normals[inside], colour[inside])
+        write_atomically(staging / "report.json", as_json(report(result)))
+        try:
+            overview(result).savefig(staging / "overview.png")
+        except OSError as error:
+            raise OSError(f"cannot write overview.png: {error.strerror or error}") from error

@@ -1,0 +1,143 @@
+"""Sheets to print: a target as a PDF or SVG of true size, and its description as JSON."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch, Rectangle
+from matplotlib.path import Path as Outline
+
+from endolab.calibration.targets import TARGETS, Chessboard, Target
+from endolab.io.atomic import PathLike, write_atomically
+from endolab.numerics.arrays import FloatArray
+
+A4 = (297.0, 210.0)  # mm
+EDGE = 8.0  # mm of the page that a printer may leave white
+CAPTION = 24.0  # mm below the sheet for words and the ruler
+WORDS = 120.0  # mm that the longest line of words needs
+RULER = 50.0  # mm
+MM = 1 / 25.4  # inches
+PALE = "0.7"
+
+
+# Pages ----------------------------------------------------------------------------------
+def _outline(unit: Outline, frames: FloatArray) -> Outline:
+    """Copies of a shape at (x, y, width, height), as one outline: then no renderer shows seams."""
+    corners = np.asarray(unit.vertices, dtype=np.float64)
+    return Outline.make_compound_path(
+        *(Outline(corners * frame[2:] + frame[:2], unit.codes) for frame in frames)
+    )
+
+
+def _discs(circles: FloatArray) -> Outline:
+    return _outline(Outline.unit_circle(), circles[:, [0, 1, 2, 2]])
+
+
+def _boxes(rectangles: FloatArray) -> Outline:
+    return _outline(Outline.unit_rectangle(), rectangles)
+
+
+def _fill(axes: Axes, outline: Outline, colour: str) -> None:
+    axes.add_patch(PathPatch(outline, facecolor=colour, edgecolor="none", linewidth=0))
+
+
+def _grey(reflectance: float) -> str:
+    """Colour that a printer turns into a reflectance: sRGB, which pages are in."""
+    linear = 1.055 * reflectance ** (1 / 2.4) - 0.055 if reflectance > 0.0031308 else 12.92 * reflectance
+    return str(round(linear, 4))
+
+
+def _caption(target: Target, title: str | None) -> str:
+    names = [name for name, known in TARGETS.items() if known == target]
+    square = isinstance(target, Chessboard)
+    size = f"squares of {target.spacing:g} mm" if square else f"{target.kind} {target.spacing:g} mm apart"
+    return f"{title or (names[0] if names else target.kind)}: {target.columns} × {target.rows} {size}"
+
+
+def draw_sheet(target: Target, title: str | None = None) -> Figure:
+    """Draw a sheet on its page.
+
+    Parameters
+    ----------
+    target : Target
+    title : str, optional
+        Its name on the page; by default that in `TARGETS`, or its kind.
+
+    Returns
+    -------
+    Figure
+        Of the page's size: A4 landscape if the sheet fits, else as large as needed. Its only
+        axes are in mm of the target's frame, y down.
+    """
+    left, top, width, height = target.sheet
+    need = max(width, WORDS) + 2 * EDGE, height + CAPTION + 2 * EDGE
+    page = A4 if need[0] <= A4[0] and need[1] <= A4[1] else need
+    figure = Figure(figsize=(page[0] * MM, page[1] * MM))
+    axes = figure.add_axes((0, 0, 1, 1))
+    x, y = left + (width - page[0]) / 2, top - (page[1] - height - CAPTION) / 2
+    axes.set(xlim=(x, x + page[0]), ylim=(y + page[1], y))
+    axes.set_axis_off()
+
+    axes.add_patch(Rectangle((left, top), width, height, fill=False, edgecolor=PALE, linewidth=0.5))
+    ink = target.ink
+    for reflectance in np.unique(ink.greys[:, 3]):
+        _fill(axes, _discs(ink.greys[ink.greys[:, 3] == reflectance]), _grey(reflectance))
+    if len(ink.discs):
+        _fill(axes, _discs(ink.discs), "black")
+    if len(ink.rectangles):
+        _fill(axes, _boxes(ink.rectangles), "black")
+
+    words: dict[str, Any] = {"fontsize": 8, "color": "0.2", "va": "center"}
+    bottom = top + height
+    line = min(left, x + page[0] - EDGE - WORDS)
+    if target.fold_x is not None:
+        mark = min(3.0, target.margin / 3)
+        for start, end in ((top, top + mark), (bottom, bottom - mark)):
+            axes.plot([target.fold_x] * 2, [start, end], color="0.4", linewidth=0.6)
+        axes.text(target.fold_x, top - 3, "fold here, away from you", ha="center", **words)
+    axes.text(
+        line, bottom + 5, f"{_caption(target, title)}. Print at 100 %, not fitted to the page.", **words
+    )
+    ruler = bottom + 17
+    axes.text(line, bottom + 10, f"Check: this line must be {RULER:g} mm long.", **words)
+    axes.plot([line, line + RULER], [ruler, ruler], color="black", linewidth=0.5)
+    for tick in np.arange(0, RULER + 1, 10):
+        axes.plot([line + tick] * 2, [ruler - 1.5, ruler], color="black", linewidth=0.5)
+        axes.text(line + tick, ruler + 2.5, f"{tick:g}", ha="center", **(words | {"fontsize": 6}))
+    return figure
+
+
+def write_sheet(target: Target, path: PathLike, *, title: str | None = None) -> None:
+    """Write a sheet to print at true size, whole or not at all.
+
+    Parameters
+    ----------
+    target : Target
+    path : path
+        Ends in .pdf or .svg; the same target makes the same bytes.
+    title : str, optional
+        As for `draw_sheet`.
+
+    Raises
+    ------
+    ValueError
+        If the path ends in something else.
+    OSError
+        If it cannot be written.
+    """
+    suffix = Path(path).suffix.lower()
+    dates: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+    if suffix not in dates:
+        raise ValueError(
+            f"{path}: a sheet is written as .pdf or .svg, not as {suffix or 'a file without suffix'}"
+        )
+    page = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "endolab", "path.simplify": False}):
+        draw_sheet(target, title).savefig(page, format=suffix[1:], metadata=dates[suffix])
+    write_atomically(path, page.getvalue())

@@ -1,0 +1,90 @@
+"""What the wall of a colon looks like: mottled, with vessels, under a wet film."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from endolab.model.lights import SpotLight
+from endolab.numerics.arrays import FloatArray
+from endolab.synthetic.rendering import RIPPLE_SCALE, RIPPLE_SLOPE, TEXTURE_SCALE, waves
+
+ROUGHNESS = 0.15  # of the film; its GGX width is the square
+MOTTLE = np.array([0.6, 1.0, 1.0])  # share of the texture in red, green and blue
+BLOOD = np.array([0.25, 1.0, 0.9])  # what vessels take, as logarithms
+VESSELS = ((9.0, 0.7, 1.0), (4.0, 0.4, 0.5))  # mm between them, mm of half width, share
+
+
+def tissue(
+    points: FloatArray, albedo: FloatArray, texture: float, vessels: float, seed: int = 0
+) -> FloatArray:
+    """Albedo of mucosa: mottled, with vessels that take green and blue more than red.
+
+    Parameters
+    ----------
+    points : (..., 3) float array
+        Places on the wall, mm.
+    albedo : (3,) float array
+        Without either, of red, green and blue.
+    texture : float
+        Standard deviation of the logarithm of the albedo of green and blue.
+    vessels : float
+        What the middle of a vessel takes from the logarithm of the green albedo.
+    seed : int
+
+    Returns
+    -------
+    (..., 3) float array
+        Between 0.01 and 0.95.
+    """
+    if texture == vessels == 0:
+        return np.broadcast_to(np.clip(albedo, 0.01, 0.95), points.shape).copy()
+    rng = np.random.default_rng([seed, 0])
+    mottle = waves(points, TEXTURE_SCALE, rng)[0]
+    blood = np.zeros(points.shape[:-1])
+    for spacing, width, share in VESSELS:  # thin lines where a smooth random function vanishes
+        away = waves(points, spacing, rng)[0] * spacing / width
+        blood = np.maximum(blood, share * np.exp(-(away**2)))
+    log = texture * mottle[..., None] * MOTTLE - vessels * blood[..., None] * BLOOD
+    return np.clip(albedo * np.exp(log), 0.01, 0.95)
+
+
+def rippled(points: FloatArray, normals: FloatArray, seed: int = 0) -> FloatArray:
+    """Unit normals (n, 3) of a wet film on a wall, given the wall's points (mm) and normals, (n, 3)."""
+    slope = waves(points, RIPPLE_SCALE, np.random.default_rng([seed, 3]))[1]
+    turned = normals + RIPPLE_SLOPE * RIPPLE_SCALE * slope
+    return turned / np.linalg.norm(turned, axis=-1, keepdims=True)
+
+
+def film_radiance(points: FloatArray, normals: FloatArray, light: SpotLight, film: float) -> FloatArray:
+    """Light that a wet film mirrors from one light to the optical centre.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) float arrays
+        Of the film, mm.
+    light : SpotLight
+    film : float
+        Share reflected at normal incidence; 0.02 is water.
+
+    Returns
+    -------
+    (n,) float array
+        E D F G / (4 cos θ_i cos θ_v) cos θ_i (Walter et al. 2007), with the light's E at normal incidence.
+    """
+    radiance, reach = light.illuminate(points)
+    to_light = (np.asarray(light.position) - points) / reach[:, None]
+    to_camera = -points / np.linalg.norm(points, axis=-1, keepdims=True)
+    half = to_light + to_camera
+    half /= np.linalg.norm(half, axis=-1, keepdims=True)
+
+    def cosine(a: FloatArray, b: FloatArray) -> FloatArray:
+        return np.maximum(np.einsum("ij,ij->i", a, b), 1e-4)
+
+    width = ROUGHNESS**4
+    n_l, n_v, n_h = cosine(normals, to_light), cosine(normals, to_camera), cosine(normals, half)
+    facets = width / (np.pi * (n_h**2 * (width - 1) + 1) ** 2)
+    fresnel = film + (1 - film) * (1 - cosine(to_camera, half)) ** 5
+    seen = np.ones(len(points))
+    for c in (n_l, n_v):
+        seen *= 2 * c / (c + np.sqrt(width + (1 - width) * c * c))
+    return radiance * facets * fresnel * seen / (4 * n_v)

@@ -1,0 +1,384 @@
+"""Frames in which light bounces, path-traced with Mitsuba 3 (the optional extra `endolab[render]`).
+
+Lights, camera and response are those of the general model (`photometry`), so what a traced frame
+shows beyond `rendering.render` is what the model leaves out: light that comes by way of other
+walls, shadows, and a wet film. Each is kept as a layer of its own, in linear light times the gain:
+
+- direct: Σ_l E_l ρ/π, E_l = w_l cosⁿψ_l cos θ_l / r_l², 0 in a shadow (Photometry, eq. 6);
+- indirect: what the walls send one another (Kajiya 1986), the walls being Lambertian. Paths from
+  every vertex of the mesh, joined to every light at every turn and ended by Russian roulette,
+  measure its irradiance by way of other walls; each pixel then gathers by rays of its own what
+  the walls around it send (Jensen 2001, final gathering), with the direct light there exact;
+- mirrored: a microfacet film (Walter et al. 2007: GGX, Smith, Schlick) of its own small ripples,
+  straight from the lights, in their shadows too.
+
+All three fade by cos^k α when the photometry names its lights, k being the vignetting's. When it
+names none, the whole joint exponent k is taken for the spread of the light at the optical centre:
+the direct layer cannot tell the two apart, the indirect one can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from importlib import import_module
+from math import isqrt
+from typing import Any
+
+import numpy as np
+
+from endolab.model.brdf import Lambertian
+from endolab.model.cameras import Camera
+from endolab.model.lights import SpotLight
+from endolab.model.photometry import Photometry
+from endolab.numerics.arrays import FloatArray, IntArray
+from endolab.synthetic.mucosa import film_radiance, rippled, tissue
+from endolab.synthetic.rendering import VEIL, Rendered
+from endolab.synthetic.scenes import Scene
+
+VARIANT = "llvm_ad_rgb"
+OLDEST_LLVM = 16  # older ones abort on processors with AVX-512
+SURE_BOUNCES = 3  # before the roulette
+RAYS_AT_ONCE = 1_500_000  # about 1 GB
+PIXELS_FOR_A_VERTEX = 32  # paths of a pixel for one of a vertex
+
+
+# R2, the golden ratio of the plane: its multiples are even over the square (Roberts, 2018).
+GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
+
+
+@dataclass(frozen=True)
+class Traced(Rendered):
+    """A path-traced frame, its truth, and where its light came from.
+
+    Attributes
+    ----------
+    direct, indirect : (H, W, 3) float arrays
+        Linear light times gain, 1 being the sensor's maximum; averages over the pixel.
+    mirrored : (H, W) float array
+        The same, of the wet film; equal in all channels.
+    """
+
+    direct: FloatArray
+    indirect: FloatArray
+    mirrored: FloatArray
+
+
+def mitsuba() -> tuple[Any, Any]:
+    """Return the modules `mitsuba`, set to its LLVM variant, and `drjit`.
+
+    Raises
+    ------
+    OSError
+        In one sentence with the command that installs it, if Mitsuba or LLVM cannot be used.
+    """
+    try:
+        mi, dr = import_module("mitsuba"), import_module("drjit")
+    except ImportError as error:
+        raise OSError(
+            f'path tracing needs Mitsuba 3 ({error}); install it with: python -m pip install "mitsuba>=3.9"'
+        ) from error
+    found = dr.detail.llvm_version()[0] if dr.has_backend(dr.JitBackend.LLVM) else 0
+    if found < OLDEST_LLVM:
+        raise OSError(
+            f"Mitsuba needs LLVM {OLDEST_LLVM} or newer and found {found or 'none'}; on Debian install it "
+            "with: apt install libllvm19 (or name the library in DRJIT_LIBLLVM_PATH)"
+        )
+    mi.set_variant(VARIANT)
+    return mi, dr
+
+
+class _Tracer:
+    """A scene in Mitsuba's hands, and the light that its walls send."""
+
+    def __init__(
+        self,
+        vertices: FloatArray,
+        triangles: IntArray,
+        normals: FloatArray,
+        albedo: FloatArray,
+        lights: tuple[SpotLight, ...],
+        fog: float,
+    ) -> None:
+        self.mi, self.dr = mitsuba()
+        mi = self.mi
+        self.vertices, self.normals, self.lights, self.fog = vertices, normals, lights, fog
+        self.wall = mi.Mesh("wall", len(vertices), len(triangles), has_vertex_normals=True)
+        self.wall.add_attribute("vertex_albedo", 3, albedo.astype(np.float32).ravel())
+        self.wall.add_attribute("vertex_bounced", 3, np.zeros(self.vertices.size, np.float32))
+        content = mi.traverse(self.wall)
+        content["vertex_positions"] = vertices.astype(np.float32).ravel()
+        content["vertex_normals"] = normals.astype(np.float32).ravel()
+        content["faces"] = triangles.astype(np.uint32).ravel()
+        content.update()
+        self.world = mi.load_dict({"type": "scene", "wall": self.wall})
+
+    def _vectors(self, values: FloatArray) -> Any:
+        return self.mi.Vector3f(*(np.ascontiguousarray(part, dtype=np.float32) for part in values.T))
+
+    def _turned(self, normal: Any, start: FloatArray) -> Any:
+        """Directions about normals, even in cosine, chosen by two numbers in [0, 1) each (2, n)."""
+        chosen = self.mi.Point2f(*(np.ascontiguousarray(part, dtype=np.float32) for part in start))
+        return self.mi.Frame3f(normal).to_world(self.mi.warp.square_to_cosine_hemisphere(chosen))
+
+    def _meet(self, ray: Any, active: Any = True) -> tuple[Any, Any, Any, Any]:
+        """What rays meet: hits, unit normals, whether they see the wall's face, and what is left of 1."""
+        mi, dr = self.mi, self.dr
+        hit = self.world.ray_intersect(ray, active)
+        normal = dr.normalize(hit.sh_frame.n)
+        facet = dr.mulsign(hit.n, dr.dot(hit.n, normal))  # whichever way the triangle turns
+        faced = mi.Mask(active) & hit.is_valid() & (dr.dot(facet, ray.d) < 0)  # the wall's back is black
+        left = self._attribute("vertex_albedo", hit, faced)
+        return hit, normal, faced, left * dr.exp(-self.fog * dr.select(faced, hit.t, 0.0))
+
+    def _attribute(self, name: str, hit: Any, active: Any) -> Any:
+        value = self.mi.Color3f(hit.shape.eval_attribute_3(name, hit, active))
+        return self.dr.select(active, value, 0.0)
+
+    def _arriving(self, hit: Any, normal: Any, lamp: SpotLight, active: Any) -> Any:
+        """Irradiance of hits from a light; 0 in its shadow."""
+        mi, dr = self.mi, self.dr
+        way = mi.Point3f(lamp.position) - hit.p
+        square = dr.squared_norm(way)
+        way = way / dr.sqrt(square)
+        front, cosine = -dr.dot(way, mi.Vector3f(lamp.direction)), dr.dot(normal, way)
+        spread = lamp.weight * dr.power(dr.maximum(front, 1e-6), lamp.exponent)
+        active = active & (front > 0) & (cosine > 0)
+        active &= ~self.world.ray_test(hit.spawn_ray_to(mi.Point3f(lamp.position)), active)
+        return dr.select(active, spread * dr.exp(-self.fog * dr.sqrt(square)) * cosine / square, 0.0)
+
+    def _lit(self, hit: Any, normal: Any, active: Any) -> Any:
+        return sum(self._arriving(hit, normal, lamp, active) for lamp in self.lights)
+
+    def _follow(self, ray: Any, turns: int, seed: int) -> Any:
+        """Radiance along rays, by one path each of at most `turns` turns."""
+        mi, dr = self.mi, self.dr
+        count = dr.width(ray)
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(seed, count)
+
+        def turn(bounce, ray, left, sent, active, sampler):  # type: ignore[no-untyped-def]
+            hit, normal, active, kept = self._meet(ray, active)
+            left *= kept
+            sent += dr.select(active, left * self._lit(hit, normal, active) / dr.pi, 0.0)
+            away = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d(active)))
+            luck = dr.select(bounce >= SURE_BOUNCES, dr.clip(dr.max(left), 0.05, 0.95), 1.0)
+            active &= (sampler.next_1d(active) < luck) & (bounce < turns)
+            return bounce + 1, hit.spawn_ray(away), left / luck, sent, active, sampler
+
+        zero = dr.zeros(mi.Color3f, count)
+        state = (dr.zeros(mi.UInt32, count), ray, zero + 1.0, zero, dr.full(mi.Mask, True, count), sampler)
+        labels = ("bounce", "ray", "left", "sent", "active", "sampler")
+        # Recorded as one loop: unrolled, the same turns compile for minutes.
+        return dr.while_loop(state, lambda *values: values[4], turn, labels=labels)[3]
+
+    def fill(self, turns: int, paths: int, seed: int) -> Iterator[float]:
+        """Give every vertex the irradiance that comes by way of other walls; yields the share done."""
+        mi = self.mi
+        rng = np.random.default_rng([seed, 4])
+        turned = rng.uniform(size=(2, len(self.vertices)))
+        normal, sums = self._vectors(self.normals), np.zeros(self.vertices.shape)
+        place = self._vectors(self.vertices + self.normals * (1e-4 * np.abs(self.vertices).max()))
+        for index in range(paths):
+            away = self._turned(normal, (turned + index * GOLDEN[:, None]) % 1)
+            radiance = self._follow(mi.Ray3f(o=mi.Point3f(place), d=away), turns, int(rng.integers(2**32)))
+            sums += np.array(radiance, dtype=np.float64).T
+            yield (index + 1) / paths
+        content = mi.traverse(self.wall)
+        content["vertex_bounced"] = (np.pi / paths * sums).astype(np.float32).ravel()
+        content.update()
+
+    def look(self, rays: FloatArray) -> tuple[Any, FloatArray]:
+        """What unit rays (n, 3) from the centre meet, and its direct light (n, 3)."""
+        met = self._meet(self.mi.Ray3f(o=self.mi.Point3f(0.0), d=self._vectors(rays)))
+        hit, normal, faced, left = met
+        direct = left * self._lit(hit, normal, faced) / self.dr.pi
+        self.dr.eval(*met, direct)
+        return met, np.array(direct, dtype=np.float64).T
+
+    def gather(self, met: Any, start: FloatArray) -> FloatArray:
+        """Indirect light (n, 3) of what was met, by one more ray each that `start` (2, n) chooses."""
+        dr = self.dr
+        hit, normal, faced, left = met
+        far, far_normal, seen, far_left = self._meet(hit.spawn_ray(self._turned(normal, start)), faced)
+        arriving = self._attribute("vertex_bounced", far, seen) + self._lit(far, far_normal, seen)
+        radiance = dr.select(seen, left * far_left * arriving / dr.pi, 0.0)
+        return np.array(radiance, dtype=np.float64).T
+
+    def mirrored(self, met: Any, film: float, seed: int) -> FloatArray:
+        """Light (n,) that the film on what was met sends back."""
+        hit, normal, faced, _ = met
+        points, normals = np.array(hit.p, dtype=np.float64).T, np.array(normal, dtype=np.float64).T
+        normals, total = rippled(points, normals, seed), np.zeros(len(points))
+        for lamp in self.lights:
+            lit = np.array(self._arriving(hit, normal, lamp, faced)) > 0
+            there = points[lit]
+            way = np.linalg.norm(there - np.asarray(lamp.position), axis=-1) + np.linalg.norm(there, axis=-1)
+            total[lit] += np.exp(-self.fog * way) * film_radiance(there, normals[lit], lamp, film)
+        return total
+
+
+def _subpixels(camera: Camera, side: int, rng: np.random.Generator) -> FloatArray:
+    """Rays (side², H·W, 3), one through each part of each pixel; nan where the camera has none."""
+    row, column = np.mgrid[: camera.height, : camera.width].reshape(2, -1)
+    part = np.mgrid[:side, :side].reshape(2, -1, 1)
+    place = (part + rng.uniform(size=(2, side**2, row.size))) / side - 0.5
+    rays = camera.unproject(np.stack([column + place[1], row + place[0]], axis=-1))
+    rays[~(rays[..., 2] > 0)] = np.nan  # behind
+    return rays
+
+
+def trace(
+    scene: Scene,
+    camera: Camera,
+    photometry: Photometry,
+    *,
+    texture: float = 0.0,
+    vessels: float = 0.0,
+    film: float = 0.0,
+    fog: float = 0.0,
+    noise: float = 0.0,
+    bits: int | None = None,
+    bounces: int = 16,
+    samples: int = 64,
+    seed: int = 0,
+    mesh_size: int = 300,
+    progress: Callable[[float], object] = lambda share: None,
+) -> Traced:
+    """Path-trace a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is seen; the paths meet its mesh.
+    camera : Camera
+    photometry : Photometry
+        Lights, response and mean albedos (Lambertian, below 1); with an unknown gain, one that puts
+        the 99th percentile of the brightest channel, highlights apart, at 0.9 is chosen.
+    texture, vessels : float
+        Of the albedo; see `tissue`.
+    film : float
+        Share of the light that a wet film mirrors at normal incidence; 0.02 is water.
+    fog : float
+        Attenuation, 1/mm, on every part of every path; a veil takes the place of what is lost.
+    noise : float
+        Standard deviation of Gaussian noise, grey levels of 255.
+    bits : int, optional
+        Round to this many bits; none by default.
+    bounces : int
+        Turns of a path after the first wall; 0 leaves the direct light alone.
+    samples : int
+        Paths a pixel, rounded up to whole grids of at most 4x4 places in the pixel.
+    seed : int
+        Of texture, ripples, noise and paths.
+    mesh_size : int
+        See `Scene.mesh`.
+    progress : callable, optional
+        Told the share of the work that is done, from 0 to 1.
+
+    Returns
+    -------
+    Traced
+
+    Raises
+    ------
+    OSError
+        In one sentence with the command that installs it, if Mitsuba or LLVM cannot be used.
+    ValueError
+        If an option is out of its range, or if the camera sees nothing lit.
+    """
+    if not isinstance(photometry.brdf, Lambertian) or np.max(photometry.brdf.albedo) >= 1:
+        raise ValueError(f"path tracing needs a Lambertian surface of albedos below 1, got {photometry.brdf}")
+    amounts = {"texture": texture, "vessels": vessels, "film": film, "fog": fog, "noise": noise}
+    amounts |= {"bounces": bounces, "seed": seed}
+    for name, value in amounts.items():
+        if not (np.isfinite(value) and value >= 0):
+            raise ValueError(f"{name} must be finite and at least 0, got {value}")
+    for name, value, greatest in (("bits", 8 if bits is None else bits, 16), ("samples", samples, 100_000)):
+        if not 1 <= value <= greatest:
+            raise ValueError(f"{name} must be from 1 to {greatest}, got {value}")
+    mean = np.broadcast_to(np.asarray(photometry.brdf.albedo, dtype=np.float64), (3,))
+    vignetting = photometry if photometry.lights else replace(photometry, k=0.0)
+    lights = photometry.lights or (SpotLight(exponent=photometry.k),)
+
+    vertices, triangles = scene.mesh(mesh_size)
+    albedo = tissue(vertices, mean, texture, vessels, seed)
+    tracer = _Tracer(vertices, triangles, scene.normals(vertices), albedo, lights, fog)
+    share = 0.5 if bounces > 1 else 0.0  # of the work, about, that is the vertices'
+    for done in tracer.fill(bounces - 2, max(1, samples // PIXELS_FOR_A_VERTEX), seed) if bounces > 1 else ():
+        progress(share * done)
+    rng = np.random.default_rng([seed, 2])
+    side = min(isqrt(samples), 4)
+    rays = _subpixels(camera, side, rng)
+    turned = rng.uniform(size=(2, 1, rays.shape[1]))  # every pixel starts the sequence elsewhere
+    defined = ~np.isnan(rays[..., 2])
+    faded = vignetting.attenuation(rays[..., 2])
+    rounds, batch = -(-samples // side**2), max(1, RAYS_AT_ONCE // rays.shape[1])
+    sums = np.zeros((rays.shape[1], 7))
+    for first in range(0, side**2, batch):
+        part = np.arange(first, min(first + batch, side**2))
+        here = defined[part]
+        met, direct = tracer.look(rays[part][here])
+        layers = np.zeros((len(direct), 7))
+        layers[:, :3] = direct
+        for again in range(rounds if bounces else 0):
+            index = (again * side**2 + part)[:, None]
+            start = (turned + index * GOLDEN[:, None, None])[:, here] % 1
+            layers[:, 3:6] += tracer.gather(met, start) / rounds
+            progress(share + (1 - share) * (first + len(part) * (again + 1) / rounds) / side**2)
+        if film:
+            layers[:, 6] = tracer.mirrored(met, film, seed)
+        layers *= faded[part][here][:, None]
+        every = np.zeros((*here.shape, 7))
+        every[here] = layers
+        sums += every.sum(axis=0)
+    average = sums / np.maximum(defined.sum(axis=0), 1)[:, None]
+    picture = average.reshape(camera.height, camera.width, 7)
+    return _developed(scene, camera, photometry, picture, fog, noise, bits, seed)
+
+
+def _developed(
+    scene: Scene,
+    camera: Camera,
+    photometry: Photometry,
+    layers: FloatArray,
+    fog: float,
+    noise: float,
+    bits: int | None,
+    seed: int,
+) -> Traced:
+    """Make the picture of its layers (H, W, 7), and add the truth."""
+    field = camera.field
+    distance = scene.distance(field.rays)
+    points = distance[..., None] * field.rays
+    mask = np.isfinite(distance) & (field.cos_alpha > 0)
+    layers = np.where(mask[..., None], layers, 0.0)
+    matt = layers[..., :3] + layers[..., 3:6]
+    if not matt.any():
+        raise ValueError("the camera sees no lit surface in this scene")
+    gain = photometry.gain
+    if gain is None:
+        gain = float(0.9**photometry.gamma / np.percentile(matt[mask].max(axis=-1), 99))
+    layers = layers * gain
+    linear = layers[..., :3] + layers[..., 3:6] + layers[..., 6:]
+    if fog:
+        linear += VEIL * (1 - np.exp(-fog * np.where(mask, distance, 0.0)))[..., None]
+    stored = linear ** (1 / photometry.gamma)
+    if noise:
+        stored += np.random.default_rng([seed, 1]).normal(scale=noise / 255, size=stored.shape)
+    stored = np.clip(stored, 0.0, 1.0)
+    if bits is not None:
+        stored = np.round(stored * (2**bits - 1)) / (2**bits - 1)
+    normals = np.full(points.shape, np.nan)
+    normals[mask] = scene.normals(points[mask])
+    return Traced(
+        image=np.where(mask[..., None], stored, 0.0),
+        distance=np.where(mask, distance, np.nan),
+        normals=normals,
+        mask=mask,
+        camera=camera,
+        photometry=replace(photometry, gain=gain),
+        direct=layers[..., :3],
+        indirect=layers[..., 3:6],
+        mirrored=layers[..., 6],
+    )

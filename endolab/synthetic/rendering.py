@@ -1,0 +1,163 @@
+"""Frames that an endoscope would make of a scene, by the general model, with their truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from endolab.model.brdf import Glossy, Lambertian
+from endolab.model.cameras import Camera
+from endolab.model.photometry import CHANNELS, Photometry
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.synthetic.scenes import Scene
+
+TEXTURE_SCALE = 5.0  # mm, of the mottled albedo
+RIPPLE_SCALE = 1.5  # mm, of the wet film whose slopes break up the highlights
+RIPPLE_SLOPE = 0.12
+VEIL = 0.02  # linear value, of sensor maximum 1, that fog tends to in the distance
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A rendered frame and its truth.
+
+    Attributes
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        Stored values in [0, 1].
+    distance : (H, W) float array
+        Euclidean distance from the optical centre, mm; nan where there is no surface.
+    normals : (H, W, 3) float array
+        Unit normals in the camera frame, towards the camera.
+    mask : (H, W) bool array
+        Pixels that see the surface.
+    camera : Camera
+    photometry : Photometry
+        With the gain that was used.
+    """
+
+    image: FloatArray
+    distance: FloatArray
+    normals: FloatArray
+    mask: BoolArray
+    camera: Camera
+    photometry: Photometry
+
+    @property
+    def z(self) -> FloatArray:
+        """z component of the distance, (H, W), mm."""
+        return self.distance * self.camera.field.cos_alpha
+
+
+def waves(points: FloatArray, scale: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return a smooth random function of space, of mean 0 and variance 1, and its gradient."""
+    count = 32
+    vectors = rng.normal(size=(count, 3)) / scale
+    phases = rng.uniform(0, 2 * np.pi, count)
+    value, slope = np.zeros(points.shape[:-1]), np.zeros(points.shape)
+    for vector, phase in zip(vectors, phases, strict=True):
+        angle = points @ vector + phase
+        value += np.sin(angle)
+        slope += np.cos(angle)[..., None] * vector
+    return value * np.sqrt(2 / count), slope * np.sqrt(2 / count)
+
+
+def render(
+    scene: Scene,
+    camera: Camera,
+    photometry: Photometry,
+    *,
+    noise: float = 0.0,
+    bits: int | None = None,
+    texture: float = 0.0,
+    fog: float = 0.0,
+    highlights: float = 0.0,
+    seed: int = 0,
+) -> Rendered:
+    """Render a scene by the general model.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is seen.
+    camera : Camera
+        What sees it.
+    photometry : Photometry
+        Lights and response; with an unknown gain, one that puts the 99th percentile of the
+        brightest channel at 0.9 is chosen. Three albedos give a colour picture.
+    noise : float
+        Standard deviation of Gaussian noise, grey levels of 255.
+    bits : int, optional
+        Round to this many bits; none by default.
+    texture : float
+        Standard deviation of the logarithm of the albedo.
+    fog : float
+        Attenuation, 1/mm: light is lost on its way, and a veil takes its place.
+    highlights : float
+        Share of the light that a wet, rippled film reflects like a mirror; 0.02 is water.
+    seed : int
+        Of texture, ripples and noise.
+
+    Returns
+    -------
+    Rendered
+        Lights cast no shadows and light bounces once: the model's own assumptions.
+
+    Raises
+    ------
+    ValueError
+        If an option is negative or not finite, or if the camera sees nothing lit.
+    """
+    amounts = {"noise": noise, "texture": texture, "fog": fog, "highlights": highlights}
+    for name, value in amounts.items():
+        if not (np.isfinite(value) and value >= 0):
+            raise ValueError(f"{name} must be finite and at least 0, got {value}")
+    if bits is not None and not 1 <= bits <= 16:
+        raise ValueError(f"bits must be from 1 to 16, got {bits}")
+    field = camera.field
+    distance = scene.distance(field.rays)
+    points = distance[..., None] * field.rays
+    mask = np.isfinite(distance) & (field.cos_alpha > 0)
+    seen, normals = points[mask], scene.normals(points[mask])
+    rng, noise_rng = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
+    mottle = np.exp(texture * waves(seen, TEXTURE_SCALE, rng)[0]) if texture else 1.0
+    ripple = waves(seen, RIPPLE_SCALE, rng)[1] if highlights else None
+
+    lit = replace(photometry, gain=1.0)
+    albedo = getattr(photometry.brdf, "albedo", None)
+    models = [lit.channel(name) for name in CHANNELS] if isinstance(albedo, tuple) else [lit]
+    linear = np.stack([mottle * model.intensity(seen, normals) ** lit.gamma for model in models], axis=-1)
+    if ripple is not None:
+        rough = normals + RIPPLE_SLOPE * RIPPLE_SCALE * ripple
+        rough /= np.linalg.norm(rough, axis=-1, keepdims=True)
+        film, matt = Glossy(1.0, highlights, 300.0), Lambertian(1.0)
+        wet, dry = (replace(lit, brdf=brdf).intensity(seen, rough) ** lit.gamma for brdf in (film, matt))
+        linear = linear + (wet - dry)[:, None]
+
+    if not linear.any():
+        raise ValueError("the camera sees no lit surface in this scene")
+    gain = photometry.gain
+    if gain is None:
+        gain = float(0.9**lit.gamma / np.percentile(linear.max(axis=-1), 99))
+    linear = linear * gain
+    if fog:
+        clear = np.exp(-fog * distance[mask])[:, None]
+        linear = linear * clear**2 + VEIL * (1 - clear)
+    stored = linear ** (1 / lit.gamma)
+    if noise:
+        stored = stored + noise_rng.normal(scale=noise / 255, size=stored.shape)
+    stored = np.clip(stored, 0.0, 1.0)
+    if bits is not None:
+        stored = np.round(stored * (2**bits - 1)) / (2**bits - 1)
+
+    image, facing = np.zeros((*mask.shape, linear.shape[-1])), np.full(points.shape, np.nan)
+    image[mask], facing[mask] = stored, normals
+    return Rendered(
+        image=image if len(models) == 3 else image[..., 0],
+        distance=np.where(mask, distance, np.nan),
+        normals=facing,
+        mask=mask,
+        camera=camera,
+        photometry=replace(photometry, gain=gain),
+    )

@@ -1,0 +1,313 @@
+"""Simple scenes with exact distance and normals, and the frames an endoscope makes of them.
+
+01 a tilted plane, 02 the inside of a ball, 03 a tube and 04 a haustral colon, whose folds
+occlude one another. The first three play the parts of the paper's simple scenes (Section
+VI-A, Table I): mean distances of about 110, 60 and 40 mm.
+
+Each is a surface in the camera frame (mm), whatever the camera. 1 to 3 are met by a ray in
+closed form, 4 by marching to the first root and polishing it with Newton's method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from endolab.numerics.arrays import FloatArray, IntArray
+
+
+class Scene(Protocol):
+    """A surface that a camera at the origin looks at along z."""
+
+    def distance(self, rays: FloatArray) -> FloatArray:
+        """Distance along unit rays (..., 3) to the surface, mm; nan where a ray meets nothing."""
+        ...
+
+    def normals(self, points: FloatArray) -> FloatArray:
+        """Unit normals (..., 3) at surface points (..., 3), towards the camera."""
+        ...
+
+    def mesh(self, size: int = 400) -> tuple[FloatArray, IntArray]:
+        """The same shape as vertices (V, 3), mm, and triangles (T, 3), about `size` steps a side."""
+        ...
+
+
+def _grid_triangles(rows: int, columns: int) -> IntArray:
+    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    upper = np.stack([corner, corner + 1, corner + columns], axis=-1)
+    lower = np.stack([corner + 1, corner + columns + 1, corner + columns], axis=-1)
+    return np.concatenate([upper, lower])
+
+
+def _tilt_matrix(degrees: float) -> FloatArray:
+    """Turn about the y axis: a direction along z leans to the right."""
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Scene 01: a plane, turned about the vertical.
+
+    Parameters
+    ----------
+    depth : float
+        z where the optical axis meets it, mm.
+    tilt : float
+        Angle between its normal and the axis, degrees.
+    """
+
+    depth: float = 85.0
+    tilt: float = 20.0
+
+    def __post_init__(self) -> None:
+        if not (self.depth > 0 and abs(self.tilt) < 90):
+            raise ValueError(f"depth must be positive and tilt within ±90°, got {self.depth} and {self.tilt}")
+
+    @property
+    def _normal(self) -> FloatArray:
+        return _tilt_matrix(self.tilt) @ np.array([0.0, 0.0, -1.0])
+
+    def distance(self, rays: FloatArray) -> FloatArray:
+        """See `Scene.distance`."""
+        facing = rays @ self._normal
+        return self.depth * self._normal[2] / np.where(facing < 0, facing, np.nan)
+
+    def normals(self, points: FloatArray) -> FloatArray:
+        """See `Scene.normals`."""
+        return np.broadcast_to(self._normal, points.shape).copy()
+
+    def mesh(self, size: int = 400) -> tuple[FloatArray, IntArray]:
+        """See `Scene.mesh`; a square of 60 times the depth."""
+        s = np.linspace(-30.0, 30.0, size) * self.depth
+        x, y = np.meshgrid(s, s)
+        flat = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1)
+        return flat @ _tilt_matrix(self.tilt).T + [0.0, 0.0, self.depth], _grid_triangles(size, size)
+
+
+@dataclass(frozen=True)
+class Bowl:
+    """Scene 02: a curved surface, the inside of a ball that the camera looks at off centre.
+
+    Parameters
+    ----------
+    radius : float
+        Of the ball, mm.
+    centre : three floats
+        Of the ball, in the camera frame, mm; the camera must lie inside.
+    """
+
+    radius: float = 115.0
+    centre: tuple[float, float, float] = (40.0, -23.0, -52.0)
+
+    def __post_init__(self) -> None:
+        if not np.linalg.norm(self.centre) < self.radius:
+            raise ValueError(f"the camera must lie inside the ball of radius {self.radius} mm")
+
+    def distance(self, rays: FloatArray) -> FloatArray:
+        """See `Scene.distance`."""
+        centre = np.asarray(self.centre)
+        along = rays @ centre
+        return along + np.sqrt(along**2 + self.radius**2 - centre @ centre)
+
+    def normals(self, points: FloatArray) -> FloatArray:
+        """See `Scene.normals`."""
+        return (np.asarray(self.centre) - points) / self.radius
+
+    def mesh(self, size: int = 400) -> tuple[FloatArray, IntArray]:
+        """See `Scene.mesh`."""
+        polar, around = np.meshgrid(np.linspace(0, np.pi, size), np.linspace(0, 2 * np.pi, 2 * size))
+        direction = [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
+        vertices = np.asarray(self.centre) + self.radius * np.stack(direction, axis=-1).reshape(-1, 3)
+        return vertices, _grid_triangles(2 * size, size)
+
+
+@dataclass(frozen=True)
+class Tube:
+    """Scene 03: a straight tube that a wall closes at its far end.
+
+    Parameters
+    ----------
+    radius : float
+        mm.
+    length : float
+        From the camera to the wall along the tube, mm.
+    tilt : float
+        Angle between the tube and the optical axis, degrees.
+    offset : two floats
+        Where the camera sits in the tube's cross-section, mm from its middle.
+    """
+
+    radius: float = 18.5
+    length: float = 130.0
+    tilt: float = 0.0
+    offset: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not np.hypot(*self.offset) < self.radius:
+            raise ValueError(f"the camera must lie inside the tube of radius {self.radius} mm")
+
+    def distance(self, rays: FloatArray) -> FloatArray:
+        """See `Scene.distance`."""
+        inside = rays @ _tilt_matrix(self.tilt)
+        across, along = inside[..., :2], inside[..., 2]
+        offset = np.asarray(self.offset)
+        a, b = np.sum(across**2, axis=-1), across @ offset
+        with np.errstate(divide="ignore", invalid="ignore"):
+            side = (-b + np.sqrt(b * b + a * (self.radius**2 - offset @ offset))) / a
+            wall = np.where(along > 0, self.length / along, np.inf)
+        nearest = np.fmin(side, wall)
+        return np.where(np.isfinite(nearest), nearest, np.nan)
+
+    def normals(self, points: FloatArray) -> FloatArray:
+        """See `Scene.normals`."""
+        turn = _tilt_matrix(self.tilt)
+        inside = points @ turn
+        side = np.append(self.offset, 0.0) + inside
+        side[..., 2] = 0.0
+        is_wall = inside[..., 2] > self.length * (1 - 1e-12)
+        normal = np.where(is_wall[..., None], [0.0, 0.0, -1.0], -side / self.radius)
+        return normal @ turn.T
+
+    def mesh(self, size: int = 400) -> tuple[FloatArray, IntArray]:
+        """See `Scene.mesh`; the tube also runs back by its length."""
+        z = np.linspace(-self.length, self.length, size)
+        z, radius = np.append(z, self.length), np.append(np.full(size, self.radius), 0.0)
+        around = np.linspace(0, 2 * np.pi, 2 * size)
+        x = radius[:, None] * np.cos(around) - self.offset[0]
+        y = radius[:, None] * np.sin(around) - self.offset[1]
+        vertices = np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1).reshape(-1, 3)
+        return vertices @ _tilt_matrix(self.tilt).T, _grid_triangles(size + 1, 2 * size)
+
+
+@dataclass(frozen=True)
+class Colon:
+    """Scene 04: a haustral colon, a winding tube with folds that hide what lies behind them.
+
+    In the tube's own frame the wall is at ρ(φ, s) = R (1 - h b(s) (0.6 + 0.4 cos 3φ′)) from a
+    centre line that winds to the side, b(s) = exp(κ (cos 2πs/L - 1)) being the row of folds.
+
+    Parameters
+    ----------
+    radius : float
+        R between the folds, mm.
+    fold_height : float
+        h, as a share of the radius, below 0.8.
+    fold_spacing : float
+        L, mm.
+    sharpness : float
+        κ: how thin the folds are.
+    winding : float
+        How far the centre line swings to the side, mm.
+    length : float
+        To the wall that closes the far end, mm.
+    """
+
+    radius: float = 22.0
+    fold_height: float = 0.38
+    fold_spacing: float = 27.0
+    sharpness: float = 7.0
+    winding: float = 13.0
+    length: float = 170.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.fold_height < 0.8:
+            raise ValueError(f"fold_height must be at least 0 and below 0.8, got {self.fold_height}")
+        if not (min(self.radius, self.fold_spacing, self.length) > 0 and self._inside(self._camera)[0] > 0):
+            raise ValueError(f"the camera must lie inside the colon, of radius {self.radius} mm")
+
+    _period = 230.0  # of the winding, mm
+    _phase = 11.0  # of the folds, mm: the camera sits between two of them
+    _twist = 2.2 / 27.0  # of the folds about the centre line, rad/mm
+    _camera = np.array([2.0, -1.5, 0.0])
+
+    def _shape(self, s: FloatArray, cos3: FloatArray, sin3: FloatArray) -> tuple[FloatArray, ...]:
+        """ρ and its derivatives by s and φ, given the cosine and sine of 3φ′."""
+        wave = 2 * np.pi / self.fold_spacing
+        bump = np.exp(self.sharpness * (np.cos(wave * (s - self._phase)) - 1))
+        bump_s = -self.sharpness * wave * np.sin(wave * (s - self._phase)) * bump
+        height = self.radius * self.fold_height
+        lobe = 0.6 + 0.4 * cos3
+        rho_phi = height * bump * 1.2 * sin3
+        rho_s = rho_phi * self._twist - height * bump_s * lobe
+        return self.radius - height * bump * lobe, rho_s, rho_phi
+
+    def _centre_line(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        w = 2 * np.pi / self._period
+        swing, slope = self.winding * (1 - np.cos(w * s)), self.winding * w * np.sin(w * s)
+        return np.stack([swing, 0.3 * swing], -1), np.stack([slope, 0.3 * slope], -1)
+
+    def _inside(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How far inside the tube a point of its frame is (mm, not a distance), and the gradient."""
+        s = x[..., 2]
+        centre, centre_s = self._centre_line(s)
+        side = x[..., :2] - centre
+        rho = np.maximum(np.hypot(side[..., 0], side[..., 1]), 1e-9)
+        out = side / rho[..., None]
+        angle = 3 * (np.arctan2(out[..., 1], out[..., 0]) + self._twist * s)
+        wall, wall_s, wall_phi = self._shape(s, np.cos(angle), np.sin(angle))
+        around = np.stack([-out[..., 1], out[..., 0]], axis=-1)
+        by_side = (wall_phi / rho)[..., None] * around - out
+        by_s = wall_s - np.einsum("...i,...i->...", by_side, centre_s)
+        gradient = np.concatenate([by_side, by_s[..., None]], axis=-1)
+        return wall - rho, gradient
+
+    def distance(self, rays: FloatArray) -> FloatArray:
+        """See `Scene.distance`; the first root along the ray, to rounding."""
+        flat = rays.reshape(-1, 3)
+        with np.errstate(divide="ignore"):
+            end = np.where(flat[:, 2] > 0, (self.length - self._camera[2]) / flat[:, 2], 4 * self.length)
+        # Bounds on the first and second derivative of F along a ray, beyond half the lumen;
+        # within, the wall is at least a quarter of the lumen away.
+        height, wave = self.radius * self.fold_height, 2 * np.pi / self.fold_spacing
+        narrowest = self.radius - height
+        steepest = (
+            np.hypot(1.0, 2.4 * height / narrowest)
+            + 0.62 * height * wave * np.sqrt(self.sharpness)
+            + 2.2 * np.pi * self.winding / self._period
+            + 1.2 * height * self._twist
+        )
+        bend = 1.5 * height * self.sharpness * wave**2 + 4 / narrowest + 16 * height / narrowest**2
+        t = np.zeros(flat.shape[0])
+        busy = np.flatnonzero(np.isfinite(flat).all(axis=-1))
+        while busy.size:
+            inside, gradient = self._inside(self._camera + t[busy, None] * flat[busy])
+            inside = np.maximum(inside, 0.0)
+            slope = np.einsum("ij,ij->i", gradient, flat[busy])
+            # Steps that cannot cross a wall: F ≥ F₀ - steepest·t, and F ≥ F₀ + F₀'t - bend·t²/2,
+            # whose root becomes Newton's step as F₀ → 0.
+            root = np.sqrt(slope**2 + 2 * bend * inside)
+            with np.errstate(invalid="ignore"):
+                curved = np.where(slope < 0, 2 * inside / (root - slope), (slope + root) / bend)
+            step = np.minimum(np.maximum(curved, inside / steepest), narrowest / 4)
+            t[busy] += step
+            busy = busy[(step > 1e-14 * self.length) & (inside > 0) & (t[busy] < end[busy])]
+        t = np.minimum(t, end)
+        return np.where(np.isfinite(flat).all(axis=-1) & (t < 4 * self.length), t, np.nan).reshape(
+            rays.shape[:-1]
+        )
+
+    def normals(self, points: FloatArray) -> FloatArray:
+        """See `Scene.normals`."""
+        inside = points + self._camera
+        gradient = self._inside(inside)[1]
+        gradient[inside[..., 2] > self.length * (1 - 1e-12)] = [0.0, 0.0, -1.0]
+        return gradient / np.linalg.norm(gradient, axis=-1, keepdims=True)
+
+    def mesh(self, size: int = 400) -> tuple[FloatArray, IntArray]:
+        """See `Scene.mesh`; the tube also runs back by 60 mm."""
+        s = np.linspace(-60.0, self.length, 2 * size)
+        s, closing = np.append(s, self.length), np.append(np.ones(2 * size), 0.0)
+        around = np.linspace(0, 2 * np.pi, 2 * size)
+        angle = 3 * (around + self._twist * s[:, None])
+        rho = self._shape(s[:, None], np.cos(angle), np.sin(angle))[0] * closing[:, None]
+        centre = self._centre_line(s)[0]
+        x = centre[:, :1] + rho * np.cos(around)
+        y = centre[:, 1:] + rho * np.sin(around)
+        vertices = np.stack([x, y, np.broadcast_to(s[:, None], x.shape)], axis=-1).reshape(-1, 3)
+        return vertices - self._camera, _grid_triangles(2 * size + 1, 2 * size)
+
+
+SCENES: dict[str, Scene] = {"plane": Plane(), "curved": Bowl(), "tube": Tube(), "colon": Colon()}

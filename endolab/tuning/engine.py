@@ -1,0 +1,294 @@
+"""The tuner's engine: the latest wish wins, a rough answer comes first, and no wish waits in a queue.
+
+A thread of its own solves; `Tuner.ask` returns at once. A new wish stops the solve in flight at its
+next iterate. Every wish is answered twice, on a grid of half the size and then in full, and both
+start from the last result there, so that a small change of λ costs a step or two. While a long
+full solve goes on, what it has so far is told now and then.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from endolab.depth.result import Iterate, Observer, Result
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.iteration import Status
+from endolab.preprocessing.frame import Frame
+from endolab.reconstruction.reconstruct import reconstruct
+from endolab.tuning.source import SHRINK, Settings, Source, View
+
+if TYPE_CHECKING:
+    from endolab.model.endoscope import Endoscope
+
+PATIENCE = 0.4  # s that a full solve takes between one picture and the next
+LEAST_WIDTH = 64  # px, of a grid that is worth a coarse one
+
+
+# The most steps of a coarse answer, from a start and from nothing.
+COARSE_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """An answer of the tuner.
+
+    Attributes
+    ----------
+    serial : int
+        Of the wish, as `Tuner.ask` returned it.
+    settings : Settings
+    stage : {"coarse", "refining", "fine"}
+        "refining" is what a long full solve has so far.
+    seconds : float
+        From the start of this stage to its answer.
+    view : View, optional
+        What was looked at.
+    result : Result, optional
+        None if there is an error.
+    error : str, optional
+        One sentence.
+    """
+
+    serial: int
+    settings: Settings
+    stage: str
+    seconds: float
+    view: View | None = None
+    result: Result | None = None
+    error: str | None = None
+
+    @cached_property
+    def truth(self) -> FloatArray | None:
+        """True distance in the result's unit, (H, W), nan outside its mask; None if unknown."""
+        if self.result is None or self.view is None or self.view.truth is None:
+            return None
+        truth, distance = np.where(self.result.mask, self.view.truth, np.nan), self.result.distance
+        known = np.isfinite(truth)
+        if not known.any():
+            return None
+        return truth if self.result.metric else truth * np.median(distance[known] / truth[known])
+
+    @cached_property
+    def median_error(self) -> float | None:
+        """Median of |d - d*|/d*, %; None if no truth is known."""
+        truth = self.truth
+        if truth is None or self.result is None:
+            return None
+        return float(100 * np.nanmedian(np.abs(self.result.distance / truth - 1)))
+
+
+class _Progress:
+    """Stops a solve that is stale, and tells of a long one now and then what it has so far."""
+
+    def __init__(self, is_stale: Callable[[], bool], tell: Callable[[Result, float], object]) -> None:
+        self.is_stale, self.tell = is_stale, tell
+        self.started = self.told = time.perf_counter()
+        self.history: list[dict[str, float]] = []
+
+    def __call__(self, iterate: Iterate) -> bool:
+        if self.is_stale():
+            return True
+        now = time.perf_counter()
+        self.history.append({"k": iterate.k, "energy": iterate.energy, **iterate.terms})
+        if now - self.told > PATIENCE:
+            result = Result(iterate, Status.STOPPED, list(self.history), now - self.started)
+            self.tell(result, now - self.started)
+            self.told = time.perf_counter()
+        return self.is_stale()
+
+
+def sentence_of(error: BaseException) -> str:
+    """Say an error in one line."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
+class Tuner:
+    """Solves what is asked for in a thread of its own.
+
+    Parameters
+    ----------
+    calibration : Endoscope
+        Of the frame; scenes are rendered by it, at any size.
+    on_outcome : callable, optional
+        Given every `Outcome` in the tuner's thread. It should not raise; if it does, the sentence
+        is kept in `complaint` and the tuner goes on.
+    frame : Frame, optional
+        To look at with ``Settings(scene=None)``.
+    truth : (H, W) float array, optional
+        True distance of the frame, mm; nan where unknown.
+    solve : callable
+        Takes what `reconstruct` takes.
+    """
+
+    def __init__(
+        self,
+        calibration: Endoscope,
+        on_outcome: Callable[[Outcome], object] | None = None,
+        *,
+        frame: Frame | None = None,
+        truth: FloatArray | None = None,
+        solve: Callable[..., Result] = reconstruct,
+    ) -> None:
+        self.on_outcome, self.complaint = on_outcome, ""
+        self._solve = solve
+        self._changed = threading.Condition()
+        self._serial = 0  # of the latest wish
+        self._wish: Settings | None = None
+        self._final: Outcome | None = None
+        self._closed = False
+        self.use(calibration, frame, truth)
+        self._thread = threading.Thread(target=self._work, name="endolab tuner", daemon=True)
+        self._thread.start()
+
+    # From any thread ---------------------------------------------------------------------
+
+    def use(
+        self, calibration: Endoscope, frame: Frame | None = None, truth: FloatArray | None = None
+    ) -> None:
+        """Look at another frame, or render with another calibration, from the next wish on.
+
+        Raises
+        ------
+        ValueError
+            If frame, truth and calibration are not of one size; then nothing changes.
+        """
+        source = Source(calibration, frame, truth)
+        with self._changed:
+            self._source = source
+
+    def ask(self, settings: Settings) -> int:
+        """Wish for a result; whatever was wished for before is dropped.
+
+        Returns
+        -------
+        int
+            The wish's serial number.
+        """
+        with self._changed:
+            if self._closed:
+                raise ValueError("the tuner is closed")
+            self._serial += 1
+            self._wish = settings
+            self._changed.notify_all()
+            return self._serial
+
+    def wait(self, timeout: float | None = None) -> Outcome:
+        """Wait for the last answer to the latest wish: fine, or with an error.
+
+        Raises
+        ------
+        TimeoutError
+            If it does not come in that many seconds.
+        """
+        with self._changed:
+            if self._serial == 0:
+                raise ValueError("nothing was asked for")
+            ended = self._changed.wait_for(lambda: self._closed or self._is_answered(), timeout)
+            if not ended or self._final is None or not self._is_answered():
+                raise TimeoutError("the tuner was closed" if self._closed else f"no answer in {timeout} s")
+            return self._final
+
+    def cold(self, settings: Settings, observers: Iterable[Observer] = ()) -> Outcome:
+        """Solve here and now, from a cold start: exactly what the lines of `Settings.code` give.
+
+        Raises
+        ------
+        ValueError, MemoryError
+            As `reconstruct`.
+        """
+        started = time.perf_counter()
+        with self._changed:
+            source = self._source
+        view = source.view(settings)
+        result = self._solve(view.frame, _known(view, settings), observers=observers, **settings.keywords())
+        return Outcome(self._serial, settings, "fine", time.perf_counter() - started, view, result)
+
+    def close(self) -> None:
+        """Stop the solve in flight and end the thread; a second call does nothing."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+
+    # In the tuner's thread ---------------------------------------------------------------
+
+    def _is_answered(self) -> bool:
+        return self._final is not None and self._final.serial == self._serial
+
+    def _is_stale(self, serial: int) -> bool:
+        return self._closed or self._serial != serial
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._closed or self._wish is not None)
+                if self._closed or self._wish is None:
+                    return
+                serial, settings, source = self._serial, self._wish, self._source
+                self._wish = None
+            for stage in ("coarse", "fine"):
+                started = time.perf_counter()
+                try:
+                    solved = self._solved(source, settings, stage, serial)
+                except Exception as error:  # whatever it is, the next wish may do better
+                    outcome = Outcome(serial, settings, stage, 0.0, error=sentence_of(error))
+                else:
+                    if solved is None:
+                        continue
+                    outcome = Outcome(serial, settings, stage, time.perf_counter() - started, *solved)
+                if self._is_stale(serial):
+                    break
+                self._tell(outcome)
+                if outcome.error is not None:
+                    break
+
+    def _tell(self, outcome: Outcome) -> None:
+        try:
+            if self.on_outcome is not None:
+                self.on_outcome(outcome)
+        except Exception as error:
+            self.complaint = sentence_of(error)
+        if outcome.stage == "fine" or outcome.error is not None:
+            with self._changed:
+                self._final = outcome
+                self._changed.notify_all()
+
+    def _solved(
+        self, source: Source, settings: Settings, stage: str, serial: int
+    ) -> tuple[View, Result] | None:
+        """View and result of one stage; None if there is no point in it."""
+        options: dict[str, Any] = {}
+        grid = (settings.scene, settings.width, stage)
+        takes_start = settings.solver in COARSE_STEPS
+        if takes_start and grid in source.last:
+            options["start"] = source.last[grid]
+        if stage == "coarse":
+            if settings.width < SHRINK * LEAST_WIDTH or settings.solver == "facing":
+                return None
+            if takes_start:
+                options["max_iterations"] = COARSE_STEPS[settings.solver]["start" not in options]
+        view = source.coarse_view(settings) if stage == "coarse" else source.view(settings)
+        if self._is_stale(serial):
+            return None
+
+        def tell(sofar: Result, seconds: float) -> None:
+            if stage == "fine":
+                self._tell(Outcome(serial, settings, "refining", seconds, view, sofar))
+
+        options["observers"] = [_Progress(lambda: self._is_stale(serial), tell)]
+        result = self._solve(view.frame, _known(view, settings), **options, **settings.keywords())
+        if not self._is_stale(serial):
+            source.keep(grid, result)
+        return view, result
+
+
+def _known(view: View, settings: Settings) -> Endoscope:
+    return replace(view.calibration, photometry=settings.believed(view.calibration.photometry))

@@ -1,0 +1,285 @@
+"""Fast pictures: maps, a section and a curve drawn into one board of pixels, in milliseconds.
+
+For what follows a hand on a slider; `plots` draws the same better and ten times more slowly.
+Pictures are (H, W, 3) arrays of bytes, R, G, B.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from endolab.numerics.arrays import FloatArray
+
+Picture = NDArray[np.uint8]
+Limits = tuple[float, float]
+Curve = tuple[str, FloatArray, FloatArray]  # name, x, y
+
+WIDTH, HEIGHT = 320, 240  # of a map in its panel, px
+EDGE, BAR, TITLE = 8, 64, 26  # px around a map, for its colour bar, for its title
+INK, PAPER, LEFT_OUT = (34, 34, 34), (255, 255, 255), (184, 184, 184)
+
+
+# Blue, white, red, and Okabe and Ito's colours, as in `plots`.
+DIVERGING = np.array([[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]], float)
+COLOURS = {
+    "truth": (0, 0, 0),
+    "start": (86, 180, 233),
+    "result": (213, 94, 0),
+    "energy": (0, 0, 0),
+    "data": (0, 114, 178),
+    "regulariser": (213, 94, 0),
+}
+QUALITY = 88  # of a JPEG
+
+
+def jpeg(picture: Picture) -> bytes:
+    """Encode as JPEG."""
+    return bytes(cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])
+
+
+def png(picture: Picture) -> bytes:
+    """Encode as PNG."""
+    return bytes(cv2.imencode(".png", picture[..., ::-1])[1])
+
+
+@lru_cache(maxsize=512)
+def _written(text: str, size: int) -> FloatArray:
+    """How much ink each pixel of a text has, in [0, 1]; a text is drawn once."""
+    face = cv2.FontFace("sans")
+    canvas = np.zeros((2 * size, size * (len(text) + 2)), np.uint8)
+    cv2.putText(canvas, text, (2, int(1.4 * size)), (255, 255, 255), face, size, 400)
+    used = np.flatnonzero(canvas.any(axis=0))
+    return canvas[:, : used[-1] + 2 if used.size else 1] / 255.0
+
+
+def write(
+    picture: Picture,
+    text: str,
+    x: int,
+    y: int,
+    size: int = 13,
+    align: float = 0.0,
+    colour: Sequence[int] = INK,
+) -> None:
+    """Write a line of text into a picture; column x is its left end, or its right one for `align` 1."""
+    ink = _written(text, size)
+    x = max(0, int(x - align * ink.shape[1]))
+    place = picture[max(0, y) : y + ink.shape[0], x : x + ink.shape[1]]
+    ink = ink[: place.shape[0], : place.shape[1], None]
+    place[:] = np.round(place * (1 - ink) + np.array(colour) * ink)
+
+
+@lru_cache(maxsize=4)
+def _palette(name: str) -> Picture:
+    if name == "viridis":
+        scale = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)
+        return np.ascontiguousarray(scale[:, 0, ::-1])
+    x = np.linspace(0, 1, len(DIVERGING))
+    return np.stack(
+        [np.interp(np.linspace(0, 1, 256), x, channel) for channel in DIVERGING.T], axis=-1
+    ).astype(np.uint8)
+
+
+def coloured(values: FloatArray, limits: Limits, palette: str = "viridis") -> Picture:
+    """Colour a map, (H, W): "viridis" or "diverging" between the limits, grey where it is nan."""
+    low, high = limits
+    known = np.isfinite(values)
+    share = (np.where(known, values, low) - low) / max(high - low, 1e-12)
+    colours = _palette(palette)[np.clip(255 * share, 0, 255).astype(np.uint8)]
+    colours[~known] = LEFT_OUT
+    return colours
+
+
+def grey_or_colour(image: FloatArray) -> Picture:
+    """Show values in [0, 1], (H, W) or (H, W, 3); nan is grey."""
+    shown = np.repeat(image[..., None], 3, axis=-1) if image.ndim == 2 else image
+    known = np.isfinite(shown).all(axis=-1, keepdims=True)
+    bytes_ = np.round(255 * np.clip(np.where(known, shown, 0), 0, 1)).astype(np.uint8)
+    return np.where(known, bytes_, np.array(LEFT_OUT, np.uint8))
+
+
+def ticks(low: float, high: float, count: int = 4) -> list[float]:
+    """Round numbers in [low, high], about `count` of them."""
+    span = high - low
+    if not (np.isfinite(span) and span > 0):
+        return [low]
+    power = 10.0 ** np.floor(np.log10(span / count))
+    step = min((factor * power for factor in (1, 2, 5, 10)), key=lambda step: abs(span / step - count))
+    return [float(k * step) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
+
+
+def panel(title: str) -> Picture:
+    """Return an empty panel with a title; the map's place begins at (TITLE, EDGE)."""
+    paper = np.full((TITLE + HEIGHT + EDGE, EDGE + WIDTH + BAR, 3), 255, np.uint8)
+    write(paper, title, EDGE, 2, 14)
+    return paper
+
+
+def map_panel(
+    title: str, picture: Picture, limits: Limits | None = None, unit: str = "", palette: str = "viridis"
+) -> Picture:
+    """A picture with a title, and with a colour bar if there are limits.
+
+    Parameters
+    ----------
+    title : str
+    picture : (h, w, 3) array of bytes
+        Any size; it is fitted into the panel.
+    limits : two floats, optional
+        Ends of the colour bar.
+    unit : str
+        Of the limits.
+    palette : {"viridis", "diverging"}
+    """
+    paper = panel(title)
+    height, width = picture.shape[:2]
+    scale = min(WIDTH / width, HEIGHT / height)
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    if size != (width, height):
+        how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        picture = cv2.resize(picture, size, interpolation=how).astype(np.uint8)
+    paper[TITLE : TITLE + size[1], EDGE : EDGE + size[0]] = picture
+    if limits is not None:
+        left, bottom = EDGE + size[0] + 6, TITLE + size[1]
+        scale_ = _palette(palette)[np.linspace(255, 0, size[1]).astype(int)]
+        paper[TITLE:bottom, left : left + 12] = scale_[:, None]
+        for value in ticks(*limits):
+            y = round(bottom - 1 - (value - limits[0]) / (limits[1] - limits[0]) * (size[1] - 1))
+            paper[y, left + 12 : left + 16] = INK
+            write(paper, f"{value:g}", left + 18, y - 11, 12)
+        write(paper, unit, left + 16, 4, 12)
+    return paper
+
+
+def map_spot(
+    shape: tuple[int, ...], panel: tuple[int, int], panels: tuple[int, int]
+) -> tuple[float, float, float, float]:
+    """Where `map_panel` shows a picture of that shape on a board.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns of the picture.
+    panel : two ints
+        Row and column of its panel.
+    panels : two ints
+        How many rows and columns of panels the board has.
+
+    Returns
+    -------
+    left, top, right, bottom : float
+        As shares of the board, in [0, 1].
+    """
+    scale = min(WIDTH / shape[1], HEIGHT / shape[0])
+    tall, wide = TITLE + HEIGHT + EDGE, EDGE + WIDTH + BAR
+    (row, column), (rows, columns) = panel, panels
+    left, top = column * wide + EDGE, row * tall + TITLE
+    right, bottom = left + max(1, round(shape[1] * scale)), top + max(1, round(shape[0] * scale))
+    return left / (columns * wide), top / (rows * tall), right / (columns * wide), bottom / (rows * tall)
+
+
+def cut_panel(paper: Picture, shape: tuple[int, ...], index: int, is_row: bool) -> None:
+    """Draw the line of a section into a panel that `map_panel` made of a picture of that shape."""
+    scale = min(WIDTH / shape[1], HEIGHT / shape[0])
+    at = round((index + 0.5) * scale)
+    height, width = round(shape[0] * scale), round(shape[1] * scale)
+    ends = ((0, at), (width - 1, at)) if is_row else ((at, 0), (at, height - 1))
+    (x0, y0), (x1, y1) = ((x + EDGE, y + TITLE) for x, y in ends)
+    cv2.line(paper, (x0, y0), (x1, y1), (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.line(paper, (x0, y0), (x1, y1), (255, 255, 255), 1, cv2.LINE_AA)
+
+
+def _polyline(paper: Picture, x: FloatArray, y: FloatArray, colour: Sequence[int], thick: int) -> None:
+    known = np.isfinite(x) & np.isfinite(y)
+    for run in np.ma.clump_unmasked(np.ma.masked_array(known, ~known)):
+        points = np.round(16 * np.stack([x[run], y[run]], axis=-1)).astype(np.int32)
+        if len(points) == 1:
+            cv2.circle(paper, tuple(map(int, points[0])), 48, tuple(colour), -1, cv2.LINE_AA, shift=4)
+        cv2.polylines(paper, [points], False, tuple(colour), thick, cv2.LINE_AA, shift=4)
+
+
+def curve_panel(
+    title: str,
+    curves: Sequence[Curve],
+    x_label: str,
+    y_label: str,
+    *,
+    log: bool = False,
+    down: bool = False,
+    x_limits: Limits | None = None,
+    y_limits: Limits | None = None,
+) -> Picture:
+    """Lines on axes with units.
+
+    Parameters
+    ----------
+    title : str
+    curves : sequence of name, x, y
+        The names of `COLOURS` have colours of their own.
+    x_label, y_label : str
+        Quantity and unit.
+    log : bool
+        Whether y is on a logarithmic axis; what is not positive is left out.
+    down : bool
+        Whether y grows downwards, as in a picture.
+    x_limits, y_limits : two floats, optional
+        Of the axes; what the curves need by default.
+    """
+    paper = panel(title)
+    left, right, top, bottom = EDGE + 46, EDGE + WIDTH + 40, TITLE + 4, TITLE + HEIGHT - 32
+    shown = [(name, np.asarray(x, float), np.asarray(y, float)) for name, x, y in curves]
+    if log:
+        shown = [(name, x, np.log10(np.where(y > 0, y, np.nan))) for name, x, y in shown]
+    x_low, x_high = x_limits or _limits([x for _, x, _ in shown])
+    y_low, y_high = y_limits or _limits([y for _, _, y in shown])
+    if log:  # room for the names
+        y_high += 0.15 * (y_high - y_low)
+
+    def column(x: FloatArray | float) -> FloatArray:
+        return np.asarray(left + (np.asarray(x) - x_low) / (x_high - x_low) * (right - left))
+
+    def row(y: FloatArray | float) -> FloatArray:
+        share = (np.asarray(y) - y_low) / (y_high - y_low)
+        return np.asarray(top + (share if down else 1 - share) * (bottom - top))
+
+    for value in ticks(x_low, x_high):
+        at = int(column(value))
+        paper[top:bottom, at] = 225
+        write(paper, f"{value:g}", at, bottom, 12, 0.5)
+    for value in ticks(y_low, y_high):
+        at = int(row(value))
+        paper[at, left:right] = 225
+        write(paper, f"{10**value:.2g}" if log else f"{value:g}", left - 4, at - 11, 12, 1.0)
+    cv2.rectangle(paper, (left, top), (right, bottom), (120, 120, 120), 1)
+    write(paper, x_label, right, bottom + 14, 12, 1.0)
+    inner = paper[top : bottom + 1, left : right + 1]
+    x_at = right - left - 4
+    for name, x, y in shown:
+        colour = COLOURS.get(name, INK)
+        _polyline(inner, np.clip(column(x) - left, -4e3, 4e3), np.clip(row(y) - top, -4e3, 4e3), colour, 2)
+    write(inner, y_label, 5, 0, 12)
+    for name, _, _ in reversed(shown):
+        write(inner, name, x_at, 0 if log else bottom - top - 22, 12, 1.0, COLOURS.get(name, INK))
+        x_at -= _written(name, 12).shape[1] + 8
+    return paper
+
+
+def _limits(values: Sequence[FloatArray]) -> Limits:
+    """Least and greatest, with a margin."""
+    seen = np.concatenate([np.ravel(value) for value in values]) if values else np.zeros(1)
+    seen = seen[np.isfinite(seen)]
+    low, high = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)
+    margin = 0.05 * (high - low) or max(abs(low), 1.0) * 0.05
+    return low - margin, high + margin
+
+
+def board(rows: Sequence[Sequence[Picture]]) -> Picture:
+    """Join panels of one size, row by row; missing ones are left white."""
+    columns = max(len(row) for row in rows)
+    blank = np.full_like(rows[0][0], 255)
+    return np.concatenate([np.concatenate([*row, *[blank] * (columns - len(row))], axis=1) for row in rows])

@@ -1,0 +1,268 @@
+"""What the tuner looks at, and how: the position of all knobs, and the frame that they call for."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import cv2
+
+from endolab.depth.result import Result
+from endolab.model.photometry import Photometry
+from endolab.numerics.arrays import FloatArray
+from endolab.preprocessing.frame import Frame
+from endolab.synthetic.rendering import render
+from endolab.synthetic.scenes import SCENES, Scene
+
+if TYPE_CHECKING:
+    from endolab.model.endoscope import Endoscope
+
+SHRINK = 2  # a coarse grid has this many times fewer columns, and rows
+KEPT = 6  # views that are remembered
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """One position of all the knobs.
+
+    Parameters
+    ----------
+    scene : {"plane", "curved", "tube", "colon"}, optional
+        What is rendered and looked at; None for the frame that the tuner was given.
+    noise : float
+        Of a rendered frame: standard deviation, grey levels of 255.
+    width : int
+        Columns of the frame, px.
+    channel : {"red", "green", "blue", "grey"}, optional
+        As `reconstruct` takes it.
+    k, gamma : float, optional
+        What the solver believes of light spread and response; the calibration's own by default. A
+        frame is rendered by the calibration, whatever the solver believes.
+    gain : float
+        What the solver believes of the gain, as a multiple of the true one.
+    xi, regulariser, lam, epsilon, solver
+        As `reconstruct` takes them.
+    """
+
+    scene: str | None = "colon"
+    noise: float = 0.0
+    width: int = 320
+    channel: str | None = None
+    k: float | None = None
+    gamma: float | None = None
+    gain: float = 1.0
+    xi: str = "1/d"
+    regulariser: str = "second"
+    lam: float = 1.0
+    epsilon: float = 1e-3
+    solver: str = "gauss_newton"
+
+    def keywords(self) -> dict[str, Any]:
+        """What `reconstruct` is given."""
+        names = ("xi", "regulariser", "lam", "epsilon", "solver", "channel")
+        return {name: getattr(self, name) for name in names}
+
+    def believed(self, photometry: Photometry) -> Photometry:
+        """What the solver takes the light to be."""
+        return replace(photometry, **self._beliefs(photometry.gain))
+
+    def _beliefs(self, gain: float | None) -> dict[str, Any]:
+        beliefs: dict[str, Any] = {
+            name: getattr(self, name) for name in ("k", "gamma") if getattr(self, name) is not None
+        }
+        return beliefs | ({} if gain is None or self.gain == 1 else {"gain": gain * self.gain})
+
+    def code(self, calibration: Endoscope) -> str:
+        """Three lines of Python that make the same result from a cold start.
+
+        Parameters
+        ----------
+        calibration : Endoscope
+            The tuner's.
+
+        Returns
+        -------
+        str
+            It needs the names `el` (endolab), `replace` (of dataclasses), `calibration` and, if no
+            scene is rendered, `frame`; it leaves `result`.
+        """
+        options = dict(self.keywords())
+        if self.scene is None:
+            source, gain = "calibration", calibration.photometry.gain
+            lines = ["known = calibration"]
+            options["width"] = min(self.width, calibration.camera.width)
+        else:
+            source, gain = "view", 1.0
+            width, height = _size(calibration, self.width)
+            lines = [
+                f"view = el.render(el.SCENES[{self.scene!r}], calibration.camera.resize({width}, {height}), "
+                f"calibration.photometry, noise={self.noise!r})",
+                "known = el.Calibration(view.camera, view.photometry)",
+            ]
+        beliefs = [f"{name}={value!r}" for name, value in self._beliefs(None).items()]
+        if gain is not None and self.gain != 1:
+            beliefs.append(f"gain={self.gain!r} * {source}.photometry.gain")
+        if beliefs:
+            light = f"replace({source}.photometry, {', '.join(beliefs)})"
+            lines[-1] = f"known = el.Calibration({source}.camera, {light})"
+        frame = "frame" if self.scene is None else "el.Frame(view.image, view.mask)"
+        given = ", ".join(f"{name}={value!r}" for name, value in options.items())
+        return "\n".join([*lines, f"result = el.reconstruct({frame}, known, {given})"])
+
+
+def _size(calibration: Endoscope, width: int) -> tuple[int, int]:
+    camera = calibration.camera
+    return width, max(1, round(camera.height * width / camera.width))
+
+
+@dataclass(frozen=True)
+class View:
+    """A frame as the solver gets it.
+
+    Attributes
+    ----------
+    frame : Frame
+    calibration : Endoscope
+        Of the frame's size, as it is; not as the solver believes.
+    truth : (H, W) float array, optional
+        True distance, mm; nan where unknown.
+    """
+
+    frame: Frame
+    calibration: Endoscope
+    truth: FloatArray | None = None
+
+    def shrunk(self, width: int, gamma: float) -> View:
+        """Return the view with fewer columns, light averaged by this γ."""
+        size = _size(self.calibration, width)
+        camera = self.calibration.camera.resize(*size)
+        return View(
+            self.frame.resize(*size, gamma),
+            replace(self.calibration, camera=camera),
+            None if self.truth is None else _shrunk(self.truth, size),
+        )
+
+
+def _shrunk(truth: FloatArray, size: tuple[int, int]) -> FloatArray:
+    """Mean of the distances that a larger pixel covers, nan where one of them is unknown."""
+    shrunk: FloatArray = cv2.resize(truth, size, interpolation=cv2.INTER_AREA).astype(truth.dtype)
+    return shrunk
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A scene whose distances and normals for one camera are known: to render it again costs little."""
+
+    scene: Scene
+    known: list[FloatArray] = field(default_factory=list)
+
+    def distance(self, rays: FloatArray) -> FloatArray:
+        if not self.known:
+            self.known.append(self.scene.distance(rays))
+        return self.known[0]
+
+    def normals(self, points: FloatArray) -> FloatArray:
+        if len(self.known) < 2:
+            self.known.append(self.scene.normals(points))
+        return self.known[1]
+
+    def mesh(self, size: int = 400) -> Any:
+        return self.scene.mesh(size)
+
+
+class Source:
+    """Where views come from, and the last results on each grid; remembers the last few.
+
+    Parameters
+    ----------
+    calibration : Endoscope
+        Of the frame; scenes are rendered by it.
+    frame : Frame, optional
+    truth : (H, W) float array, optional
+        True distance of the frame, mm.
+
+    Raises
+    ------
+    ValueError
+        If they are not of one size.
+    """
+
+    def __init__(
+        self, calibration: Endoscope, frame: Frame | None = None, truth: FloatArray | None = None
+    ) -> None:
+        camera = calibration.camera
+        if frame is not None and (frame.width, frame.height) != (camera.width, camera.height):
+            raise ValueError(
+                f"{frame.name} is {frame.width}x{frame.height} px, "
+                f"but the calibration is for {camera.width}x{camera.height} px"
+            )
+        if truth is not None and (frame is None or truth.shape != frame.mask.shape):
+            size = "and there is no frame" if frame is None else f"the frame {frame.mask.shape}"
+            raise ValueError(f"truth has shape {truth.shape}, {size}")
+        self.calibration, self.frame, self.truth = calibration, frame, truth
+        self.last: OrderedDict[Hashable, Result] = OrderedDict()
+        self._memory: OrderedDict[Hashable, Any] = OrderedDict()
+        self._lock = threading.RLock()
+
+    def keep(self, grid: Hashable, result: Result) -> None:
+        """Remember the last result on a grid."""
+        self.last[grid] = result
+        self.last.move_to_end(grid)
+        while len(self.last) > KEPT:
+            self.last.popitem(last=False)
+
+    def _once(self, key: Hashable, make: Callable[[], T]) -> T:
+        with self._lock:
+            if key not in self._memory:
+                self._memory[key] = make()
+                while len(self._memory) > 2 * KEPT:
+                    self._memory.popitem(last=False)
+            self._memory.move_to_end(key)
+            made: T = self._memory[key]
+            return made
+
+    def view(self, settings: Settings, gamma: float | None = None) -> View:
+        """Return the frame that the settings call for.
+
+        Raises
+        ------
+        ValueError
+            In one sentence, if there is none.
+        """
+        if settings.scene is None:
+            own = self.calibration.photometry.gamma
+            gamma = gamma or (own if settings.gamma is None else settings.gamma)
+            return self._once((settings.width, gamma), lambda: self._shrunk_frame(settings.width, gamma))
+        if settings.scene not in SCENES:
+            raise ValueError(f"unknown scene {settings.scene!r}; choose {', '.join(SCENES)}")
+        if settings.width < 1:
+            raise ValueError(f"width must be at least 1 px, got {settings.width}")
+        return self._once((settings.scene, settings.width, settings.noise), lambda: self._rendered(settings))
+
+    def coarse_view(self, settings: Settings) -> View:
+        """Return the same at half the size; its light is averaged by the true γ."""
+        gamma = self.calibration.photometry.gamma
+        key = ("coarse", settings.scene, settings.width, settings.scene and settings.noise)
+        return self._once(key, lambda: self.view(settings, gamma).shrunk(settings.width // SHRINK, gamma))
+
+    def _shrunk_frame(self, width: int, gamma: float) -> View:
+        if self.frame is None:
+            raise ValueError("there is no frame to look at: drop one here, or choose a scene")
+        whole = View(self.frame, self.calibration, self.truth)
+        return whole if width >= self.frame.width else whole.shrunk(width, gamma)
+
+    def _rendered(self, settings: Settings) -> View:
+        assert settings.scene is not None
+        scene = SCENES[settings.scene]
+        size = _size(self.calibration, settings.width)
+        # The surface is met once for each size; noise costs no more than noise.
+        camera = self._once(("camera", size), lambda: self.calibration.camera.resize(*size))
+        seen = self._once((settings.scene, size), lambda: _Seen(scene))
+        shown = render(seen, camera, self.calibration.photometry, noise=settings.noise)
+        known = replace(self.calibration, camera=camera, photometry=shown.photometry)
+        return View(Frame(shown.image, shown.mask, settings.scene), known, shown.distance)

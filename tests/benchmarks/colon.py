@@ -1,0 +1,167 @@
+"""How far a real colon is from what is found: path-traced frames, C3VD and SimCol3D, beside their truth.
+
+    python -m tests.benchmarks.colon [traced | c3vd | simcol3d | variants]...
+
+No test: it takes minutes, and real frames are looked for in $ENDOLAB_DATA or ../shared/data.
+"""
+
+import sys
+import time
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+import endolab as el
+from endolab import datasets
+from endolab.datasets.traced import CASES
+from endolab.metrics.depth_errors import compare, occlusion_cuts
+from endolab.model.brdf import Lambertian
+
+TISSUE = Lambertian((0.75, 0.38, 0.30))
+WAYS = {
+    "facing": {"solver": "facing"},
+    "marched": {"solver": "fast_marching"},
+    "solved": {},
+    "blue": {"channel": "blue"},
+    "separated": {"channel": "separated"},
+    "separated, marched": {"channel": "separated", "solver": "fast_marching"},
+}
+
+
+def told(name, way, result, truth, seconds, normals=None, most=90.0, scale="none"):
+    """Print one line of the table."""
+    cosine = result.problem.field.cos_alpha
+    found = compare(
+        result.distance,
+        truth,
+        cosine,
+        normals=result.normals,
+        true_normals=normals,
+        mask=np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(most)),
+        scale=scale,
+    )
+    degrees = f"{found.mean_degrees:5.1f}°" if normals is not None else "     -"
+    settings = result.problem.settings
+    torn = "torn" if settings.get("contours") else ""
+    albedo = " ".join(f"{one:.2f}" for one in settings.get("albedo", ()))
+    print(
+        f"{name:12} {way:24} {found.mean_percent:5.1f} {found.median_percent:5.1f} % "
+        f"{found.mean_mm:6.2f} {found.median_mm:6.2f} mm {degrees} {result.iterations:5d} {seconds:5.1f} s "
+        f"{torn:5}{albedo}",
+        flush=True,
+    )
+    return found
+
+
+def solved(frame, calibration, **options):
+    """Return the result and its seconds."""
+    started = time.perf_counter()
+    result = el.reconstruct(frame, calibration, **options)
+    return result, time.perf_counter() - started
+
+
+def without_albedo(calibration):
+    return replace(calibration, photometry=replace(calibration.photometry, brdf=Lambertian(0.38)))
+
+
+def traced():
+    print("path-traced, mean and median of the distance, true scale; normals; iterations")
+    for name in CASES:
+        sample = el.load_traced(name)
+        for way, options in WAYS.items():
+            result, seconds = solved(sample.frame, sample.calibration, **options)
+            told(name, way, result, sample.distance, seconds, sample.normals)
+        result, seconds = solved(sample.frame, without_albedo(sample.calibration), channel="separated")
+        told(name, "separated, albedo unknown", result, sample.distance, seconds, sample.normals)
+        torn = occlusion_cuts(sample.distance)
+        result, seconds = solved(sample.frame, sample.calibration, channel="separated", cuts=torn)
+        told(name, "separated, true contours", result, sample.distance, seconds, sample.normals)
+
+
+def at_width(sample, width):
+    """A smaller frame with its calibration and truth."""
+    height = round(sample.frame.height * width / sample.frame.width)
+    known = np.isfinite(sample.distance).astype(float)
+    share, sums = (
+        cv2.resize(values, (width, height), interpolation=cv2.INTER_AREA)
+        for values in (known, np.nan_to_num(sample.distance))
+    )
+    truth = np.where(share > 0.5, sums / np.maximum(share, 1e-9), np.nan)
+    return sample.frame.resize(width, height, 2.2), sample.calibration.resize(width, height), truth
+
+
+def with_light(calibration, **light):
+    return replace(calibration, photometry=replace(calibration.photometry, brdf=TISSUE, **light))
+
+
+def c3vd(widths=(338,)):
+    folder = datasets.data_folder()
+    print("C3VD, within 55°, median-scaled; k and γ as published, and as fitted to frame 1")
+    for width in widths:
+        for index in (1, 6):
+            sample = datasets.read_c3vd(folder / "c3vd_trans_t1_a", index)
+            frame, calibration, truth = at_width(sample, width)
+            for light, changes in {"published": {}, "of frame 1": {"k": 1.52, "gamma": 2.2}}.items():
+                lit = with_light(calibration, **changes)
+                ways = (
+                    WAYS
+                    if light == "published"
+                    else {k: v for k, v in WAYS.items() if "solved" in k} | {"separated": WAYS["separated"]}
+                )
+                for way, options in ways.items():
+                    result, seconds = solved(frame, lit, **options)
+                    told(
+                        f"c3vd {index} {width}",
+                        f"{way}, {light}",
+                        result,
+                        truth,
+                        seconds,
+                        most=55,
+                        scale="median",
+                    )
+            result, seconds = solved(frame, without_albedo(calibration), channel="separated")
+            told(
+                f"c3vd {index} {width}",
+                "separated, no albedo",
+                result,
+                truth,
+                seconds,
+                most=55,
+                scale="median",
+            )
+
+
+def simcol3d():
+    folder = datasets.data_folder()
+    print("SimCol3D, median-scaled; AbsRel, RMSE and L1 of z in cm, as its challenge has them")
+    for index in range(5):
+        sample = datasets.read_simcol3d(folder / "simcol3d", index)
+        frame, calibration, truth = at_width(sample, 320)
+        for way in ("marched", "solved", "separated"):
+            result, seconds = solved(frame, with_light(calibration), **WAYS[way])
+            told(f"simcol {index}", way, result, truth, seconds, scale="median")
+            good = result.mask & np.isfinite(truth)
+            cosine = result.problem.field.cos_alpha[good]
+            z, true = result.distance[good] * cosine, truth[good] * cosine
+            z *= np.median(true) / np.median(z)
+            l1, rmse = np.abs(z - true).mean() / 10, np.sqrt(((z - true) ** 2).mean()) / 10
+            print(f"{'':37} AbsRel {np.mean(np.abs(z - true) / true):.3f} RMSE {rmse:.3f} L1 {l1:.3f} cm")
+
+
+def variants():
+    print("Table II: the paper's solver on diffuse-1, all six variants; iterations, distance and normals")
+    sample = el.load_traced("diffuse-1")
+    for light, channel in (("as it is", "green"), ("separated", "separated")):
+        for regulariser in ("first", "second"):
+            for xi in ("1/z", "d", "1/d"):
+                how = {"solver": "primal_dual", "xi": xi, "regulariser": regulariser, "lam": 0.1}
+                result, seconds = solved(sample.frame, sample.calibration, channel=channel, **how)
+                name = f"{xi} {regulariser}"
+                told(name, f"{light}, {result.status.name}", result, sample.distance, seconds, sample.normals)
+
+
+if __name__ == "__main__":
+    parts = {"traced": traced, "c3vd": c3vd, "simcol3d": simcol3d, "variants": variants}
+    for wanted in sys.argv[1:] or parts:
+        parts[wanted]()

@@ -1,0 +1,288 @@
+"""The iterative solvers as tables: `make bench`, or some of them by name: `bench_solvers.py sizes`.
+
+Not a test: it asserts nothing and depends on the machine.
+"""
+
+from __future__ import annotations
+
+import gc
+import sys
+import time
+import tracemalloc
+from collections.abc import Iterator
+from dataclasses import replace
+from statistics import median
+
+import numpy as np
+
+import endolab as el
+from endolab import datasets
+from endolab.depth import multigrid
+from endolab.depth.energy import GaussNewtonModel, energy_terms
+from endolab.depth.grid import Grid
+from endolab.depth.primal_dual import _Path
+from endolab.depth.problem import Problem
+from endolab.depth.result import run
+from endolab.depth.solvers import solve
+from endolab.metrics.depth_errors import Errors, occlusion_cuts
+from endolab.numerics.compiled import inner
+from endolab.reconstruction.problem_setup import pose
+from endolab.synthetic.scenes import Colon
+from tests.benchmarks.speed import _bandwidth, errors_of, table
+from tests.depth import primal_dual_test
+
+SIZES = (80, 160, 320, 640, 1440)
+PRIMAL_DUAL_SIZES = (80, 160, 320)  # its iterations grow with the pixels
+LAMBDAS = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
+PAPER = (  # Table I: scene, ξ, order, iterations, mean / median %, mean / median °
+    ("plane", "1/z", "first", "1148", "0.90 / 0.04", "1.19 / 0.20"),
+    ("plane", "1/z", "second", "73", "0.32 / 0.09", "0.62 / 0.18"),
+    ("curved", "1/z", "first", "102", "0.35 / 0.37", "1.00 / 0.50"),
+    ("curved", "1/z", "second", "64", "0.25 / 0.21", "0.95 / 0.39"),
+    ("tube", "1/z", "first", ">5550", "7.30 / 6.73", "12.17 / 9.44"),
+    ("tube", "1/z", "second", ">1500", "5.83 / 5.31", "11.07 / 8.00"),
+    ("tube", "d", "second", "301", "5.85 / 4.99", "12.92 / 9.15"),
+    ("tube", "1/d", "second", "78", "5.78 / 5.21", "11.55 / 8.30"),
+)
+
+
+class Shot:
+    """A rendered frame with its truth."""
+
+    def __init__(self, scene: str | el.Scene, width: int = 320, **how: float) -> None:
+        calibration = datasets.load_calibration("simple", width)
+        shape = el.SCENES[scene] if isinstance(scene, str) else scene
+        one = calibration.photometry.channel("green")
+        self.seen = el.render(shape, calibration.camera, one, **how)  # type: ignore[arg-type]
+        self.frame = el.Frame(self.seen.image, self.seen.mask)
+        self.calibration = el.Calibration(self.seen.camera, self.seen.photometry)
+
+    def pose(self, **options: object) -> Problem:
+        """Problem of this frame."""
+        return pose(self.frame, self.calibration, **options)  # type: ignore[arg-type]
+
+    def errors(self, result: el.Result) -> Errors:
+        """Errors of a result."""
+        return errors_of(result, self.seen.distance, true_normals=self.seen.normals)
+
+
+def percent(e: Errors) -> str:
+    """Mean and median error of distance."""
+    return f"{e.mean_percent:.4f} / {e.median_percent:.4f}"
+
+
+def degrees(e: Errors) -> str:
+    """Mean and median error of normals."""
+    return f"{e.mean_degrees:.3f} / {e.median_degrees:.3f}"
+
+
+def fresh(problem: Problem) -> Problem:
+    """Return the problem without what it has cached but for its camera's rays."""
+    _ = problem.field.rays
+    return replace(problem)
+
+
+def table_one() -> None:
+    """Table I of the paper, row by row, and the default solver."""
+    rows = []
+    for scene, xi, order, iterations, theirs, their_degrees in PAPER:
+        shot = Shot(scene)
+        for solver in ("primal_dual", "gauss_newton"):
+            result = el.reconstruct(
+                shot.frame, shot.calibration, solver=solver, xi=xi, regulariser=order, max_iterations=20000
+            )
+            e = shot.errors(result)
+            ours = [f"{result.iterations} {result.status.name}", f"{result.seconds:.2f}"]
+            rows.append(
+                [scene, xi, order, solver, *ours, percent(e), degrees(e), iterations, theirs, their_degrees]
+            )
+    heads = ("scene", "ξ", "order", "solver", "iterations", "s", "% mean / median", "° mean / median")
+    heads += ("paper: iterations", "%", "°")
+    table("Table I at 320x240, exact frames", heads, rows)
+
+
+def colons() -> None:
+    """Colons of several shapes, clean and not, with and without their true contours as cuts."""
+    shapes = {
+        "default": Colon(),
+        "wide": Colon(radius=28.0, fold_spacing=34.0),
+        "low folds": Colon(fold_height=0.25),
+        "winding": Colon(winding=24.0),
+    }
+    rows = []
+    for name, shape in shapes.items():
+        for seed, how in (
+            (0, {}),
+            (1, {"texture": 0.08, "noise": 1.5}),
+            (2, {"texture": 0.08, "noise": 1.5}),
+        ):
+            shot = Shot(shape, seed=seed, **how)
+            cuts = occlusion_cuts(shot.seen.distance)
+            cells = []
+            for chosen in (None, cuts):
+                for solver in ("fast_marching", "gauss_newton"):
+                    result = el.reconstruct(shot.frame, shot.calibration, solver=solver, cuts=chosen)
+                    e = shot.errors(result)
+                    cells.append(f"{e.mean_percent:.2f} / {e.median_percent:.2f}")
+            rows.append([name, f"8 % texture, 1.5 grey, seed {seed}" if how else "clean", *cells])
+    heads = ("colon", "frame", "marching", "Gauss-Newton", "marching, true cuts", "Gauss-Newton, true cuts")
+    table("Colons at 320x240: mean / median error of distance, %", heads, rows)
+
+
+def _runs() -> Iterator[tuple[str, str, int]]:
+    for width in SIZES:
+        for scene in el.SCENES:
+            yield from ((solver, scene, width) for solver in ("fast_marching", "gauss_newton"))
+            if width in PRIMAL_DUAL_SIZES:
+                yield "primal_dual", scene, width
+
+
+def sizes() -> None:
+    """Solver by scene by size: iterations, seconds, energy, errors, peak memory."""
+    rows = []
+    shots: dict[tuple[str, int], Shot] = {}
+    for solver, scene, width in _runs():
+        shots = {key: shot for key, shot in shots.items() if key[1] == width}
+        shot = shots.setdefault((scene, width), Shot(scene, width))
+        problem = shot.pose()
+        result = run(solve(fresh(problem), solver))
+        repeats = 1 if solver == "primal_dual" or width > 640 else 3
+        seconds = median(run(solve(fresh(problem), solver)).seconds for _ in range(repeats))
+        problem = fresh(problem)
+        gc.collect()
+        tracemalloc.start()
+        run(solve(problem, solver), max_iterations=400 if solver == "primal_dual" else None)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        warm = ""
+        if solver == "gauss_newton":
+            moved = fresh(replace(problem, lam=1.1 * problem.lam))
+            start = result.iterate.log_distance
+            repeated = [run(solve(fresh(moved), solver, start=start)).seconds for _ in range(repeats)]
+            warm = f"{1e3 * median(repeated):.0f}"
+        e, pixels = shot.errors(result), int(problem.mask.sum())
+        rows.append(
+            [
+                f"{width}x{problem.camera.height}",
+                scene,
+                solver,
+                f"{result.iterations} {result.status.name}",
+                f"{1e3 * seconds:.0f}",
+                warm,
+                f"{1e6 * seconds / pixels:.2f}",
+                f"{result.energy:.3e}",
+                percent(e),
+                degrees(e),
+                f"{peak / 2**20:.0f}",
+            ]
+        )
+        print(".", end="", flush=True)
+    heads = ("size", "scene", "solver", "iterations", "ms", "warm ms", "µs/pixel", "energy")
+    heads += ("% mean / median", "° mean / median", "peak MiB")
+    table("Solver, scene, size (ms: solver alone, median of 3, or of 1 where slow)", heads, rows)
+
+
+def sensitivity() -> None:
+    """Error against λ for each ξ, and against the start."""
+    rows = []
+    for noise in (0.0, 3.0):
+        shot = Shot("tube", 160, noise=noise, **({"bits": 8} if noise else {}))
+        for xi in ("1/z", "d", "1/d"):
+            for order in ("first", "second"):
+                cells = []
+                for lam in LAMBDAS:
+                    options = {"xi": xi, "regulariser": order, "lam": lam}
+                    result = el.reconstruct(shot.frame, shot.calibration, **options)  # type: ignore[arg-type]
+                    cells.append(f"{shot.errors(result).mean_percent:.2f}")
+                rows.append([f"{noise:g} grey", xi, order, *cells])
+    heads = ("noise", "ξ", "order", *(f"λ {lam:g}" for lam in LAMBDAS))
+    table("Gauss-Newton, tube at 160x120: mean error of distance, %, against λ", heads, rows)
+
+    rows = []
+    for scene in el.SCENES:
+        shot = Shot(scene)
+        problem = shot.pose()
+        middle = np.full(problem.mask.shape, float(np.median(problem.log_facing)))
+        march = run(solve(problem, "fast_marching")).iterate.log_distance
+        for name, start in (
+            ("none", None),
+            ("march", march),
+            ("d₀", problem.log_facing),
+            ("constant", middle),
+        ):
+            result = run(solve(problem, "gauss_newton", start=start))
+            e, end = shot.errors(result), f"{result.iterations} {result.status.name}"
+            rows.append([scene, name, end, f"{result.energy:.3e}", percent(e), degrees(e)])
+    heads = ("scene", "start", "iterations", "energy", "% mean / median", "° mean / median")
+    table("Gauss-Newton at 320x240 from other starts (none: coarse to fine)", heads, rows)
+
+
+def kernels() -> None:
+    """Compiled loops of a Gauss-Newton step beside their NumPy twins and beside the memory's speed."""
+    rate, rows = _bandwidth(), []
+    for width in (320, 1440):
+        problem = Shot("colon", width).pose()
+        grid = Grid.of(problem)
+        v = grid.march()
+        coefficients, b = grid.linearised(v, 1.0)
+        m, x, out = coefficients.matrix(0.0), b.copy(), b.copy()
+        model = GaussNewtonModel.at(problem, inner(v))
+        inverse = 1 / np.where(m[0] > 0, m[0], np.inf)
+        cycles = multigrid.Multigrid(coefficients)
+        delta = inner(b).copy()
+        twin = {"energy": lambda p=problem, v=v: energy_terms(p, inner(v))}
+        twin["normal equations"] = lambda p=problem, v=v: GaussNewtonModel.at(p, inner(v))
+        twin["matrix times x"] = lambda model=model, delta=delta: model.multiply(delta)
+        timed = {  # what is run, and the bytes that it must read and write for each pixel
+            "energy": (lambda g=grid, v=v: g.terms(v, 1.0), 75),
+            "normal equations": (lambda g=grid, v=v: g.linearised(v, 1.0), 131),
+            "assembly": (lambda c=coefficients: c.matrix(0.0), 107),
+            "matrix times x": (lambda m=m, x=x, out=out: multigrid.multiply(m, x, out), 72),
+            "sweep": (lambda m=m, i=inverse, x=x, b=b: multigrid.sweep_forwards(m, i, x.copy(), b), 88),
+            "V-cycle": (lambda c=cycles: c._cycle(), 0),
+        }
+        for name, (call, size) in timed.items():
+            seconds = _seconds(call)
+            plain = f"{1e3 * _seconds(twin[name], 3):.2f}" if name in twin else ""
+            share = f"{100 * size * problem.mask.size / seconds / rate:.0f} %" if size else ""
+            per_pixel = f"{1e9 * seconds / problem.mask.size:.1f}"
+            rows.append(
+                [f"{width}x{problem.camera.height}", name, f"{1e3 * seconds:.2f}", per_pixel, share, plain]
+            )
+    heads = ("size", "loop", "ms", "ns/pixel", "of the memory's bandwidth", "NumPy twin ms")
+    table(f"Loops of a step; a large copy moves {rate / 1e9:.1f} GB/s", heads, rows)
+
+
+def primal_dual_steps() -> None:
+    """One step of the paper's path, compiled and in NumPy, without its energy."""
+    problem = Shot("tube").pose()
+    rows = []
+    for radius in (0, 8):
+        path = _Path.at(problem, problem.log_facing, radius, 0.7)
+        ours = _seconds(lambda path=path: path.advance(10, 1.0, 1.0), 5) / 10
+        rows.append([f"{radius} px", f"{1e3 * ours:.2f}", ""])
+    # Patches and s are written there for reading, in loops that take seconds.
+    primal_dual_test.patch_means = lambda p, *_: p
+    twin = primal_dual_test.Twin(problem, problem.log_facing, 0, 0.7)
+    twin.gain = lambda *_: 1.0
+    rows[0][-1] = f"{1e3 * _seconds(lambda: twin.step(1.0), 5):.1f}"
+    table(
+        "Primal-dual step, tube at 320x240", ("patch", "compiled ms", "NumPy ms, without s and patches"), rows
+    )
+
+
+def _seconds(call, repeats: int = 9) -> float:  # type: ignore[no-untyped-def]
+    call()
+    seconds = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - started)
+    return median(seconds)
+
+
+TABLES = {one.__name__: one for one in (table_one, colons, sizes, sensitivity, kernels, primal_dual_steps)}
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or TABLES:
+        TABLES[name]()

@@ -1,0 +1,108 @@
+"""Published pictures of real targets: what is found in them, and how well cameras fit.
+
+Not a test: it asserts nothing. The pictures are looked for as the tests do.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from endolab import datasets
+from endolab.calibration.detection.detect import detect
+from endolab.calibration.geometric.fit import calibrate_camera
+from endolab.calibration.geometric.projection import NAMES
+from endolab.calibration.geometric.reprojection import View, views_of
+from endolab.calibration.photometric.fit import calibrate_light
+from endolab.calibration.photometric.samples import sample_sheet
+from endolab.calibration.session import channel_of
+from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid, Target
+from endolab.io.images import read_image
+from endolab.model.cameras import KannalaBrandt
+from endolab.model.photometry import CHANNELS
+from tests.benchmarks.speed import table
+
+PAPER = datasets.load_calibration("paper").camera
+LAPAROSCOPE = (1770.0, 1770.0, 915.0, 459.0)  # published with it
+
+
+def theirs(views: list[View], target: Target, size: tuple[int, int]) -> str:
+    """RMSE of OpenCV's fisheye calibration, px."""
+    objects = [target.points[view.ids].reshape(1, -1, 3) for view in views]
+    pixels = [view.pixels.reshape(1, -1, 2) for view in views]
+    flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
+    try:
+        found = cv2.fisheye.calibrate(  # type: ignore[call-overload]
+            objects, pixels, size, np.eye(3), np.zeros((4, 1)), flags=flags, criteria=(3, 200, 1e-9)
+        )
+    except cv2.error:
+        return "fails"
+    return f"{found[0]:.3f}"
+
+
+def row(name: str, files: list[Path], target: Target, oracle: bool = True, **options: object) -> list[str]:
+    """Detect and calibrate."""
+    views, seen = [], 0
+    for file in files:
+        image = read_image(file)
+        found = detect(image, target)
+        seen += len(found.ids) > 0
+        views += views_of(file.name, found, target)
+    size = image.shape[1], image.shape[0]
+    fit = calibrate_camera(views, target, *size, **options)  # type: ignore[arg-type]
+    everything = np.concatenate(fit.residuals)
+    return [
+        name,
+        f"{seen}/{len(files)}",
+        f"{sum(int(good.sum()) for good in fit.inliers)}/{len(everything)}",
+        f"{fit.rmse:.3f}",
+        f"{np.sqrt(np.mean(np.sum(everything**2, axis=1))):.3f}",
+        theirs(views, target, size) if oracle else "–",
+        f"{fit.camera.fx:.1f} ± {fit.standard_errors['fx']:.1f}",
+    ]
+
+
+def paper(file: Path, target: Target) -> None:
+    """Grey levels of the real sheet, matt: one frame cannot tell more (its BRDF is refused)."""
+    image = read_image(file)
+    views = views_of(file.name, detect(image, target), target)
+    fit = calibrate_camera(views, target, PAPER.width, PAPER.height, start=PAPER)
+    rows = []
+    for channel in ("grey", *CHANNELS):
+        samples = sample_sheet(channel_of(image, channel), target, fit.poses, fit.camera, most=400)
+        found = calibrate_light(samples, brdf="lambertian")
+        shape = np.exp((2.5 * np.log(samples.cos_alpha) + np.log(samples.cos_theta)) / 2.2)
+        shape /= samples.distance ** (2 / 2.2)
+        given = 255 * (samples.level - np.median(samples.level / shape) * shape)
+        k = f"{found.k:.2f} ± {found.standard_errors['k']:.2f}"
+        rows.append([channel, str(len(samples)), k, f"{found.sigma:.2f}", f"{given.std():.2f}"])
+    head = ("channel", "samples", "k, γ 2.2", "σ grey", "σ with k 2.5, gain alone fitted")
+    table("The Vicalib frame's light", head, rows)
+
+
+def main() -> None:
+    """Print the tables."""
+    data = datasets.data_folder()
+    sheet = [data / "vicalib_frame" / "sample_frame.png"]
+    circles = sorted((data / "circles_fetoscope").rglob("*.jpg"))
+    capsule = sorted((data / "checkerboard_capsule").glob("*.jpg"))
+    boards = sorted((data / "plates_laparoscope" / "chessboard").glob("*.png"))
+    big = TARGETS["vicalib_big"]
+    image = read_image(boards[0])
+    lens = KannalaBrandt(image.shape[1], image.shape[0], *LAPAROSCOPE)
+    rows = [
+        row("Vicalib, the paper's intrinsics", sheet, big, oracle=False, start=PAPER, fixed=NAMES),
+        row("Vicalib, refined", sheet, big, start=PAPER),
+        row("fetoscope, circles", circles, CircleGrid(3, 11, 1.0, radius=0.4)),
+        row("capsule, chessboard", capsule, Chessboard(8, 7, 2.0)),
+        row("laparoscope, chessboard", boards, Chessboard(15, 11, 3.0), start=lens),
+    ]
+    head = ("target", "frames", "points that count", "RMSE px", "of all", "cv2.fisheye, of all", "fx px")
+    table("Published pictures", head, rows)
+    paper(sheet[0], big)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,358 @@
+"""Detection of targets: rendered sheets of known pose, and published frames."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from endolab import datasets
+from endolab.calibration.detection.detect import detect
+from endolab.calibration.detection.dots import match_code
+from endolab.calibration.detection.lattice import fitting
+from endolab.calibration.geometric.pose import Pose
+from endolab.calibration.simulation.sheet_image import render_sheet
+from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid, DotGrid, Target
+from endolab.model.brdf import Lambertian
+from endolab.model.photometry import Photometry
+
+CAMERA = datasets.load_calibration("paper", width=640).camera
+LIGHT = Photometry(k=2.5, gamma=2.2, brdf=Lambertian(0.8), gain=None)
+DOTS = TARGETS["vicalib_small"]
+BOARD = Chessboard(12, 7, 7.0)  # its two ends differ, so that its order is unique
+
+
+def posed(target: Target, distance: float = 45.0, tilt: float = 0.0, turn: float = 0.0) -> Pose:
+    """Place a sheet with its middle on the axis; mm and degrees."""
+    left, top, width, height = target.sheet
+    rotation = Rotation.from_euler("YXZ", [tilt, 0.4 * tilt, turn], degrees=True).as_matrix()
+    return Pose(rotation, [0, 0, distance] - rotation @ [left + width / 2, top + height / 2, 0])
+
+
+def picture(target: Target, poses: Sequence[Pose], gamma: float = 2.2, **options: float) -> np.ndarray:
+    """Render a sheet, to uint8."""
+    image = render_sheet(target, poses, CAMERA, replace(LIGHT, gamma=gamma), **options).image
+    return np.round(image * 255).astype(np.uint8)
+
+
+def truth(target: Target, poses: Sequence[Pose]) -> np.ndarray:
+    """Where the middles of the discs' images are, from finely sampled discs, (n, 2); or the corners."""
+    steps = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), axis=-1).reshape(-1, 2)
+    steps = steps[np.hypot(*steps.T) <= 1]
+    panel = target.panel_of(target.points)
+    out = np.empty((len(panel), 2))
+    for number, pose in enumerate(poses):
+        here = panel == number
+        if not target.radii.any():
+            out[here] = CAMERA.project(pose.transform(target.points[here]))
+            continue
+        flat = np.column_stack([steps, np.zeros(len(steps))])
+        disc = target.points[here][:, None] + target.radii[here][:, None, None] * flat
+        points = pose.transform(disc)
+        pixels = CAMERA.project(points)
+        # Pixels count alike, not parts of the disc: weigh by how large the disc is seen there.
+        ray = CAMERA.unproject(pixels)
+        size = np.abs(ray @ pose.normal) / np.linalg.norm(points, axis=-1) ** 2
+        right, below = (CAMERA.unproject(pixels + 1e-3 * axis) - ray for axis in np.eye(2))
+        weight = size / np.linalg.norm(np.cross(right, below), axis=-1)
+        out[here] = np.einsum("nk,nkc->nc", weight, pixels) / weight.sum(axis=1, keepdims=True)
+    return out
+
+
+def seen(pixels: np.ndarray, margin: float = 15.0) -> np.ndarray:
+    """Ids of the features well within the picture."""
+    inside = np.all((pixels > margin) & (pixels < np.array([639, 479]) - margin), axis=1)
+    return np.flatnonzero(inside)
+
+
+def errors(found: np.ndarray, ids: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Distances to the truth, px."""
+    return np.linalg.norm(found - true[ids], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("distance", "tilt", "turn"), [(45, 0, 0), (30, 30, 100), (50, 50, -40), (45, 65, 200)]
+)
+def test_dots_are_found_and_named(distance: float, tilt: float, turn: float) -> None:
+    """Nearly all dots in view, none wrongly named, and their middles to a few hundredths of a pixel."""
+    pose = posed(DOTS, distance, tilt, turn)
+    true = truth(DOTS, [pose])
+    found = detect(picture(DOTS, [pose]), DOTS)
+    off = errors(found.pixels, found.ids, true)
+    assert len(np.intersect1d(found.ids, seen(true))) >= (0.9 if tilt < 60 else 0.75) * len(seen(true))
+    assert off.max() < 1.5
+    assert np.median(off) < 0.06
+    assert np.all(np.diff(found.ids) > 0)
+    assert found.reason == ""
+
+
+def test_middles_are_those_of_the_discs_images() -> None:
+    """Not the images of the discs' centres: near and tilted, the two differ."""
+    pose = posed(DOTS, 22.0, 35.0)
+    true = truth(DOTS, [pose])
+    centres = CAMERA.project(pose.transform(DOTS.points))
+    found = detect(picture(DOTS, [pose], noise=0.5), DOTS)
+    middle = errors(found.pixels, found.ids, true)
+    centre = errors(found.pixels, found.ids, centres)
+    assert np.median(middle) < 0.04
+    assert np.median(centre) > 2 * np.median(middle)
+
+
+@pytest.mark.parametrize("name", ["vicalib_small", "circles", "charuco", "board"])
+def test_a_turned_picture_gives_the_same_ids(name: str) -> None:
+    """Turning the picture by quarters turns what is found."""
+    target = BOARD if name == "board" else TARGETS[name]
+    image = picture(target, [posed(target, 60 if name == "vicalib_small" else 75, 20)], noise=1)
+    height, width = image.shape
+    straight = detect(image, target)
+    assert len(straight.ids) >= (0.7 if name == "charuco" else 0.9) * len(target.points)
+    for quarters in (1, 2, 3):
+        turned = detect(np.ascontiguousarray(np.rot90(image, quarters)), target)
+        common, a, b = np.intersect1d(straight.ids, turned.ids, return_indices=True)
+        assert len(common) >= 0.85 * len(straight.ids)
+        x, y = straight.pixels[a].T
+        back = {1: (y, width - 1 - x), 2: (width - 1 - x, height - 1 - y), 3: (height - 1 - y, x)}
+        off = np.linalg.norm(turned.pixels[b] - np.column_stack(back[quarters]), axis=1)
+        assert off.max() < 0.7
+        assert np.median(off) < 0.05
+
+
+@pytest.mark.parametrize("window", [(0, 0, 400, 300), (200, 120, 640, 400), (150, 100, 460, 330)])
+def test_part_of_a_picture_gives_the_right_ids(window: tuple[int, int, int, int]) -> None:
+    """A part of the sheet is enough; dots that the border cuts are left out."""
+    left, top, right, bottom = window
+    pose = posed(DOTS, 40, 25, 30)
+    true = truth(DOTS, [pose]) - [left, top]
+    found = detect(picture(DOTS, [pose])[top:bottom, left:right], DOTS)
+    assert len(found.ids) >= 20
+    assert errors(found.pixels, found.ids, true).max() < 1
+    assert np.all(found.pixels > 1)
+    assert np.all(found.pixels < [right - left - 2, bottom - top - 2])
+
+
+@pytest.mark.parametrize("name", ["vicalib_small", "charuco"])
+def test_a_mirrored_picture_is_refused(name: str) -> None:
+    """What is seen in a mirror is not named wrongly."""
+    target = TARGETS[name]
+    found = detect(picture(target, [posed(target, 60)])[:, ::-1].copy(), target)
+    assert len(found.ids) == 0
+    assert found.pixels.shape == (0, 2)
+    assert found.reason
+
+
+@pytest.mark.parametrize("name", ["vicalib_big", "charuco", "chessboard", "circles"])
+def test_nothing_is_found_where_nothing_is(name: str, rng: np.random.Generator) -> None:
+    """Black, white, a ramp, noise, and another target; each time a reason is given."""
+    ramp = np.tile(np.linspace(0, 1, 320), (240, 1))
+    other = picture(TARGETS["circles"], [posed(TARGETS["circles"], 60)])
+    if name == "circles":
+        other = picture(TARGETS["charuco"], [posed(TARGETS["charuco"], 60)])
+    empty = [np.zeros((240, 320)), np.ones((240, 320)), ramp, np.zeros((8, 8))]
+    noise = [rng.random((240, 320)), np.clip(0.5 + 0.02 * rng.standard_normal((480, 640)), 0, 1)]
+    for image in [*empty, *noise, other]:
+        found = detect(image, TARGETS[name])
+        assert len(found.ids) == 0
+        assert found.reason
+
+
+@pytest.mark.parametrize("gamma", [1.0, 2.2])
+def test_grey_discs_are_not_dots(gamma: float) -> None:
+    """Neither on a linear camera, where they are darker, nor on a usual one."""
+    target = TARGETS["vicalib_grey"]
+    pose = posed(target, 45, 30, 15)
+    true = truth(target, [pose])
+    found = detect(picture(target, [pose], gamma=gamma), target)
+    assert len(found.ids) >= 0.9 * len(seen(true))
+    assert errors(found.pixels, found.ids, true).max() < 1
+
+
+@pytest.mark.parametrize("fold", [5.0, 40.0])
+def test_both_panels_of_a_folded_sheet(fold: float) -> None:
+    """The lattice is followed over the fold."""
+    target = TARGETS["vicalib_folded"]
+    pose = posed(target, 45, 15, 20)
+    ridge = np.array([8.5 * target.spacing, 0, 0])
+    poses = []
+    for half in (fold / 2, -fold / 2):
+        turn = Rotation.from_euler("y", half, degrees=True).as_matrix()
+        poses.append(Pose(pose.rotation @ turn, pose.transform(ridge - turn @ ridge)))
+    true = truth(target, poses)
+    found = detect(picture(target, poses), target)
+    assert errors(found.pixels, found.ids, true).max() < 1
+    for panel in (0, 1):
+        there = target.panel_of(target.points) == panel
+        assert there[found.ids].sum() >= 0.85 * there[seen(true)].sum()
+
+
+@pytest.mark.parametrize("options", [{"blur": 1.5}, {"motion": 5.0}, {"noise": 8.0}, {"outliers": 0.01}])
+def test_blur_noise_and_glints(options: dict[str, float]) -> None:
+    """Right ids still, most of the dots, and no gross error."""
+    pose = posed(DOTS, 35, 30, 10)
+    true = truth(DOTS, [pose])
+    found = detect(picture(DOTS, [pose], **options), DOTS)
+    off = errors(found.pixels, found.ids, true)
+    assert len(found.ids) >= 0.7 * len(seen(true))
+    assert off.max() < 3
+    assert np.median(off) < 0.15
+
+
+def test_a_highlight_across_the_sheet() -> None:
+    """Dots under it are lost; those on either side are named rightly."""
+    pose = posed(DOTS, 45)
+    true = truth(DOTS, [pose])
+    image = picture(DOTS, [pose]).astype(float)
+    glare = np.exp(-(((np.arange(640) - 330) / 30) ** 4)) * 600
+    found = detect(np.clip(image + glare, 0, 255).astype(np.uint8), DOTS)
+    assert errors(found.pixels, found.ids, true).max() < 1
+    assert (found.pixels[:, 0] < 290).sum() > 30
+    assert (found.pixels[:, 0] > 370).sum() > 30
+
+
+def test_overexposed_and_dark_pictures() -> None:
+    """Twice too much light, and an eighth of it."""
+    pose = posed(DOTS, 45, 20)
+    true = truth(DOTS, [pose])
+    usual = render_sheet(DOTS, [pose], CAMERA, LIGHT).gain
+    for factor in (2.5, 0.12):
+        frame = render_sheet(DOTS, [pose], CAMERA, replace(LIGHT, gain=factor * usual))
+        found = detect(frame.image, DOTS)
+        assert len(found.ids) > 120
+        assert errors(found.pixels, found.ids, true).max() < 1.5
+
+
+@pytest.mark.parametrize("name", ["charuco", "board", "circles"])
+def test_other_targets_in_place(name: str) -> None:
+    """Corners to a tenth of a pixel, circles to a few hundredths."""
+    target = BOARD if name == "board" else TARGETS[name]
+    pose = posed(target, 75, 25, 20)
+    true = truth(target, [pose])
+    found = detect(picture(target, [pose]), target)
+    off = errors(found.pixels, found.ids, true)
+    assert len(found.ids) >= (0.7 if name == "charuco" else 0.9) * len(target.points)
+    assert off.max() < 2
+    assert np.median(off) < (0.05 if name == "circles" else 0.2)
+
+
+def test_a_chessboard_that_looks_the_same_when_turned_is_not_mirrored() -> None:
+    """Either order of its 180° is right; rows run to the right in the picture."""
+    target = TARGETS["chessboard"]
+    image = picture(target, [posed(target, 75, 10)], noise=1)
+    for turn in range(4):
+        found = detect(np.ascontiguousarray(np.rot90(image, turn)), target)
+        grid = np.full((7, 11, 2), np.nan)
+        grid.reshape(-1, 2)[found.ids] = found.pixels
+        along, down = (
+            np.nanmean(np.diff(grid, axis=1), axis=(0, 1)),
+            np.nanmean(np.diff(grid, axis=0), axis=(0, 1)),
+        )
+        assert along[0] * down[1] - along[1] * down[0] > 0
+        if turn % 2 == 0:
+            assert along[0] > 0
+
+
+def test_grids_that_look_the_same_when_turned() -> None:
+    """An asymmetric grid with an even number of rows is ordered along the picture."""
+    target = CircleGrid(4, 8, 7.0, radius=2.5)
+    image = picture(target, [posed(target, 75, 10)], noise=1)
+    for turn in (0, 2):
+        found = detect(np.ascontiguousarray(np.rot90(image, turn)), target)
+        assert len(found.ids) >= 28
+        rows = np.arange(32).reshape(8, 4)
+        at = dict(zip(found.ids, found.pixels, strict=True))
+        across = [at[b][0] - at[a][0] for row in rows for a, b in pairwise(row) if {a, b} <= set(at)]
+        assert min(across) > 0
+
+
+def test_types_and_colours_do_not_matter() -> None:
+    """One picture as uint8, uint16, float and grey RGB."""
+    image = picture(DOTS, [posed(DOTS, 45, 20)])
+    reference = detect(image, DOTS)
+    for same in (image.astype(np.uint16) * 257, image / 255, np.repeat(image[..., None], 3, axis=2)):
+        found = detect(same, DOTS)
+        assert np.array_equal(found.ids, reference.ids)
+        assert np.allclose(found.pixels, reference.pixels, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("image", "said"),
+    [
+        (np.zeros((4, 4, 2)), "shape"),
+        (np.zeros(7), "shape"),
+        (np.zeros((40, 40), int), "uint8"),
+        (np.full((40, 40), 200.0), r"\[0, 1\]"),
+        (np.full((40, 40), np.nan), "finite"),
+    ],
+)
+def test_bad_pictures(image: np.ndarray, said: str) -> None:
+    """Wrong shapes, types and values are named."""
+    with pytest.raises(ValueError, match=said):
+        detect(image, DOTS)
+
+
+def test_every_window_of_the_code_is_told_from_every_other(rng: np.random.Generator) -> None:
+    """Also turned by a quarter and with blurred sizes; mirrored or random ones are refused."""
+    code = DOTS.code
+    assert isinstance(DOTS, DotGrid)
+    for row in range(0, 4):
+        for column in range(0, 13, 3):
+            size = 2.0 * code[row : row + 6, column : column + 7] - 1
+            size += 0.2 * rng.standard_normal(size.shape)
+            spot = match_code(size, code)
+            assert spot is not None
+            assert np.array_equal(spot[0, 0], [row, column])
+            assert np.array_equal(spot[-1, -1], [row + 5, column + 6])
+            turned = match_code(np.rot90(size), code)
+            assert turned is not None
+            assert np.array_equal(turned[-1, 0], [row, column])
+            assert match_code(size[:, ::-1], code) is None
+    for _ in range(20):
+        assert match_code(rng.choice([-1.0, 1.0], (6, 7)), code) is None
+
+
+def test_a_feature_out_of_place_is_noticed(rng: np.random.Generator) -> None:
+    """One that is 1.5 px off a smoothly curved grid, and none of the others."""
+    row, column = np.indices((8, 12)).astype(float)
+    grid = np.stack([100 + 20 * column + 0.3 * column * row, 50 + 18 * row + 0.2 * column**2], axis=-1)
+    grid += 0.02 * rng.standard_normal(grid.shape)
+    grid[3, 5] += [1.5, 0]
+    fits, cell = fitting(grid, np.zeros((8, 12), int))
+    assert np.argwhere(~fits).tolist() == [[3, 5]]
+    along, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
+    area = along[..., 0] * down[..., 1] - along[..., 1] * down[..., 0]
+    assert np.allclose(cell[6:, 8:], area[6:, 8:], rtol=0.05)
+
+
+def test_the_published_frame_of_the_sheet(data: Path) -> None:
+    """All 190 dots, the right ones, where a prototype found them."""
+    folder = data / "vicalib_frame"
+    table = np.loadtxt(folder / "dots_detected.csv", delimiter=",", skiprows=1)
+    found = detect(cv2.imread(str(folder / "sample_frame.png")), TARGETS["vicalib_big"])
+    assert np.array_equal(found.ids, np.arange(190))
+    where = table[np.argsort(table[:, 1] * 19 + table[:, 0]), 2:4]
+    off = np.linalg.norm(found.pixels - where, axis=1)
+    assert off.max() < 0.4
+    assert np.median(off) < 0.12
+
+
+def test_published_circles(data: Path) -> None:
+    """Every frame of the fetoscope."""
+    files = sorted((data / "circles_fetoscope").rglob("*.jpg"))
+    counts = [len(detect(cv2.imread(str(file)), CircleGrid(3, 11, 1.0, radius=0.4)).ids) for file in files]
+    assert len(counts) == 11
+    assert min(counts) >= 30
+
+
+def test_published_chessboards(data: Path) -> None:
+    """Every frame of the capsule, and the laparoscope's with its published corners."""
+    for file in sorted((data / "checkerboard_capsule").glob("*.jpg")):
+        assert len(detect(cv2.imread(str(file)), Chessboard(8, 7, 2.0)).ids) >= 38
+    for file in sorted((data / "plates_laparoscope" / "chessboard").glob("*.png")):
+        found = detect(cv2.imread(str(file)), Chessboard(15, 11, 3.0))
+        published = np.loadtxt(f"{file}.points.txt")
+        assert len(found.ids) >= 135
+        nearest = np.linalg.norm(published[:, None] - found.pixels, axis=-1).min(axis=0)
+        assert np.median(nearest) < 0.5

@@ -1,0 +1,359 @@
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from endolab.calibration.least_squares import (
+    CUT,
+    ROWS,
+    Arrow,
+    Linearised,
+    fit,
+    iterate_fit,
+    product,
+    robust_sigma,
+)
+from endolab.numerics.iteration import Status
+
+GROUPS, EACH = 12, 25
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    common: np.ndarray  # (2,): decay, slope
+    own: np.ndarray  # (groups, 2): height, offset
+
+
+class Decays:
+    """Groups of y = height · exp(-decay · t) + slope · t + offset, each measured twice."""
+
+    def __init__(self, rng, noise=0.01, outliers=0.0, prior=None):
+        self.group = np.repeat(np.arange(GROUPS), EACH)
+        self.t = rng.uniform(0, 3, len(self.group))
+        own = np.column_stack([rng.uniform(1, 2, GROUPS), rng.normal(size=GROUPS)])
+        self.truth = Unknowns(np.array([0.8, 0.3]), own)
+        self.prior = prior  # (index, value, sd) of a common unknown
+        self.y = np.zeros((len(self.t), 2))
+        self.y = -self.residual(self.truth)[0] + rng.normal(0, noise, self.y.shape)
+        self.bad = rng.random(len(self.t)) < outliers
+        self.y[self.bad] += rng.uniform(0.3, 2.0, (self.bad.sum(), 2))
+        self.hidden = np.zeros(len(self.t), bool)
+
+    def usable(self, u):
+        return ~self.hidden
+
+    def residual(self, u):
+        height, offset = u.own[self.group].T
+        curve = height * np.exp(-u.common[0] * self.t) + u.common[1] * self.t + offset
+        return self.y - curve[:, None], self._prior(u)
+
+    def _prior(self, u):
+        if self.prior is None:
+            return np.zeros(0)
+        index, value, sd = self.prior
+        return np.array([(u.common[index] - value) / sd])
+
+    def linearise(self, u):
+        height = u.own[self.group, 0]
+        fall = np.exp(-u.common[0] * self.t)
+        by_common = np.stack([self.t * height * fall, -self.t], axis=-1)
+        by_own = np.stack([-fall, -np.ones_like(fall)], axis=-1)
+        twice = [np.repeat(values[:, None], 2, axis=1) for values in (by_common, by_own)]
+        residual, prior = self.residual(u)
+        by_prior = np.zeros((len(prior), 2))
+        if self.prior is not None:
+            by_prior[0, self.prior[0]] = 1 / self.prior[2]
+        return Linearised(residual, *twice, prior, by_prior)
+
+    def moved(self, u, common, own):
+        moved = Unknowns(u.common + common, u.own + own)
+        return moved if moved.common[0] > 0 else None
+
+    def start(self):
+        return Unknowns(np.array([0.3, 0.0]), np.ones((GROUPS, 2)))
+
+
+def flat(u):
+    return np.concatenate([u.common, u.own.ravel()])
+
+
+def unflat(vector):
+    return Unknowns(vector[:2], vector[2:].reshape(GROUPS, 2))
+
+
+def dense(model, u):
+    """Residuals and the full Jacobian, measurements that are usable only."""
+    lin = model.linearise(u)
+    n, m, p = lin.by_common.shape
+    jacobian = np.zeros((n, m, p + 2 * GROUPS))
+    jacobian[:, :, :p] = lin.by_common
+    for row, group in enumerate(model.group):
+        jacobian[row, :, p + 2 * group : p + 2 * group + 2] = lin.by_own[row]
+    keep = model.usable(u)
+    return lin.residual[keep].ravel(), jacobian[keep].reshape(-1, p + 2 * GROUPS)
+
+
+def test_the_models_derivatives_are_right(rng):
+    model = Decays(rng)
+    u = model.start()
+    _, jacobian = dense(model, u)
+    for j in range(2 + 2 * GROUPS):
+        step = np.zeros(2 + 2 * GROUPS)
+        step[j] = 1e-6
+        ahead, behind = (model.residual(unflat(flat(u) + s))[0].ravel() for s in (step, -step))
+        assert jacobian[:, j] == pytest.approx((ahead - behind) / 2e-6, abs=1e-8)
+
+
+def test_a_fit_agrees_with_scipy(rng):
+    model = Decays(rng)
+    found = fit(model, model.start())
+    assert found.status is Status.CONVERGED
+    used = found.iterate.used
+    oracle = least_squares(
+        lambda x: model.residual(unflat(x))[0][used].ravel(), flat(model.start()), xtol=1e-15, ftol=1e-15
+    )
+    error = np.sqrt(np.diag(found.covariance.common))
+    assert np.abs(found.iterate.unknowns.common - oracle.x[:2]).max() < 1e-3 * error.min()
+    assert flat(found.iterate.unknowns) == pytest.approx(oracle.x, abs=1e-5)
+    assert found.iterate.cost == pytest.approx(oracle.cost / found.iterate.sigma**2, rel=1e-6)
+
+
+def test_covariance_is_the_dense_inverse(rng):
+    model = Decays(rng)
+    found = fit(model, model.start())
+    _, jacobian = dense(model, found.iterate.unknowns)
+    jacobian = jacobian.reshape(-1, 2, jacobian.shape[1])[found.iterate.used].reshape(-1, jacobian.shape[1])
+    whole = np.linalg.inv(jacobian.T @ jacobian) * found.iterate.sigma**2
+    assert found.covariance.common == pytest.approx(whole[:2, :2], rel=1e-6)
+    for g in range(GROUPS):
+        block = slice(2 + 2 * g, 4 + 2 * g)
+        assert found.covariance.own[g] == pytest.approx(whole[block, block], rel=1e-6)
+
+
+@pytest.mark.parametrize("damping", [1e-10, 1e-2, 10.0])
+def test_a_step_solves_the_dense_normal_equations(rng, damping):
+    model = Decays(rng, prior=(1, 0.5, 0.02))
+    u, lin = model.start(), model.linearise(model.start())
+    weight = rng.uniform(0.5, 2, len(model.group))
+    common, own = Arrow(lin, weight, model.group).solve(damping)
+    residual, jacobian = dense(model, u)
+    root = np.sqrt(np.repeat(weight, 2))
+    residual = np.append(residual * root, lin.prior)
+    prior = np.zeros((1, jacobian.shape[1]))
+    prior[:, :2] = lin.prior_by_common
+    jacobian = np.vstack([jacobian * root[:, None], prior])
+    normal = jacobian.T @ jacobian
+    expected = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), jacobian.T @ residual)
+    assert np.append(common, own.ravel()) == pytest.approx(expected, rel=1e-6, abs=1e-9)
+    length = Arrow(lin, weight, model.group).length(common, own)
+    assert length == pytest.approx(np.sqrt(expected @ normal @ expected))
+
+
+def test_standard_errors_are_honest():
+    pulls = []
+    for seed in range(40):
+        model = Decays(np.random.default_rng(seed), outliers=0.05)
+        found = fit(model, model.start())
+        error = np.sqrt(np.diag(found.covariance.common))
+        pulls.append((found.iterate.unknowns.common - model.truth.common) / error)
+    assert 0.85 < np.sqrt(np.mean(np.square(pulls))) < 1.15
+
+
+def test_ten_percent_of_outliers_do_no_harm(rng):
+    model = Decays(rng, outliers=0.1)
+    found = fit(model, model.start())
+    assert found.status is Status.CONVERGED
+    assert not found.iterate.used[model.bad].any()
+    assert found.iterate.used[~model.bad].mean() > 0.99
+    assert found.iterate.sigma == pytest.approx(0.01, rel=0.1)
+    error = np.sqrt(np.diag(found.covariance.common))
+    assert np.all(np.abs(found.iterate.unknowns.common - model.truth.common) < 4 * error)
+
+
+def test_a_prior_counts_as_one_more_measurement(rng):
+    free = Decays(np.random.default_rng(1))
+    held = Decays(np.random.default_rng(1), prior=(1, 0.5, 1e-6))
+    assert abs(fit(free, free.start()).iterate.unknowns.common[1] - 0.3) < 0.02
+    found = fit(held, held.start())
+    assert found.iterate.unknowns.common[1] == pytest.approx(0.5, abs=1e-4)
+    assert np.sqrt(found.covariance.common[1, 1]) == pytest.approx(1e-6, rel=1e-2)
+
+
+def test_an_unknown_that_nothing_tells_is_infinitely_uncertain(rng):
+    class Twins(Decays):
+        """The offset of each group and a common one cannot be told apart."""
+
+        def linearise(self, u):
+            lin = super().linearise(u)
+            common = lin.by_common.copy()
+            common[:, :, 1] = -1.0
+            return Linearised(lin.residual, common, lin.by_own, lin.prior, lin.prior_by_common)
+
+        def residual(self, u):
+            height, offset = u.own[self.group].T
+            curve = height * np.exp(-u.common[0] * self.t) + u.common[1] + offset
+            return self.y - curve[:, None], self._prior(u)
+
+    found = fit(Twins(rng), Decays(rng).start())
+    assert np.isfinite(found.covariance.common[0, 0])
+    assert np.isinf(found.covariance.common[1, 1])
+    assert np.all(np.isinf(found.covariance.own[:, 1, 1]))
+    assert np.all(np.isfinite(found.covariance.own[:, 0, 0]))
+
+
+def test_a_group_of_which_nothing_is_usable_stays_where_it_was(rng):
+    model = Decays(rng)
+    model.hidden = model.group == 3
+    found = fit(model, model.start())
+    assert found.status is Status.CONVERGED
+    assert found.iterate.unknowns.own[3] == pytest.approx(model.start().own[3])
+    assert np.all(np.isinf(np.diag(found.covariance.own[3])))
+    assert np.all(np.isfinite(np.diag(found.covariance.common)))
+    assert np.all(np.isfinite(found.covariance.own[np.arange(GROUPS) != 3]))
+
+
+def test_without_common_unknowns_each_group_is_fitted_alone(rng):
+    class Known(Decays):
+        def linearise(self, u):
+            lin = super().linearise(u)
+            return Linearised(lin.residual, lin.by_common[..., :0], lin.by_own, lin.prior, np.zeros((0, 0)))
+
+        def moved(self, u, common, own):
+            return Unknowns(u.common, u.own + own)
+
+    model = Known(rng)
+    found = fit(model, Unknowns(model.truth.common, model.start().own))
+    assert found.status is Status.CONVERGED
+    assert found.covariance.common.shape == (0, 0)
+    assert found.iterate.unknowns.own == pytest.approx(model.truth.own, abs=0.02)
+
+
+def test_exact_data_end_at_the_smallest_sigma(rng):
+    model = Decays(rng, noise=0)
+    found = fit(model, model.start())
+    assert found.status is Status.CONVERGED
+    assert found.iterate.used.all()
+    assert flat(found.iterate.unknowns) == pytest.approx(flat(model.truth), abs=1e-7)
+
+
+def test_costs_fall_within_a_round_and_the_stages_follow(rng):
+    model = Decays(rng, outliers=0.05)
+    iterates = list(iterate_fit(model, model.start()))
+    assert [it.stage for it in iterates] == sorted((it.stage for it in iterates), reverse=True)
+    assert iterates[0].k == 0
+    assert np.isnan(iterates[0].change)
+    for before, after in pairwise(iterates):
+        same_round = (before.stage, before.round) == (after.stage, after.round)
+        assert after.k == before.k + same_round
+        if same_round:
+            assert after.cost <= before.cost * (1 + 1e-9) + 1e-8
+            assert after.change > 0
+            assert (after.sigma, after.used.sum()) == (before.sigma, before.used.sum())
+    assert iterates[-1].change < 1e-4
+    with pytest.raises(ValueError, match="read-only"):
+        iterates[-1].residual[0] = 1
+
+
+def test_a_fit_that_runs_out_of_iterations_says_so(rng):
+    model = Decays(rng)
+    found = fit(model, model.start(), max_iterations=2)
+    assert found.status is Status.MAX_ITERATIONS
+    assert found.iterate.k == 2
+    assert [row["k"] for row in found.history] == [0, 1, 2]
+
+
+def test_an_observer_can_stop_a_fit_and_all_observers_see_it(rng):
+    model, seen = Decays(rng), []
+    found = fit(model, model.start(), observers=[lambda it: it.k == 1, lambda it: seen.append(it.k)])
+    assert found.status is Status.STOPPED
+    assert seen == [0, 1]
+    assert np.all(np.isfinite(found.covariance.common))
+
+
+def test_an_interrupted_fit_keeps_its_last_iterate(rng):
+    def interrupt(iterate):
+        if iterate.k == 1:
+            raise KeyboardInterrupt
+
+    model = Decays(rng)
+    found = fit(model, model.start(), observers=[interrupt])
+    assert found.status is Status.STOPPED
+    assert found.iterate.k == 1
+
+
+def test_a_fit_that_cannot_move_has_stalled(rng):
+    class Stuck(Decays):
+        def moved(self, u, common, own):
+            return None
+
+    model = Stuck(rng)
+    found = fit(model, model.start())
+    assert found.status is Status.STALLED
+    assert flat(found.iterate.unknowns) == pytest.approx(flat(model.start()))
+
+
+def test_steps_out_of_bounds_are_shortened(rng):
+    class Bounded(Decays):
+        refused = 0
+
+        def moved(self, u, common, own):
+            moved = super().moved(u, common, own)
+            self.refused += moved is None
+            return moved
+
+    model = Bounded(rng)
+    found = fit(model, Unknowns(np.array([6.0, 0.0]), np.ones((GROUPS, 2))))
+    assert model.refused > 0
+    assert found.status is Status.CONVERGED
+    assert found.iterate.unknowns.common == pytest.approx(model.truth.common, abs=0.02)
+
+
+@pytest.mark.parametrize("m", [1, 2])
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.2])
+def test_sigma_is_that_of_the_noise(rng, m, share):
+    residual = rng.normal(0, 0.3, (20000, m))
+    wrong = rng.random(20000) < share
+    residual[wrong] += rng.choice([-1, 1], wrong.sum())[:, None] * 6.0
+    assert robust_sigma(residual, np.ones(20000, bool), 0) == pytest.approx(0.3, rel=0.01)
+
+
+def test_sigma_makes_up_for_the_unknowns(rng):
+    x = rng.normal(size=(4000, 40))
+    sigma = []
+    for _ in range(20):
+        y = rng.normal(size=4000)[:80]
+        rest = y - x[:80] @ np.linalg.lstsq(x[:80], y, rcond=None)[0]
+        sigma.append(robust_sigma(rest[:, None], np.ones(80, bool), 40))
+    assert np.sqrt(np.mean(np.square(sigma))) == pytest.approx(1, abs=0.12)
+
+
+def test_sigma_is_never_below_what_measurements_are_good_for(rng):
+    model = Decays(rng, noise=0.01)
+    fine, coarse = fit(model, model.start()), fit(model, model.start(), smallest=0.04)
+    assert coarse.iterate.sigma == 0.04
+    assert coarse.iterate.used.all()
+    ratio = np.sqrt(coarse.covariance.common / fine.covariance.common)
+    assert ratio == pytest.approx(0.04 / fine.iterate.sigma, rel=0.03)
+
+
+def test_sigma_of_nothing_is_refused():
+    with pytest.raises(ValueError, match="no measurement is left"):
+        robust_sigma(np.zeros((3, 1)), np.zeros(3, bool), 0)
+
+
+def test_a_measurement_on_the_border_does_not_keep_the_rounds_going():
+    # Residuals at just the cut: the choice must settle, whatever it is.
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        model = Decays(rng)
+        model.y[::40] += (CUT + 0.02 * rng.normal(size=model.y[::40].shape)) * 0.01 / np.sqrt(2)
+        assert fit(model, model.start()).status is Status.CONVERGED
+
+
+@pytest.mark.parametrize("rows", [0, 1, ROWS, 3 * ROWS + 17])
+@pytest.mark.parametrize("columns", [0, 1, 5])
+def test_the_product_by_pieces_is_the_product(rng, rows, columns):
+    a, b = rng.normal(size=(rows, columns)), rng.normal(size=(rows, 3))
+    np.testing.assert_allclose(product(a, b), a.T @ b, atol=1e-10)

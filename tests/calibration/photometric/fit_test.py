@@ -1,0 +1,460 @@
+"""The photometric fit: derivatives, recovery, gauges, saturation, materials, lights, known geometry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from endolab import datasets
+from endolab.calibration.photometric.fit import calibrate_light
+from endolab.calibration.photometric.model import GREY, LightModel, LightUnknowns, hats, place_nodes
+from endolab.calibration.photometric.samples import Samples, sample_depth, sample_surface
+from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
+from endolab.calibration.targets import TARGETS
+from endolab.model.brdf import Lambertian, TabulatedBRDF
+from endolab.model.lights import SpotLight
+from endolab.model.photometry import Photometry
+from endolab.model.surface import normals, points
+from endolab.numerics.iteration import Status
+
+CAMERA = datasets.load_calibration("paper", width=480).camera
+TRUTH = Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
+
+
+def video(target="vicalib_big", count=100, light=TRUTH, **how):
+    """Samples and gains of a simulated video."""
+    return simulate_samples(TARGETS[target], CAMERA, light, count, **how)
+
+
+def with_levels(samples, level):
+    return Samples(samples.frame, level, samples.points, samples.normals, samples.material)
+
+
+# Model ---------------------------------------------------------------------------------
+
+
+def everything_free(rng):
+    """A model with every kind of unknown, and a place to look at it."""
+    samples, _ = video("vicalib_grey", 6, per_frame=40, noise=0.0)
+    theta = np.arccos(samples.cos_theta)
+    model = LightModel(
+        samples, samples.frame, place_nodes(theta, 5), 2, (2.0, 0.2), ((0.5, 0.1),), True, (0.05, 0.9)
+    )
+    unknowns = LightUnknowns(
+        2.1,
+        1.9,
+        rng.normal(-1.0, 0.3, len(model.nodes)),
+        np.array([0.0, -0.6]),
+        rng.normal(8, 0.3, 6),
+        np.array([1.0, -2.0, 0.5, 0.1, -0.05]),
+    )
+    return model, unknowns
+
+
+def test_every_derivative_agrees_with_finite_differences(rng):
+    model, unknowns = everything_free(rng)
+    lin = model.linearise(unknowns)
+    assert lin.by_common.shape == (len(model.samples), 1, len(model.names))
+    common, own = np.zeros(len(model.names)), np.zeros((6, 1))
+    step = 1e-6
+
+    def difference(name, index):
+        ends = []
+        for sign in (-1, 1):
+            a, b = common.copy(), own.copy()
+            (a if name == "common" else b)[index] = sign * step
+            ends.append(model.residual(model.moved(unknowns, a, b)))
+        return [(after - before) / (2 * step) for before, after in zip(*ends, strict=True)]
+
+    for i, name in enumerate(model.names):
+        by_residual, by_prior = difference("common", i)
+        np.testing.assert_allclose(lin.by_common[..., i], by_residual, rtol=2e-5, atol=2e-5, err_msg=name)
+        np.testing.assert_allclose(lin.prior_by_common[:, i], by_prior, rtol=1e-6, atol=1e-8, err_msg=name)
+    for frame in range(6):
+        by_residual, _ = difference("own", (frame, 0))
+        expected = np.where(model.group[:, None] == frame, lin.by_own[..., 0], 0.0)
+        np.testing.assert_allclose(expected, by_residual, rtol=2e-5, atol=2e-5)
+
+
+def test_the_model_is_that_of_photometry(rng):
+    model, unknowns = everything_free(rng)
+    light = SpotLight(tuple(unknowns.light[:3]), (*unknowns.light[3:], 1.0), unknowns.k)
+    surface = TabulatedBRDF(tuple(model.nodes), tuple(np.exp(unknowns.log_brdf)))
+    photometry = Photometry(0.0, unknowns.gamma, 1.0, surface, (light,))
+    samples = model.samples
+    factor = np.exp(unknowns.log_gain[samples.frame] + unknowns.log_reflectance[samples.material])
+    level = photometry.intensity(samples.points, samples.normals) * factor ** (1 / unknowns.gamma)
+    np.testing.assert_allclose(model.predict(unknowns), GREY * level, rtol=1e-12)
+
+
+def test_interpolation_is_constant_beyond_the_nodes():
+    nodes, theta = np.array([0.1, 0.4, 0.5]), np.array([0.0, 0.1, 0.25, 0.45, 0.5, 1.2])
+    values = np.array([3.0, 1.0, 2.0])
+    np.testing.assert_allclose(hats(nodes, theta) @ values, np.interp(theta, nodes, values))
+
+
+def test_no_node_lies_where_there_are_no_samples(rng):
+    theta = np.concatenate([rng.uniform(0.0, 0.2, 500), rng.uniform(0.8, 1.0, 500), [1.3]])
+    nodes = place_nodes(theta, 15)
+    assert (nodes[0], nodes[-1]) == (theta.min(), 1.3)
+    assert np.all(np.histogram(theta, nodes)[0] >= 40)
+
+
+# Recovery ------------------------------------------------------------------------------
+
+
+def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
+    samples, gains = video(count=200, seed=3)
+    fit = calibrate_light(samples)
+    assert fit.status is Status.CONVERGED
+    assert abs(fit.k - 2.5) < 0.01
+    assert fit.ratio == fit.k / 2.2
+    assert abs(fit.sigma - np.hypot(3, 12**-0.5)) < 0.05
+    assert abs(fit.mean) < 0.03
+    theta = np.linspace(0.1, 1.2, 50)
+    ratio = fit.photometry.brdf.value(np.cos(theta), 1.0) / PAPER_SHEET.value(np.cos(theta), np.cos(theta))
+    assert np.std(ratio / ratio.mean()) < 0.006
+    scale = fit.gains / gains
+    assert np.std(scale / scale.mean()) < 0.008
+    np.testing.assert_allclose(scale.mean() * ratio.mean(), 1.0, atol=0.01)
+
+
+def test_a_folded_sheet_gives_gamma_too():
+    samples, _ = video("vicalib_folded", 200, fold=np.deg2rad(30), seed=1)
+    fit = calibrate_light(samples, gamma="free")
+    assert abs(fit.photometry.gamma - 2.2) < 0.02
+    assert abs(fit.k - 2.5) < 0.03
+    assert abs(fit.ratio - 2.5 / 2.2) < 0.006
+
+
+@pytest.mark.parametrize("gamma", [1.0, 3.2])
+def test_a_gamma_far_from_the_usual_one_is_found(gamma):
+    samples, _ = video("vicalib_folded", 80, replace(TRUTH, gamma=gamma), fold=np.deg2rad(60), seed=2)
+    fit = calibrate_light(samples, gamma="free")
+    assert abs(fit.photometry.gamma / gamma - 1) < 0.02
+    assert abs(fit.k - 2.5) < 0.06
+
+
+def test_without_noise_nothing_is_left():
+    matt = replace(TRUTH, brdf=Lambertian(0.7))
+    samples, _ = video("vicalib_folded", 30, matt, fold=0.5, noise=0.0, bits=16, outliers=0.0)
+    for options in ({}, {"gamma": "free"}, {"brdf": "lambertian", "gamma": "free"}):
+        fit = calibrate_light(samples, **options)
+        assert abs(fit.k - 2.5) < 1e-3
+        assert abs(fit.photometry.gamma - 2.2) < 1e-3
+        assert fit.sigma < 0.01
+
+
+def test_standard_errors_are_honest():
+    draws = []
+    for seed in range(30):
+        samples, _ = video("vicalib_folded", 30, fold=np.deg2rad(40), seed=seed)
+        fit = calibrate_light(samples, gamma="free", nodes=8)
+        errors = fit.standard_errors
+        draws.append(
+            [
+                (fit.k - 2.5) / errors["k"],
+                (fit.photometry.gamma - 2.2) / errors["gamma"],
+                (fit.ratio - 2.5 / 2.2) / errors["k/gamma"],
+            ]
+        )
+    pulls = np.sqrt(np.mean(np.square(draws), axis=0))
+    assert np.all((pulls > 0.65) & (pulls < 1.4)), pulls  # 30 draws: ± 13 %
+
+
+def test_outliers_change_next_to_nothing():
+    clean, _ = video(count=60, outliers=0.0)
+    wild = np.random.default_rng(5).random(len(clean)) < 0.1
+    level = np.where(wild, np.random.default_rng(6).random(len(clean)), clean.level)
+    fits = [calibrate_light(with_levels(clean, level)), calibrate_light(clean)]
+    assert abs(fits[0].k - fits[1].k) < 2 * fits[1].standard_errors["k"]
+    assert abs(fits[0].sigma / fits[1].sigma - 1) < 0.03
+    assert not fits[0].used[wild & (np.abs(level - clean.level) > 0.1)].any()
+
+
+def test_saturation_is_told_by_the_predicted_level():
+    errors, levels = [], (24 / 255, 225 / 255)
+    for seed in range(4):
+        samples, _ = video("vicalib_folded", fold=0.7, outliers=0.0, noise=6.0, seed=seed)
+        measured = samples[(samples.level > levels[0]) & (samples.level < levels[1])]
+        fits = [
+            calibrate_light(samples, levels=levels),
+            calibrate_light(measured, levels=(1e-3, 2.0)),
+            calibrate_light(samples, levels=(1e-3, 2.0)),
+        ]
+        errors.append([fit.k - 2.5 for fit in fits])
+    by_predicted, by_measured, by_none = np.mean(errors, axis=0)
+    assert abs(by_predicted) < 0.006
+    assert by_measured < -0.009
+    assert by_none < -0.03
+
+
+# Gauges and invariances ----------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def flat():
+    return video(count=60, seed=4)[0]
+
+
+@pytest.fixture(scope="module")
+def flat_fit(flat):
+    return calibrate_light(flat)
+
+
+def test_units_of_length_only_scale_the_gains(flat, flat_fit):
+    metres = Samples(flat.frame, flat.level, flat.points / 1000, flat.normals, flat.material)
+    fit = calibrate_light(metres)
+    np.testing.assert_allclose(fit.gains, flat_fit.gains / 1e6, rtol=1e-6)
+    np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
+
+
+def test_the_paper_albedo_sets_the_scale_of_brdf_and_gains(flat, flat_fit):
+    fit = calibrate_light(flat, paper_albedo=0.5)
+    np.testing.assert_allclose(fit.gains, 2 * flat_fit.gains, rtol=1e-6)
+    np.testing.assert_allclose(
+        fit.photometry.brdf.values, np.array(flat_fit.photometry.brdf.values) / 2, rtol=1e-6
+    )
+    pinned = [j for j in range(15) if fit.standard_errors.get(f"brdf {j}") == 0]
+    assert len(pinned) == 1
+    np.testing.assert_allclose(fit.photometry.brdf.values[pinned[0]], 0.5 / np.pi)
+    np.testing.assert_allclose(fit.predict(flat), flat_fit.predict(flat), rtol=1e-6)
+
+
+def test_numbers_and_order_of_frames_play_no_part(flat, flat_fit):
+    other = Samples(
+        (1000 - 7 * flat.frame)[::-1],
+        *(getattr(flat, name)[::-1] for name in ("level", "points", "normals", "material")),
+    )
+    fit = calibrate_light(other)
+    np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
+    np.testing.assert_allclose(fit.gains[::-1], flat_fit.gains, rtol=1e-6)
+    np.testing.assert_array_equal(fit.frames[::-1], 1000 - 7 * flat_fit.frames)
+
+
+def test_prediction_and_residuals_belong_together(flat, flat_fit):
+    np.testing.assert_allclose(
+        GREY * (flat.level - flat_fit.predict(flat)), flat_fit.residuals, rtol=0, atol=1e-9
+    )
+    unseen = Samples(flat.frame + 10_000, flat.level, flat.points, flat.normals, flat.material)
+    assert np.all(np.isnan(flat_fit.predict(unseen)))
+
+
+def test_the_evidence_is_in_order(flat, flat_fit):
+    p = len(flat_fit.names)
+    assert flat_fit.covariance.shape == (p, p)
+    np.testing.assert_allclose(np.diag(flat_fit.correlation), 1.0)
+    assert flat_fit.names == ["k", *(f"brdf {j}" for j in range(p) if flat_fit.standard_errors[f"brdf {j}"])]
+    np.testing.assert_allclose(flat_fit.standard_errors["k"] ** 2, flat_fit.covariance[0, 0])
+    np.testing.assert_allclose(flat_fit.standard_errors["k/gamma"], flat_fit.standard_errors["k"] / 2.2)
+    used = flat[flat_fit.used]
+    np.testing.assert_allclose(flat_fit.distance_range, [used.distance.min(), used.distance.max()])
+    np.testing.assert_allclose(np.cos(flat_fit.alpha_range), [used.cos_alpha.max(), used.cos_alpha.min()])
+    np.testing.assert_allclose(np.cos(flat_fit.theta_range), [used.cos_theta.max(), used.cos_theta.min()])
+
+
+def test_the_calibration_serves_another_material(flat_fit):
+    """Gains are relative to paper_albedo, so tissue needs only its own BRDF in 1/sr."""
+    tissue = replace(flat_fit.photometry, gain=float(flat_fit.gains[0]), brdf=Lambertian(0.3))
+    place, normal = np.array([0.0, 0.0, 50.0]), np.array([0.0, 0.0, -1.0])
+    expected = (flat_fit.gains[0] * 0.3 / np.pi / 2500) ** (1 / 2.2)
+    np.testing.assert_allclose(tissue.intensity(place, normal), expected)
+
+
+# Options -------------------------------------------------------------------------------
+
+
+def test_gain_jumps_are_followed_and_named():
+    samples, _ = video(count=300, per_frame=40, seed=4)
+    samples = samples[samples.frame < 60]
+    dimmed = with_levels(samples, samples.level * np.where(samples.frame >= 30, 0.5, 1.0) ** (1 / 2.2))
+    fit, before = calibrate_light(dimmed), calibrate_light(samples)
+    np.testing.assert_allclose(fit.gains[30:] / before.gains[30:], 0.5, rtol=0.1)
+    assert [sentence for sentence in fit.verdict if "jumps" in sentence] == [
+        f"The gain jumps at frame 30 (×{fit.gains[30] / fit.gains[29]:.2g})."
+    ]
+    assert not any("jumps" in sentence for sentence in before.verdict)
+
+
+def test_a_locked_gain_is_one_number_and_gives_gamma():
+    samples, _ = video(count=80, locked=True)
+    fit = calibrate_light(samples, gamma="free", gain="locked")
+    assert abs(fit.photometry.gamma - 2.2) < 0.01
+    assert abs(fit.k - 2.5) < 0.02
+    np.testing.assert_array_equal(fit.gains, np.full(len(fit.frames), fit.photometry.gain))
+    np.testing.assert_allclose(GREY * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9)
+    assert "One gain was fitted for all frames." in fit.verdict
+
+
+def test_grey_patches_of_known_ratio_give_gamma():
+    samples, _ = video("vicalib_grey", 150)
+    fit = calibrate_light(samples, gamma="free", reflectance=(0.5,))
+    assert abs(fit.photometry.gamma - 2.2) < 0.015
+    np.testing.assert_allclose(GREY * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9)
+
+
+def test_a_given_gamma_measures_the_patches():
+    samples, _ = video("vicalib_grey", 60)
+    for known in (None, (0.51, 0.01)):
+        fit = calibrate_light(samples, reflectance=(known,))
+        assert abs(fit.reflectance[1] - 0.5) < 0.003
+        assert abs(fit.reflectance[1] - 0.5) < 4 * fit.standard_errors["reflectance 1"]
+
+
+def test_a_light_beside_the_camera_is_found():
+    light = SpotLight((4.0, -2.0, -1.0), (0.08, 0.03, 1.0), 2.5)
+    theta = np.linspace(0, np.pi / 2, 500)  # of the incidence alone, which the half angle here is not
+    sheet = TabulatedBRDF(theta, PAPER_SHEET.value(np.cos(theta), np.cos(theta)))
+    samples, _ = video(count=150, light=Photometry(0.0, 2.2, 1.0, sheet, (light,)))
+    centred, free = calibrate_light(samples), calibrate_light(samples, light="free")
+    assert free.sigma < 3.1 < centred.sigma
+    (found,) = free.photometry.lights
+    assert free.photometry.k == 0
+    assert free.k == found.exponent
+    assert abs(free.k - 2.5) < 0.05
+    np.testing.assert_allclose(found.position, light.position, atol=0.3)
+    np.testing.assert_allclose(found.direction, light.direction, atol=0.01)
+    errors = np.array([free.standard_errors[f"light {axis}"] for axis in "xyz"])
+    assert np.all(np.abs(np.array(found.position) - light.position) < 4 * errors)
+    np.testing.assert_allclose(GREY * (samples.level - free.predict(samples)), free.residuals, atol=1e-9)
+
+
+def test_three_lights_look_much_like_one():
+    lights = tuple(
+        SpotLight((3.5 * np.cos(a) + 1.0, 3.5 * np.sin(a), 0.0), exponent=1.0)
+        for a in np.deg2rad([90, 210, 330])
+    )
+    samples, _ = video(count=100, light=Photometry(1.5, 2.2, 1.0, PAPER_SHEET, lights))
+    centred, free = calibrate_light(samples), calibrate_light(samples, light="free")
+    assert free.sigma < centred.sigma < 4.5
+    assert abs(centred.k - 2.5) < 0.1
+
+
+def test_a_matt_fit_of_a_sheet_with_sheen_is_biased():
+    samples, _ = video(count=100, tilt=np.deg2rad(20))
+    assert abs(calibrate_light(samples).k - 2.5) < 0.03
+    matt = calibrate_light(samples, brdf="lambertian")
+    assert matt.k > 2.6
+    assert matt.sigma > 3.3
+    assert matt.photometry.brdf == Lambertian(1.0)
+
+
+def test_held_out_frames_are_predicted(flat_fit):
+    other, _ = video(count=100, seed=77)
+    score = flat_fit.held_out(other)
+    assert score.error.shape == score.standard_error.shape == score.count.shape == (9,)
+    assert score.count.sum() == score.used.sum()
+    assert abs(score.sigma - 3.01) < 0.1
+    assert np.all(np.abs(score.error[1:6]) < 0.01)
+    # A wrong fall-off shows: k is 0.2 too large, so μ′ is cos^-0.2 α too small.
+    wrong = replace(flat_fit, photometry=replace(flat_fit.photometry, k=flat_fit.k + 0.2))
+    tilted = wrong.held_out(other, np.deg2rad([0, 15, 50, 60]))
+    step = np.log1p(tilted.error[2]) - np.log1p(tilted.error[0])
+    assert 0.04 < step < -0.2 * np.log(np.cos(np.deg2rad(60)))
+    with pytest.raises(ValueError, match="at least one sample"):
+        flat_fit.held_out(other[:0])
+
+
+def test_observers_see_the_unknowns_and_may_stop(flat):
+    seen = []
+    fit = calibrate_light(flat, observers=[lambda step: seen.append(step) or step.k == 1])
+    assert fit.status is Status.STOPPED
+    assert [step.k for step in seen] == [0, 1]
+    unknowns = seen[-1].unknowns
+    assert (unknowns.k, unknowns.gamma) == (fit.k, 2.2)
+    np.testing.assert_array_equal(np.exp(unknowns.log_brdf), fit.photometry.brdf.values)
+    np.testing.assert_array_equal(np.exp(unknowns.log_gain), fit.gains)
+    assert calibrate_light(flat, max_iterations=1).status is Status.MAX_ITERATIONS
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"gamma": 0.2}, "gamma must lie between 0.5 and 5"),
+        ({"gamma": (2.2, 0.0)}, "gamma must lie"),
+        ({"gamma": "guess"}, "gamma must be a number"),
+        ({"brdf": "shiny"}, "brdf must be"),
+        ({"gain": "auto"}, "gain must be"),
+        ({"light": "ring"}, "light must be"),
+        ({"nodes": 1}, "nodes must be at least 2"),
+        ({"levels": (0.9, 0.1)}, "levels must ascend"),
+        ({"paper_albedo": 1.2}, "paper_albedo must lie"),
+        ({"reflectance": (0.5,)}, "reflectance must have an entry for each of materials 1 to 0"),
+    ],
+)
+def test_bad_options_are_refused(flat, options, message):
+    with pytest.raises(ValueError, match=message):
+        calibrate_light(flat, **options)
+
+
+def test_bad_samples_are_refused(flat):
+    with pytest.raises(ValueError, match="at least 10, got 5"):
+        calibrate_light(flat[:5])
+    with pytest.raises(ValueError, match="got 1 that are not"):
+        calibrate_light(with_levels(flat, np.where(np.arange(len(flat)) == 3, np.nan, flat.level)))
+    with pytest.raises(ValueError, match="neither dark nor saturated"):
+        calibrate_light(with_levels(flat, np.ones(len(flat))))
+    greys = replace(flat, material=flat.frame % 2)
+    with pytest.raises(ValueError, match="reflectance must have an entry"):
+        calibrate_light(greys)
+    with pytest.raises(ValueError, match="reflectance must be None"):
+        calibrate_light(greys, reflectance=(-1.0,))
+
+
+def test_a_frame_without_usable_samples_has_a_gain_of_no_weight(flat, flat_fit):
+    level = np.where(flat.frame == 7, 1.0, flat.level)
+    fit = calibrate_light(with_levels(flat, level))
+    np.testing.assert_array_equal(np.isinf(fit.gain_errors), fit.frames == 7)
+    assert abs(fit.k - flat_fit.k) < 3 * flat_fit.standard_errors["k"]
+
+
+# Known geometry ------------------------------------------------------------------------
+
+
+def test_a_known_surface_gives_everything_by_the_same_call(rng):
+    """A wavy wall, seen twice; three colours."""
+    field = datasets.load_calibration("simple", width=160).camera.field
+    parts, albedo = [], np.array([0.7, 0.4, 0.3])
+    true = replace(TRUTH, brdf=Lambertian(1.0))
+    for frame, gain in enumerate((2500.0, 4000.0)):
+        row, column = np.indices(field.cos_alpha.shape)
+        v = np.log(45 + 12 * np.sin(column / 23 + frame) + 10 * np.cos(row / 17))
+        x, n = points(v, field), normals(v, field)
+        level = replace(true, gain=gain).intensity(x, n)[..., None] * albedo ** (1 / 2.2)
+        image = np.clip(level + rng.normal(0, 3 / 255, level.shape), 0, 1)
+        parts.append(sample_surface(image, x, n, np.ones(v.shape, bool), frame=frame, most=3000))
+    fit = calibrate_light(
+        Samples.concatenate(parts),
+        gamma="free",
+        brdf="lambertian",
+        reflectance=(None, None),
+        paper_albedo=0.7,
+    )
+    assert abs(fit.photometry.gamma - 2.2) < 0.02
+    assert abs(fit.k - 2.5) < 0.04
+    np.testing.assert_allclose(fit.reflectance, albedo / 0.7, rtol=0.01)
+    np.testing.assert_allclose(fit.gains, [2500, 4000], rtol=0.03)
+
+
+def test_the_phantom_frames_agree_on_gain_and_response(data):
+    fits = []
+    for index in (1, 6):
+        shot = datasets.read_c3vd(data / "c3vd_trans_t1_a", index)
+        field = shot.calibration.camera.field
+        mask = shot.frame.mask & (field.cos_alpha > np.cos(np.deg2rad(55)))
+        samples = sample_depth(shot.frame.image, shot.distance, field, mask)
+        fits.append(
+            calibrate_light(
+                samples,
+                gamma="free",
+                brdf="lambertian",
+                reflectance=(None, None),
+                levels=(45 / 255, 210 / 255),
+            )
+        )
+    for fit in fits:
+        assert 2.6 < fit.photometry.gamma < 3.6
+        assert 0.2 < fit.k < 1.2
+        assert fit.sigma < 16
+        assert fit.reflectance[2] < fit.reflectance[1] < 0.4  # a red wall
+    assert abs(fits[0].gains[0] / fits[1].gains[0] - 1) < 0.1

@@ -1,0 +1,253 @@
+"""What the samples can tell: accepted where they can, refused by name where they can't, said in words."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from endolab import datasets
+from endolab.calibration.photometric import fit as photometric
+from endolab.calibration.photometric.fit import calibrate_light
+from endolab.calibration.photometric.identifiability import (
+    NotIdentifiableError,
+    gain_jumps,
+    regress,
+    strengths,
+)
+from endolab.calibration.photometric.samples import Samples
+from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
+from endolab.calibration.targets import TARGETS
+from endolab.model.brdf import Lambertian
+from endolab.model.photometry import Photometry
+
+CAMERA = datasets.load_calibration("paper", width=480).camera
+TRUTH = Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
+
+
+def video(target="vicalib_big", count=100, light=TRUTH, **how):
+    return simulate_samples(TARGETS[target], CAMERA, light, count, **how)[0]
+
+
+def disturbed(samples, seed, distance=0.003, degrees=0.1):
+    """Samples whose places are wrong, each in its own way."""
+    rng = np.random.default_rng(seed)
+    points = samples.points * np.exp(distance * rng.normal(size=(len(samples), 1)))
+    normals = samples.normals + np.deg2rad(degrees) / np.sqrt(2) * rng.normal(size=samples.normals.shape)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return replace(samples, points=points, normals=normals)
+
+
+def refused(samples, **options):
+    """Name of the unknown that is refused, and the reason."""
+    with pytest.raises(NotIdentifiableError) as caught:
+        calibrate_light(samples, **options)
+    assert isinstance(caught.value, ValueError)
+    return caught.value.unknown, str(caught.value)
+
+
+# γ -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_flat_sheet_never_gives_gamma(seed):
+    samples = video(count=200, seed=seed)
+    for known in (samples, disturbed(samples, seed)):
+        unknown, reason = refused(known, gamma="free")
+        assert unknown == "gamma"
+        assert "only k/gamma can" in reason
+        assert "fold the sheet" in reason
+
+
+@pytest.mark.parametrize(("fold", "seed"), [(3, 0), (5, 1), (5, 2), (10, 3)])
+def test_a_folded_sheet_gives_gamma(fold, seed):
+    samples = video("vicalib_folded", 300, fold=np.deg2rad(fold), seed=seed)
+    fit = calibrate_light(samples, gamma="free")
+    assert abs(fit.photometry.gamma - 2.2) < 3.5 * fit.standard_errors["gamma"]
+    assert fit.verdict[0].startswith("γ = ")
+    assert "measured, by the distance within each frame" in fit.verdict[0]
+    # Disturbed places raise γ, about as the verdict says for 0.1 %.
+    wrong = calibrate_light(disturbed(samples, seed, 0.001, 0.0), gamma="free")
+    said = float(fit.verdict[1].split("raise γ by ")[1].split(",")[0])
+    rise = wrong.photometry.gamma - fit.photometry.gamma
+    assert abs(rise - said) < said + 0.5 * fit.standard_errors["gamma"]
+
+
+def test_patches_of_unknown_ratio_do_not_give_gamma():
+    samples = video("vicalib_grey", 100)
+    assert refused(samples, gamma="free", reflectance=(None,))[0] == "gamma"
+    assert refused(samples, gamma="free", reflectance=((0.5, 0.3),))[0] == "gamma"
+    assert (
+        "the reflectances that are known"
+        in calibrate_light(samples, gamma="free", reflectance=(0.5,)).verdict[0]
+    )
+
+
+def test_patches_of_roughly_known_ratio_leave_gamma_as_uncertain():
+    """The ratio's error of 2 % is one of log 1.02 / log 0.5 in γ, and nothing else may hide it."""
+    samples = video("vicalib_grey", 100)
+    for ratio in (0.5, 0.51):
+        fit = calibrate_light(samples, gamma="free", reflectance=((ratio, 0.01),))
+        expected = fit.photometry.gamma * 0.01 / ratio / abs(np.log(ratio))
+        assert abs(fit.standard_errors["gamma"] / expected - 1) < 0.05
+        assert abs(fit.photometry.gamma - 2.2) < 1.5 * fit.standard_errors["gamma"]
+        assert abs(fit.ratio - 2.5 / 2.2) < 4 * fit.standard_errors["k/gamma"] < 0.02
+        assert abs(fit.reflectance[1] - ratio) < 1e-4
+
+
+def test_a_prior_on_gamma_stays_as_wide_where_the_samples_know_nothing():
+    samples = video()
+    given = calibrate_light(samples, gamma=2.1)
+    fit = calibrate_light(samples, gamma=(2.1, 0.1))
+    assert abs(fit.photometry.gamma - 2.1) < 1e-3
+    np.testing.assert_allclose(fit.standard_errors["gamma"], 0.1, rtol=1e-3)
+    np.testing.assert_allclose(fit.standard_errors["k"], 0.1 * given.ratio, rtol=0.02)
+    np.testing.assert_allclose(fit.standard_errors["k/gamma"], given.standard_errors["k/gamma"], rtol=0.1)
+    assert fit.correlation[fit.names.index("gamma"), 0] > 0.99
+    assert "the samples add nothing to that" in fit.verdict[0]
+
+
+def test_a_prior_on_gamma_joins_what_the_samples_know():
+    samples = video("vicalib_folded", 100, fold=np.deg2rad(20))
+    free = calibrate_light(samples, gamma="free")
+    own = free.standard_errors["gamma"]
+    fit = calibrate_light(samples, gamma=(2.2, own))
+    np.testing.assert_allclose(fit.standard_errors["gamma"], own / np.sqrt(2), rtol=0.03)
+    np.testing.assert_allclose(fit.photometry.gamma, (free.photometry.gamma + 2.2) / 2, atol=0.1 * own)
+
+
+def test_a_locked_gain_needs_distances_that_differ():
+    samples = video(locked=True, distance=(50.0, 50.0), tilt=0.0, reach=0.0)
+    assert refused(samples, gain="locked", gamma="free", brdf="tabulated")[0] == "k"
+    near_and_far = video(locked=True)
+    fit = calibrate_light(near_and_far, gain="locked", gamma="free")
+    assert "by the distance under a locked gain" in fit.verdict[0]
+
+
+def test_a_matt_sheet_is_an_assumption_and_said_so():
+    samples = video(light=replace(TRUTH, brdf=Lambertian(0.8)))
+    fit = calibrate_light(samples, gamma="free", brdf="lambertian")
+    assert abs(fit.photometry.gamma - 2.2) < 0.02
+    assert any("taken to be matt" in sentence and "γ" in sentence for sentence in fit.verdict)
+
+
+# k -------------------------------------------------------------------------------------
+
+
+def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt():
+    samples = video(tilt=0.0)
+    unknown, reason = refused(samples)
+    assert unknown == "k"
+    assert "tilt the sheet" in reason
+    assert refused(video(tilt=np.deg2rad(1)))[0] == "k"
+    fit = calibrate_light(samples, brdf="lambertian")
+    assert any("taken to be matt" in sentence for sentence in fit.verdict)
+    assert calibrate_light(video(count=300, tilt=np.deg2rad(5))).standard_errors["k"] < 0.04
+
+
+def test_one_distance_is_enough_for_k():
+    fit = calibrate_light(video(distance=(50.0, 50.0)))
+    assert abs(fit.photometry.k - 2.5) < 4 * fit.standard_errors["k"] < 0.03
+
+
+def test_a_single_frame_is_refused_by_name():
+    samples = video()
+    unknown, reason = refused(samples[samples.frame == 10])
+    assert unknown == "k"
+    assert "single frame" in reason
+
+
+def test_too_few_samples_are_refused():
+    samples = video(count=3, per_frame=12, seed=1)
+    unknown, reason = refused(samples, nodes=4)
+    assert unknown == "k"
+    assert "36 samples of 3 frames" in reason
+
+
+def test_one_incidence_angle_does_not_give_a_brdf(rng):
+    rays = rng.normal(size=(300, 3)) * [0.4, 0.4, 0.0] + [0, 0, 1]
+    points = 40 * rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    level = TRUTH.intensity(points, -points / 40) * 3000 ** (1 / 2.2)
+    samples = Samples(np.repeat(np.arange(3), 100), level, points, -points / 40, np.zeros(300, int))
+    assert refused(samples)[0] == "brdf"
+
+
+def test_unknowns_at_their_bounds_are_refused():
+    samples = video("vicalib_folded", fold=0.6, outliers=0.0, light=replace(TRUTH, k=0.5))
+    brighter = replace(samples, level=samples.level * samples.cos_alpha ** (-0.8 / 2.2))
+    unknown, reason = refused(brighter)
+    assert unknown == "k"
+    assert "below 0" in reason
+    steep = video("vicalib_folded", fold=0.6, light=replace(TRUTH, gamma=6.0))
+    unknown, reason = refused(steep, gamma="free")
+    assert unknown == "gamma"
+    assert "out of 0.5 to 5" in reason
+
+
+def test_a_light_that_nothing_tells_is_refused():
+    """Frontal at one distance: a shift of the light and a tilt of it do the same."""
+    samples = video(count=25, per_frame=20, noise=5.0, tilt=np.deg2rad(4), reach=0.2, distance=(95.0, 100.0))
+    unknown, reason = refused(samples, light="free", brdf="lambertian")
+    assert unknown == "light"
+    assert "centred" in reason
+
+
+# Measures ------------------------------------------------------------------------------
+
+
+def test_the_expected_errors_are_those_of_the_fit(monkeypatch):
+    """Two independent routes: a regression before the fit, the covariance after it."""
+    seen = {}
+
+    def spy(model, unknowns, sigma):
+        seen.update(strengths(model, unknowns, sigma))
+        return seen
+
+    monkeypatch.setattr(photometric, "strengths", spy)
+    samples = video("vicalib_folded", 300, fold=np.deg2rad(40))
+    given = calibrate_light(samples)
+    assert set(seen) == {"k"}
+    np.testing.assert_allclose(seen["k"].sd, given.standard_errors["k"], rtol=0.1)
+    free = calibrate_light(samples, gamma="free")
+    expected = seen["gamma"].sd * free.photometry.gamma
+    np.testing.assert_allclose(expected, free.standard_errors["gamma"], rtol=0.2)
+
+
+def test_regression_on_columns_and_group_constants(rng):
+    group = np.sort(rng.integers(0, 7, 90))
+    columns, target, weight = rng.normal(size=(90, 4)), rng.normal(size=90), rng.uniform(0, 2, 90)
+    ridge = np.array([0.0, 3.0, 0.0, 0.5])
+    solved, residual = regress(columns, target, weight, group, ridge)
+    everything = np.column_stack([columns, np.eye(7)[group]])
+    root = np.sqrt(weight)
+    stacked = np.vstack([everything * root[:, None], np.sqrt(np.diag([*ridge, *np.zeros(7)]))])
+    brute = np.linalg.lstsq(stacked, np.concatenate([target * root, np.zeros(11)]))[0]
+    np.testing.assert_allclose(solved, brute[:4], atol=1e-10)
+    np.testing.assert_allclose(residual, target - everything @ brute, atol=1e-10)
+
+
+def test_jumps_stand_out_from_fast_but_smooth_motion():
+    frames = np.arange(0, 200, 2)
+    gains = np.exp(1.2 * np.sin(frames / 9))
+    assert gain_jumps(frames, gains) == []
+    gains = gains * np.where(frames >= 120, 1.9, 1.0) * np.where(frames == 40, 3.0, 1.0)
+    found = gain_jumps(frames, gains)
+    assert {frame for frame, _ in found} == {40, 42, 120}
+    assert found[-1][0] == 120
+    assert abs(found[-1][1] / 1.9 - 1) < 0.3
+    assert gain_jumps(frames[:4], gains[:4]) == []
+
+
+def test_the_verdict_names_ranges_and_what_was_given():
+    fit = calibrate_light(video())
+    assert "k/γ = " in fit.verdict[0]
+    assert "γ = 2.2 was given, not measured" in fit.verdict[0]
+    degrees = f"{np.rad2deg(fit.alpha_range[1]):.0f}°"
+    assert any(degrees in sentence and "guess beyond" in sentence for sentence in fit.verdict)
+    assert not any("out of the sensor's range" in sentence for sentence in fit.verdict)
+
+
+def test_noise_that_the_sensor_clips_is_named():
+    fit = calibrate_light(video(noise=8.0))
+    assert any("out of the sensor's range" in sentence for sentence in fit.verdict)
+    narrow = calibrate_light(video(noise=8.0), levels=(32 / 255, 223 / 255))
+    assert not any("out of the sensor's range" in sentence for sentence in narrow.verdict)

@@ -1,0 +1,221 @@
+"""Samples: levels, places and normals as the model and the scene say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from endolab.calibration.photometric.samples import (
+    Samples,
+    sample_depth,
+    sample_places,
+    sample_sheet,
+    sample_surface,
+)
+from endolab.calibration.simulation.sheet_image import render_sheet
+from endolab.calibration.simulation.trajectory import trajectory
+from endolab.calibration.simulation.video import PAPER_SHEET
+from endolab.calibration.targets import TARGETS
+from endolab.model.brdf import Lambertian
+from endolab.model.cameras import KannalaBrandt
+from endolab.model.photometry import Photometry
+from endolab.synthetic.rendering import render
+from endolab.synthetic.scenes import SCENES
+
+CAMERA = KannalaBrandt(
+    1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -1.2396e-3, 9.1258e-4, -4.0716e-5)
+).resize(720, 540)
+PAPER = Photometry(k=2.5, gamma=2.2, brdf=PAPER_SHEET)
+
+
+def some(count, seed=0):
+    """Arbitrary samples of a few frames."""
+    rng = np.random.default_rng(seed)
+    normals = rng.normal(size=(count, 3))
+    return Samples(
+        np.sort(rng.integers(0, 5, count)),
+        rng.random(count),
+        rng.normal(size=(count, 3)) + np.array([0, 0, 9]),
+        normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        rng.integers(0, 2, count),
+    )
+
+
+# Sheets ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "fold"),
+    [
+        ("vicalib_small", 0.0),
+        ("vicalib_folded", 0.5),
+        ("vicalib_grey", 0.0),
+        ("charuco", 0.0),
+        ("circles", 0.0),
+    ],
+)
+def test_a_clean_frame_gives_the_models_levels(name, fold):
+    target, fair_ones = TARGETS[name], 0
+    for number, poses in enumerate(trajectory(target, CAMERA, 6, fold=fold, distance=(25.0, 60.0), tilt=0.8)):
+        frame = render_sheet(target, poses, CAMERA, PAPER, noise=0.0, bits=16)
+        samples = sample_sheet(frame.image, target, poses, CAMERA, frame=number, most=500)
+        known = replace(PAPER, gain=frame.gain)
+        linear = known.intensity(samples.points, samples.normals) ** 2.2
+        model = (linear * np.where(samples.material == 1, 0.5, 1.0)) ** (1 / 2.2)
+        fair = (model < 0.92) & (samples.cos_theta > 0.15)
+        fair_ones += fair.sum()
+        np.testing.assert_allclose(255 * samples.level[fair], 255 * model[fair], atol=0.3)
+        assert np.all(samples.frame == number)
+
+        panels = [np.all(np.abs(samples.normals - pose.normal) < 1e-12, axis=1) for pose in poses]
+        assert np.all(np.sum(panels, axis=0) == 1)
+        for pose, here in zip(poses, panels, strict=True):
+            np.testing.assert_allclose((samples.points[here] - pose.translation) @ pose.normal, 0, atol=1e-9)
+        pixels = CAMERA.project(samples.points)
+        np.testing.assert_allclose(pixels, np.round(pixels), atol=1e-6)
+        assert samples.cos_theta.min() > 0
+    assert fair_ones > 100
+
+
+@pytest.mark.parametrize("window", [None, 1, 3, 5])
+def test_all_samples_have_the_noise_of_one_window(window):
+    target = TARGETS["vicalib_big"]
+    poses = trajectory(target, CAMERA, 1, distance=(30.0, 30.0), tilt=0.0, reach=0.0)[0]
+    clean, noisy = (render_sheet(target, poses, CAMERA, PAPER, noise=n, bits=16) for n in (0.0, 3.0))
+    a, b = (
+        sample_sheet(frame.image, target, poses, CAMERA, most=500, window=window) for frame in (clean, noisy)
+    )
+    inner = a.level < 0.9
+    assert np.count_nonzero(inner) > 100
+    assert np.std(255 * (b.level - a.level)[inner]) == pytest.approx(3 / (window or 1), rel=0.15)
+
+
+def test_most_samples_and_given_places():
+    target = TARGETS["vicalib_small"]
+    poses = trajectory(target, CAMERA, 1, distance=(40.0, 40.0), tilt=0.2, reach=0.1)[0]
+    image = render_sheet(target, poses, CAMERA, PAPER, noise=0.0).image
+    few = sample_sheet(image, target, poses, CAMERA, most=17, frame=3)
+    assert len(few) == 17
+    again = sample_sheet(image, target, poses, CAMERA, most=17, frame=3, places=target.white_places())
+    np.testing.assert_array_equal(few.points, again.points)
+    other = sample_sheet(image, target, poses, CAMERA, most=17, frame=4)
+    assert not np.array_equal(few.points, other.points)
+
+
+def test_panels_that_were_not_found_give_nothing():
+    target = TARGETS["vicalib_folded"]
+    poses = trajectory(target, CAMERA, 1, fold=0.4, distance=(40.0, 40.0), tilt=0.0, reach=0.0)[0]
+    image = render_sheet(target, poses, CAMERA, PAPER, noise=0.0).image
+    whole = sample_sheet(image, target, poses, CAMERA, most=999)
+    right = sample_sheet(image, target, [None, poses[1]], CAMERA, most=999)
+    assert 0 < len(right) < len(whole)
+    assert np.all(right.normals == poses[1].normal)
+    assert len(sample_sheet(image, target, [None, None], CAMERA)) == 0
+
+
+def test_a_sheet_out_of_the_picture_gives_nothing():
+    target = TARGETS["vicalib_small"]
+    pose = trajectory(target, CAMERA, 1, distance=(40.0, 40.0), tilt=0.0, reach=0.0)[0][0]
+    for shift in ([500.0, 0.0, 0.0], [0.0, 0.0, -80.0]):
+        moved = pose.moved([0, 0, 0, *shift])
+        assert len(sample_sheet(np.zeros((540, 720)), target, [moved], CAMERA)) == 0
+
+
+def test_places_have_their_reflectance():
+    target = TARGETS["vicalib_grey"]
+    places, material = sample_places(target)
+    np.testing.assert_array_equal(target.reflectance(places[:, :2]), places[:, 3])
+    np.testing.assert_array_equal(material, places[:, 3] == 0.5)
+    angle = np.linspace(0, 2 * np.pi, 25)
+    ring = places[:, None, :2] + places[:, None, 2:3] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    np.testing.assert_array_equal(target.reflectance(ring), np.repeat(places[:, 3:], 25, axis=1))
+
+
+# Surfaces -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("albedo", [0.6, (0.75, 0.38, 0.30)], ids=["grey", "colour"])
+def test_a_rendered_scene_gives_the_models_levels(albedo):
+    light = Photometry(k=2.0, gamma=2.2, brdf=Lambertian(albedo))
+    frame = render(SCENES["curved"], CAMERA.resize(180, 135), light)
+    points = frame.distance[..., None] * frame.camera.field.rays
+    samples = sample_surface(frame.image, points, frame.normals, frame.mask, frame=4, most=300)
+    channels = 3 if isinstance(albedo, tuple) else 1
+    assert len(samples) == 300 * channels
+    assert np.all(samples.frame == 4)
+    for number in range(channels):
+        here = samples[samples.material == number]
+        assert len(here) == 300
+        model = frame.photometry.channel(("red", "green", "blue")[number])
+        expected = np.minimum(model.intensity(here.points, here.normals), 1.0)
+        np.testing.assert_allclose(here.level, expected, rtol=1e-9)
+        np.testing.assert_allclose(here.distance, np.linalg.norm(here.points, axis=1))
+        assert here.cos_theta.min() > 0
+
+
+def test_only_what_faces_the_camera_and_is_known_is_sampled():
+    points = np.tile([0.0, 0.0, 10.0], (4, 5, 1))
+    normals = np.tile([0.0, 0.0, -1.0], (4, 5, 1))
+    mask = np.ones((4, 5), bool)
+    mask[0] = False
+    points[1, 0], normals[2, 0], normals[3, 0] = np.nan, np.nan, [0.0, 0.0, 1.0]
+    samples = sample_surface(np.full((4, 5), 0.5), points, normals, mask)
+    assert len(samples) == 12
+    np.testing.assert_array_equal(samples.cos_alpha, 1)
+    np.testing.assert_array_equal(samples.cos_theta, 1)
+
+
+# The table itself -----------------------------------------------------------------------
+
+
+def test_samples_are_chosen_and_joined():
+    one, two = some(50), some(30, seed=1)
+    joined = Samples.concatenate([one, two])
+    assert len(joined) == 80
+    assert np.all(np.diff(joined.frame) >= 0)
+    np.testing.assert_allclose(np.sort(joined.level), np.sort(np.concatenate([one.level, two.level])))
+    chosen = joined[joined.material == 1]
+    assert np.all(chosen.material == 1)
+    np.testing.assert_array_equal(joined[:7].points, joined.points[:7])
+    assert len(Samples.concatenate([])) == 0
+    assert len(Samples.concatenate([Samples.concatenate([]), one])) == 50
+
+
+def test_angles_are_those_of_the_geometry():
+    samples = some(40)
+    alpha = np.arccos(samples.points[:, 2] / np.linalg.norm(samples.points, axis=1))
+    np.testing.assert_allclose(np.arccos(samples.cos_alpha), alpha)
+    to_camera = -samples.points / samples.distance[:, None]
+    np.testing.assert_allclose(samples.cos_theta, np.sum(to_camera * samples.normals, axis=1))
+
+
+@pytest.mark.parametrize("name", ["level", "points", "normals", "material"])
+def test_columns_of_the_wrong_shape_are_named(name):
+    good = some(10)
+    with pytest.raises(ValueError, match=f"{name} must be of shape"):
+        replace(good, **{name: getattr(good, name)[:-1]})
+
+
+def test_frames_must_ascend():
+    good = some(10)
+    with pytest.raises(ValueError, match="frame must be in ascending order"):
+        replace(good, frame=good.frame[::-1].copy() + np.arange(10)[::-1])
+
+
+def test_a_depth_map_gives_points_and_normals_away_from_its_edges():
+    camera = CAMERA.resize(240, 180)
+    frame = render(SCENES["colon"], camera, Photometry(k=2.0, gamma=2.2, brdf=Lambertian(0.6)))
+    stored = np.round(frame.distance / 0.002) * 0.002
+    mask = frame.mask & (np.arange(240) > 60)
+    samples = sample_depth(frame.image, stored, camera.field, mask, smooth=1.0, most=10**6)
+    pixels = np.round(camera.project(samples.points)).astype(int)
+    assert np.all(pixels[:, 0] > 60 + 3)
+    true = frame.normals[pixels[:, 1], pixels[:, 0]]
+    angle = np.rad2deg(np.arccos(np.clip(np.sum(samples.normals * true, axis=1), -1, 1)))
+    assert np.median(angle) < 1
+    assert np.quantile(angle, 0.95) < 12  # on the folds that nearly hide what is behind
+    step = np.abs(np.log(samples.distance / frame.distance[pixels[:, 1], pixels[:, 0]]))
+    assert np.median(step) < 1e-3
+    assert 3000 < len(samples) < mask.sum()
+    unknown = np.full(stored.shape, np.nan)
+    assert len(sample_depth(frame.image, unknown, camera.field, mask)) == 0

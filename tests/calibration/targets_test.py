@@ -1,0 +1,262 @@
+"""Targets: the printed code, bare paper that is bare, and features in OpenCV's own order."""
+
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+
+from endolab.calibration.targets import (
+    TARGETS,
+    Charuco,
+    Chessboard,
+    CircleGrid,
+    DotGrid,
+    Ink,
+    Target,
+    darkness,
+    rows_of,
+)
+
+BIG, SMALL, FOLDED = (TARGETS[f"vicalib_{name}"] for name in ("big", "small", "folded"))
+GOOD = {
+    DotGrid: {"columns": 6, "rows": 5, "spacing": 5.0, "small": 1.0, "large": 1.5},
+    CircleGrid: {"columns": 4, "rows": 11, "spacing": 5.0, "radius": 2.0},
+    Chessboard: {"columns": 8, "rows": 6, "spacing": 5.0},
+    Charuco: {"columns": 8, "rows": 6, "spacing": 5.0, "marker": 3.5},
+}
+
+
+def flat(target, dots=10):
+    """The sheet scanned at so many dots a millimetre, 8 bits, and how to get to mm from pixels."""
+    left, top, width, height = target.sheet
+    shape = round(height * dots), round(width * dots)
+    dark = darkness(target.ink, (left, top), shape, 1 / dots)
+    return np.round(255 * (1 - dark)).astype(np.uint8), lambda pixel: (pixel + 0.5) / dots + [left, top]
+
+
+# Vicalib's sheets -----------------------------------------------------------------------
+
+
+def test_the_code_is_vicalibs():
+    first = [0, 1, 0, 0, 1, 1, 0, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 0, 0]
+    assert BIG.code.shape == (10, 19)
+    np.testing.assert_array_equal(BIG.code[0], first)
+    for target in (SMALL, FOLDED, TARGETS["vicalib_grey"]):
+        np.testing.assert_array_equal(target.code, BIG.code)
+
+
+def test_the_code_is_the_top_bit_of_a_mersenne_twister():
+    generator = np.random.MT19937()
+    generator._legacy_seeding(71)
+    np.testing.assert_array_equal(BIG.code.ravel(), generator.random_raw(190) >> 31)
+
+
+def test_the_sheets_have_the_published_sizes():
+    assert (SMALL.spacing, BIG.spacing) == (4.2238, 5.2797)
+    np.testing.assert_allclose(np.unique(SMALL.radii), [0.8471, 1.2661], atol=1e-4)
+    np.testing.assert_allclose(np.unique(BIG.radii), [1.0589, 1.5827], atol=1e-4)
+    np.testing.assert_array_equal(BIG.radii.reshape(10, 19) > 1.3, BIG.code == 1)
+    # 5.61 × 9.82 cm, as the paper gives it, is the grid with half a cell around it and a little.
+    assert np.ptp(BIG.points, axis=0) == pytest.approx([95.03, 47.52, 0], abs=0.01)
+
+
+def test_windows_of_the_code_differ():
+    for side, least in ((5, 2), (6, 5)):
+        windows = []
+        for turn in range(4):
+            code = np.rot90(BIG.code, turn)
+            views = np.lib.stride_tricks.sliding_window_view(code, (side, side))
+            windows.append(views.reshape(-1, side * side))
+        every = np.concatenate(windows)
+        upright = windows[0]
+        apart = np.count_nonzero(upright[:, None] != every[None], axis=-1)
+        apart[np.arange(len(upright)), np.arange(len(upright))] = 99
+        assert apart.min() >= least
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_features_lie_row_by_row_from_the_origin(name):
+    points = TARGETS[name].points
+    np.testing.assert_array_equal(points[0], 0)
+    np.testing.assert_array_equal(points[:, 2], 0)
+    assert points[1, 0] > 0
+    assert np.all(np.diff(points[:, 1]) >= 0)
+    assert len(np.unique(points, axis=0)) == len(points) == len(TARGETS[name].radii)
+
+
+# Ink ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("target", [*TARGETS.values(), Charuco(9, 6, 5.0, fold=4, marker=3.7)])
+def test_the_raster_is_the_reflectance_averaged(target):
+    corner, step, sub = np.array([-2.13, -1.57]), 0.31, 8
+    shape = 40, 50
+    y, x = ((np.arange(n * sub) + 0.5) * step / sub + c for n, c in zip(shape, corner[::-1], strict=True))
+    value = target.reflectance(np.stack(np.meshgrid(x, y), axis=-1), black=0.1)
+    truth = 1 - value.reshape(shape[0], sub, shape[1], sub).mean(axis=(1, 3))
+    found = darkness(target.ink, corner, shape, step, 0.1)
+    assert np.abs(found - truth).max() < 0.13  # 8 × 8 points, and the rim within a cell
+    assert np.sqrt(np.mean((found - truth) ** 2)) < 0.025
+    assert found.mean() == pytest.approx(truth.mean(), abs=3e-3)
+
+
+def test_touching_rectangles_leave_no_seam():
+    boxes = [(0.0, 0.0, 0.33, 1.0), (0.33, 0.0, 0.67, 1.0), (5.0, 5.0, 1.0, 1.0)]
+    ink = Ink(rows_of([], 3), rows_of(boxes, 4), rows_of([], 4))
+    np.testing.assert_allclose(darkness(ink, (0, 0), (10, 10), 0.1), 1, atol=1e-6)
+    assert darkness(ink, (2, 2), (10, 10), 0.1).max() == 0
+
+
+def test_reflectance_knows_ink_grey_paper_and_nothing():
+    target = TARGETS["vicalib_grey"]
+    grey = target.ink.greys[0]
+    left, top, _, _ = target.sheet
+    places = [[0.0, 0.0], grey[:2], [left + 1, top + 1], [left - 1, top]]
+    np.testing.assert_array_equal(target.reflectance(places, black=0.07), [0.07, 0.5, 1.0, np.nan])
+
+
+def test_grey_discs_touch_neither_dots_nor_the_fold():
+    target = DotGrid(9, 8, 5.0, fold=4, small=1.0, large=1.5, greys=0.4)
+    for x, y, radius, value in target.ink.greys:
+        away = np.hypot(*(target.points[:, :2] - [x, y]).T)
+        assert np.all(away > radius + target.radii)
+        assert abs(x - target.fold_x) > radius
+        assert value == 0.4
+    assert len(target.ink.greys) >= 20
+
+
+# Bare paper -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "target", [*TARGETS.values(), DotGrid(9, 8, 1.0, fold=4, small=0.2, large=0.3, greys=0.4)]
+)
+def test_white_places_are_bare_and_apart(target):
+    places = target.white_places()
+    angle = np.linspace(0, 2 * np.pi, 49)
+    rings = np.stack([share * np.stack([np.cos(angle), np.sin(angle)], axis=-1) for share in (0.5, 0.999)])
+    around = places[:, None, None, :2] + places[:, None, None, 2:] * rings
+    assert np.all(target.reflectance(around) == 1)
+    assert np.all(target.panel_of(around) == target.panel_of(places)[:, None, None])
+    assert places[:, 2].min() >= 0.04 * target.spacing
+    away = np.hypot(*np.moveaxis(places[:, None, :2] - places[None, :, :2], -1, 0))
+    assert np.sort(away, axis=1)[:, 1].min() >= target.spacing / 2 * (1 - 1e-9)
+    assert len(places) > 0.3 * len(target.points)
+    low, high = target.points[:, :2].min(axis=0), target.points[:, :2].max(axis=0)
+    assert np.all((places[:, :2] >= low - 1e-9) & (places[:, :2] <= high + 1e-9))
+
+
+# OpenCV's order -------------------------------------------------------------------------
+
+
+def test_charuco_ids_are_opencvs():
+    for target in (TARGETS["charuco"], Charuco(7, 5, 8.0, marker=6.0, dictionary="DICT_4X4_50")):
+        image, to_mm = flat(target)
+        corners, ids, _, _ = cv2.aruco.CharucoDetector(target.board).detectBoard(image)
+        assert sorted(ids.ravel()) == list(range(len(target.points)))
+        np.testing.assert_allclose(to_mm(corners.reshape(-1, 2)), target.points[ids.ravel(), :2], atol=0.05)
+        np.testing.assert_allclose(
+            target.board.getChessboardCorners()[:, :2] - target.spacing, target.points[:, :2], atol=1e-5
+        )
+
+
+def test_chessboard_corners_are_in_opencvs_order():
+    target = TARGETS["chessboard"]
+    image, to_mm = flat(target)
+    found, corners = cv2.findChessboardCornersSB(image, (target.columns - 1, target.rows - 1))
+    assert found
+    corners = to_mm(corners.reshape(-1, 2))
+    # The board looks the same upside down: OpenCV may begin at the other end.
+    if np.hypot(*corners[0]) > target.spacing:
+        corners = corners[::-1]
+    np.testing.assert_allclose(corners, target.points[:, :2], atol=0.05)
+
+
+def test_circles_are_in_opencvs_order():
+    target = TARGETS["circles"]
+    image, to_mm = flat(target)
+    found, centres = cv2.findCirclesGrid(
+        image, (target.columns, target.rows), flags=cv2.CALIB_CB_ASYMMETRIC_GRID
+    )
+    assert found
+    centres = to_mm(centres.reshape(-1, 2))
+    # The grid looks the same upside down: OpenCV may begin at the other end.
+    if np.hypot(*centres[0]) > target.spacing:
+        centres = centres[::-1]
+    np.testing.assert_allclose(centres, target.points[:, :2], atol=0.05)
+
+
+# Panels ---------------------------------------------------------------------------------
+
+
+def test_a_fold_runs_between_columns():
+    assert FOLDED.panels == 2
+    assert FOLDED.fold_x == 8.5 * FOLDED.spacing
+    np.testing.assert_array_equal(FOLDED.panel_of(FOLDED.points).reshape(10, 19)[0], [0] * 9 + [1] * 10)
+    assert (SMALL.panels, SMALL.fold_x) == (1, None)
+    assert not SMALL.panel_of(SMALL.points).any()
+
+
+def test_a_board_is_folded_along_its_squares():
+    target = Charuco(12, 8, 7.0, fold=6, marker=5.2)
+    for x, y, width, height in target.ink.rectangles:
+        sides = target.panel_of([[x + 1e-6, y], [x + width - 1e-6, y + height]])
+        assert sides[0] == sides[1]
+
+
+# Wrong values ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", GOOD)
+def test_the_least_targets_work(make):
+    target = make(**GOOD[make])
+    assert isinstance(target, Target)
+    assert target.kind in ("dots", "circles", "chessboard", "charuco")
+    smallest = make(**(GOOD[make] | {"columns": make.least, "rows": make.least}))
+    assert smallest.white_places().shape[1] == 3
+    assert hash(target) == hash(make(**GOOD[make]))
+
+
+@pytest.mark.parametrize(
+    ("make", "key", "value", "complaint"),
+    [
+        *(
+            (make, key, value, f"{key} must be a whole number from")
+            for make, key in itertools.product(GOOD, ("columns", "rows"))
+            for value in (1, 101, 5.5, True, np.nan, "5")
+        ),
+        *(
+            (make, key, value, f"{key} must be positive and finite")
+            for make, key in itertools.product(GOOD, ("spacing", "margin"))
+            for value in (0.0, -1.0, np.inf, np.nan)
+        ),
+        (DotGrid, "small", 0.0, "0 < small < large < spacing / 2, got small 0.0"),
+        (DotGrid, "small", 2.0, "0 < small < large"),
+        (DotGrid, "large", 2.6, "0 < small < large"),
+        (DotGrid, "seed", -1, "seed must be a whole number from 0"),
+        (DotGrid, "seed", 2**32, "seed must be a whole number from 0"),
+        (DotGrid, "seed", 1.5, "seed must be a whole number from 0"),
+        (DotGrid, "greys", 0.0, "greys must lie between 0 and 1, got 0"),
+        (DotGrid, "greys", 1.0, "greys must lie between 0 and 1, got 1"),
+        (DotGrid, "fold", 1, "fold must leave two columns of features on each side, got 1 of 6"),
+        (DotGrid, "fold", 5, "fold must leave two columns"),
+        (DotGrid, "fold", -3, "fold must leave two columns"),
+        (DotGrid, "fold", 2.5, "fold must be a whole number"),
+        (CircleGrid, "radius", 3.6, "radius must be positive and below spacing"),
+        (CircleGrid, "radius", 0.0, "radius must be positive"),
+        (CircleGrid, "fold", 2, "an asymmetric circle grid cannot be folded"),
+        (Chessboard, "columns", 3, "columns must be a whole number from 4 to 100, got 3"),
+        (Chessboard, "fold", 3, "a chessboard cannot be folded"),
+        (Charuco, "marker", 5.0, "marker must be positive and below spacing"),
+        (Charuco, "marker", np.nan, "marker must be positive"),
+        (Charuco, "dictionary", "DICT_9X9_1", "dictionary must be one of OpenCV's"),
+        (Charuco, "dictionary", "CharucoBoard", "dictionary must be one of OpenCV's"),
+        (Charuco, "columns", 100, "has 250 markers, the board needs 300"),
+        (Charuco, "fold", 7, "fold must leave two columns"),
+    ],
+)
+def test_wrong_values_are_named(make, key, value, complaint):
+    with pytest.raises(ValueError, match=complaint) as caught:
+        make(**(GOOD[make] | {key: value}))
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,250 @@
+"""The commands target, calibrate and simulate sheet: what they write, and what they refuse."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab.calibration import session
+from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
+from endolab.calibration.targets import TARGETS
+from endolab.cli import main as cli
+from endolab.datasets.known_endoscopes import load_calibration
+from endolab.io.images import read_image, write_image
+from endolab.model.photometry import Photometry
+
+FRAMES = 24
+
+
+def call(*arguments):
+    try:
+        return cli.main([str(argument) for argument in arguments])
+    except SystemExit as exit:
+        return exit.code
+
+
+def calibrate(folder, out, *options, target="vicalib_small"):
+    return call("calibrate", folder, "--target", target, "--out", out, *options)
+
+
+def write_frames(folder, *, count=6, target="vicalib_small", width=480, **how):
+    """Write a few frames of a sheet that is moved as `how` says."""
+    folder.mkdir()
+    camera = load_calibration("paper", width=width).camera
+    light = Photometry(2.5, 2.2, None, PAPER_SHEET)
+    for number, frame in enumerate(simulate_video(TARGETS[target], camera, light, count, **how)):
+        write_image(folder / f"{number:03d}.png", frame.image)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """A simulated video `v`, and its calibration `cal.json` with its report."""
+    folder = tmp_path_factory.mktemp("work")
+    done = call(
+        *("simulate", "sheet", "--out", folder / "v", "--frames", FRAMES, "--width", 640),
+        *("--target", "vicalib_folded", "--noise", 1, "--video"),
+    )
+    assert done == 0
+    done = calibrate(
+        folder / "v/sheet.mkv", folder / "cal.json", "--gamma", "free", "--record", target="vicalib_folded"
+    )
+    assert done == 0
+    return folder
+
+
+@pytest.fixture
+def refused(capsys):
+    """Run a command that must fail: exit code 2 and one line on stderr."""
+
+    def run(*arguments, **options):
+        capsys.readouterr()
+        code = calibrate(*arguments, **options) if arguments[0] != "target" else call(*arguments)
+        error = capsys.readouterr().err
+        assert code == 2
+        assert error.startswith("endolab: ")
+        assert error.count("\n") == 1
+        return error
+
+    return run
+
+
+def test_the_camera_and_the_light_come_back(work):
+    truth = json.loads((work / "v/truth.json").read_text())
+    found = el.Calibration.load(work / "cal.json")
+    for name in ("fx", "fy", "cx", "cy"):
+        assert getattr(found.camera, name) == pytest.approx(truth["camera"][name], abs=0.15)
+    assert found.photometry.k == pytest.approx(2.5, abs=0.06)
+    assert found.photometry.gamma == pytest.approx(2.2, abs=0.05)
+    assert found.photometry.k / found.photometry.gamma == pytest.approx(2.5 / 2.2, abs=0.01)
+    assert found.photometry.gain is None
+    light = found.evidence["photometry"]
+    gains = np.array(list(light["gains"].values()))
+    known = np.array([frame["gain"] for frame in truth["frames"]])
+    ratio = gains / known[[int(name) for name in light["gains"]]]
+    assert np.std(np.log(ratio)) < 0.02  # but for one factor, that of the paper
+    assert light["brdf_of"] == "the calibration sheet"
+    assert len(found.evidence["frames"]["dropped"]) + len(gains) == FRAMES
+
+
+def test_the_report_is_a_page_with_pictures_and_numbers(work):
+    report = work / "cal_report"
+    names = {path.name for path in report.iterdir()}
+    assert {"report.html", "report.json", "camera.json", "camera.png", "light.png", "recording.rrd"} <= names
+    assert json.loads((report / "report.json").read_text())["account"]
+    page = (report / "report.html").read_text()
+    for words in ("γ = 2.", "Correlations", "camera.png", "standard error"):
+        assert words in page
+    assert read_image(report / "light.png").std() > 0.05
+
+
+def test_a_second_run_detects_nothing_anew(work, tmp_path, monkeypatch, capsys):
+    shutil.copytree(work / "cal_report", tmp_path / "again_report")
+    monkeypatch.setattr(session, "detect", lambda *_: pytest.fail("the target was looked for again"))
+    assert calibrate(work / "v/sheet.mkv", tmp_path / "again.json", target="vicalib_folded") == 0
+    assert f"{FRAMES} of {FRAMES} frames were searched before" in capsys.readouterr().out
+    found = el.Calibration.load(tmp_path / "again.json")
+    assert found.photometry.gamma == 2.2
+    assert found.camera == el.Calibration.load(work / "cal.json").camera
+
+
+def test_an_interrupted_search_goes_on_where_it_was(work, tmp_path, monkeypatch, capsys):
+    looked = []
+    detect = session.detect
+
+    def interrupted(image, target):
+        looked.append(1)
+        if len(looked) == 5:
+            raise KeyboardInterrupt
+        return detect(image, target)
+
+    monkeypatch.setattr(session, "detect", interrupted)
+    arguments = (work / "v/sheet.mkv", tmp_path / "c.json")
+    assert calibrate(*arguments, target="vicalib_folded") == 130
+    assert f"4 of {FRAMES} frames are searched and kept" in capsys.readouterr().err
+    assert not (tmp_path / "c.json").exists()
+    assert calibrate(*arguments, target="vicalib_folded") == 0
+    assert len(looked) == 5 + FRAMES - 4
+
+
+def test_the_light_alone_with_a_known_camera(work, tmp_path):
+    camera = work / "cal_report/camera.json"
+    assert (
+        calibrate(work / "v/sheet.mkv", tmp_path / "c.json", "--camera", camera, target="vicalib_folded") == 0
+    )
+    found = el.Calibration.load(tmp_path / "c.json")
+    assert found.camera == el.Calibration.load(work / "cal.json").camera
+    assert found.photometry.k == pytest.approx(2.5, abs=0.03)
+
+
+def test_a_video_that_ends_early_is_calibrated_as_far_as_it_goes(work, tmp_path, capsys):
+    content = (work / "v/sheet.mkv").read_bytes()
+    (tmp_path / "short.mkv").write_bytes(content[: int(0.8 * len(content))])
+    assert calibrate(tmp_path / "short.mkv", tmp_path / "c.json", target="vicalib_folded") == 0
+    assert "the video ends before it" in capsys.readouterr().out
+
+
+def test_a_wall_is_not_made_of_paper(work, tmp_path, capsys):
+    frame = tmp_path / "frame.png"
+    assert call("simulate", "curved", "--out", tmp_path, "--width", 640) == 0
+    arguments = ("reconstruct", frame, "--calibration", work / "cal.json", "--out", tmp_path / "out")
+    assert call(*arguments, "--solver", "facing") == 0
+    assert "The BRDF is that of the calibration sheet" in capsys.readouterr().out
+    assert call(*arguments, "--solver", "facing", "--albedo", "0.75,0.38,0.30") == 0
+    assert "calibration sheet" not in capsys.readouterr().out
+    assert call(*arguments, "--albedo", "paper") == 2
+    assert "--albedo must be one number in (0, 1] or three (R,G,B), got paper" in capsys.readouterr().err
+
+
+# What is refused -----------------------------------------------------------------------------
+
+
+def test_one_flat_sheet_does_not_tell_gamma(work, tmp_path, refused):
+    frames = write_frames(tmp_path / "f", count=16)
+    error = refused(frames, tmp_path / "c.json", "--gamma", "free")
+    assert "gamma" in error
+    assert "fold" in error
+    assert "the camera alone is in" in error
+    assert not (tmp_path / "c.json").exists()
+    assert (tmp_path / "c_report/report.html").is_file()
+    camera = json.loads((tmp_path / "c_report/camera.json").read_text())["camera"]
+    assert camera["fx"] == pytest.approx(load_calibration("paper", width=480).camera.fx, abs=0.2)
+
+
+def test_no_target_says_where_and_what_for(tmp_path, rng, refused):
+    (tmp_path / "f").mkdir()
+    for number in range(3):
+        write_image(tmp_path / f"f/{number}.png", rng.random((120, 160)))
+    error = refused(tmp_path / "f", tmp_path / "c.json")
+    assert "in none of 3 frames" in error
+    assert "19 x 10 dots of two sizes, 4.2238 mm apart" in error
+
+
+def test_a_single_frame(tmp_path, refused):
+    frames = write_frames(tmp_path / "f", count=1)
+    assert "3 views" in refused(frames, tmp_path / "c.json")
+
+
+def test_frames_of_mixed_sizes(tmp_path, refused):
+    frames = write_frames(tmp_path / "f", count=2)
+    write_image(frames / "002.png", np.zeros((50, 60)))
+    error = refused(frames, tmp_path / "c.json")
+    assert "the frames differ in size: 000.png is 480x360 px, 002.png is 60x50 px" in error
+
+
+def test_frontal_frames_do_not_tell_the_camera(tmp_path, refused):
+    frames = write_frames(tmp_path / "f", count=8, tilt=0.0)
+    error = refused(frames, tmp_path / "c.json")
+    assert "the focal length" in error
+    assert "the sheet's largest tilt is 0." in error
+
+
+def test_frontal_frames_with_a_known_camera_do_not_tell_k(work, tmp_path, refused):
+    frames = write_frames(tmp_path / "f", count=8, tilt=0.0, width=640)
+    error = refused(frames, tmp_path / "c.json", "--camera", work / "cal.json")
+    assert error.startswith("endolab: k ")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            ["--gamma", "two"],
+            "--gamma must be a number, a number and its standard deviation (2.2,0.1) or free",
+        ),
+        (["--gamma", "9"], "gamma must lie between 0.5 and 5"),
+        (["--reflectance", "0.5"], "the target has 0 kinds of grey patches, but --reflectance says 1"),
+        (["--channel", "infrared"], "--channel"),
+        (["--every", "0"], "every must be a whole number of frames, at least 1, got 0"),
+        (["--camera", "none.json"], "none.json: there is no such"),
+    ],
+)
+def test_a_bad_option(work, tmp_path, refused, options, message):
+    assert message in refused(work / "v/sheet.mkv", tmp_path / "c.json", *options, target="vicalib_folded")
+
+
+def test_a_bad_place_or_source(work, tmp_path, refused):
+    assert "ends in .json" in refused(work / "v/sheet.mkv", tmp_path / "c.txt")
+    assert "no such folder or video" in refused(tmp_path / "none.mp4", tmp_path / "c.json")
+    (tmp_path / "t.json").write_text('{"endolab_target": 1, "kind": "dots", "columns": 19, "rows": 10}')
+    error = refused(work / "v/sheet.mkv", tmp_path / "c.json", target=tmp_path / "t.json")
+    assert "t.json: spacing: missing" in error
+    assert "unknown target" in refused("target", "none", "--out", tmp_path / "s.pdf")
+
+
+def test_a_sheet_to_print(tmp_path, capsys):
+    assert call("target", "vicalib_folded", "--out", tmp_path / "s.pdf") == 0
+    assert (tmp_path / "s.pdf").read_bytes().startswith(b"%PDF")
+    said = capsys.readouterr().out
+    assert "print at 100 %" in said
+    assert "folded by 10 to 30°" in said
+    assert call("target", "vicalib_small", "--out", tmp_path / "s.pdf") == 0
+    assert "something flat" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["target", "calibrate"])
+def test_help(capsys, command):
+    assert call(command, "--help") == 0
+    assert capsys.readouterr().out.startswith("usage: endolab")

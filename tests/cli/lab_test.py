@@ -1,0 +1,169 @@
+"""What ``endolab lab`` starts: quiet, private, trusted, on a free port; and how a cell is interrupted."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from endolab.cli import lab
+from endolab.cli import main as cli
+
+ROOT = Path(__file__).resolve().parents[2]
+LONG_SOLVE = """
+import endolab as el
+scene = el.render(el.SCENES["tube"], el.Pinhole(320, 240, 160, 160, 159.5, 119.5), el.Photometry())
+known = el.Calibration(scene.camera, scene.photometry)
+tell = lambda iterate: print("solving", flush=True) if iterate.k else None
+endless = dict(solver="primal_dual", tolerance=0.0, max_iterations=10**9)
+result = el.reconstruct(el.Frame(scene.image, scene.mask), known, observers=[tell], **endless)
+"""
+
+
+@pytest.fixture(scope="module")
+def started(tmp_path_factory):
+    """What the command prints when its port is taken; the server's address, token and folder."""
+    root = tmp_path_factory.mktemp("lab")
+    (root / "notebooks").mkdir()
+    shutil.copy(ROOT / "notebooks" / "00_quickstart.ipynb", root / "notebooks")
+    (root / "notebooks" / "01_broken.ipynb").write_text("{", encoding="utf-8")
+    # A home of its own, so that no settings or signatures of this machine's user matter.
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(root), "TMPDIR": str(root / "tmp")}
+    (root / "tmp").mkdir()
+    log = root / "log.txt"
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        command = [sys.executable, "-m", "endolab", "lab", f"--notebooks={root / 'notebooks'}"]
+        command += [f"--port={port}", "--", "--no-browser"]
+        with open(log, "w") as stream:
+            server = subprocess.Popen(command, env=environment, stdout=stream, stderr=subprocess.STDOUT)
+        for _ in range(600):
+            if "JupyterLab: " in log.read_text() or server.poll() is not None:
+                break
+            time.sleep(0.1)
+    yield server, port, log
+    if server.poll() is None:
+        server.kill()
+        server.wait(20)
+
+
+@pytest.fixture(scope="module")
+def ask(started):
+    """Function that asks the server for a path, with or without its token."""
+    address, token = re.search(
+        r"(http://\S+)/lab/tree/notebooks\?token=(\w+)", started[2].read_text()
+    ).groups()
+
+    def get(path, with_token=True):
+        headers = {"Authorization": f"token {token}"} if with_token else {}
+        request = urllib.request.Request(address + path, headers=headers)
+        with urllib.request.urlopen(request, timeout=30) as answer:
+            return answer.read().decode()
+
+    return get
+
+
+def test_a_taken_port_is_said_in_the_one_line_that_is_printed(started):
+    _, port, log = started
+    lines = log.read_text().splitlines()
+    link = r"JupyterLab: http://127\.0\.0\.1:(\d+)/lab/tree/notebooks\?token=\w{48} \(port (\d+) is taken\)"
+    assert len(lines) == 1, lines
+    found = re.fullmatch(link, lines[0])
+    assert found, lines
+    assert int(found[2]) == port
+    assert port < int(found[1]) < port + lab.PORTS
+
+
+def test_nobody_gets_in_without_the_token(ask):
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        ask("/api/contents", with_token=False)
+
+
+def test_nothing_pops_up(ask):
+    page = ask("/lab")
+    config = json.loads(
+        re.search(r'id="jupyter-config-data" type="application/json">(.*?)</script>', page, re.S)[1]
+    )
+    assert config["buildCheck"] is False
+    assert config["buildAvailable"] is False
+    plugin = json.loads(ask("/lab/api/settings/@jupyterlab/apputils-extension:notification"))
+    defaults = {name: value["default"] for name, value in plugin["schema"]["properties"].items()}
+    assert defaults["fetchNews"] == "false"
+    assert defaults["checkForUpdates"] is False
+
+
+def test_the_kernel_named_endolab_is_this_python(ask):
+    kernel = json.loads(ask("/api/kernelspecs"))["kernelspecs"]["endolab"]["spec"]
+    assert kernel["argv"][0] == sys.executable
+    assert kernel["display_name"] == "endolab"
+
+
+def test_notebooks_are_trusted(ask):
+    content = json.loads(ask("/api/contents/notebooks/00_quickstart.ipynb"))["content"]
+    code = [cell for cell in content["cells"] if cell["cell_type"] == "code"]
+    assert code
+    assert all(cell["metadata"]["trusted"] for cell in code)
+
+
+def test_it_ends_when_it_is_told_to_and_leaves_nothing(started):
+    server, _, log = started
+    scratch = log.parent / "tmp"
+    assert len(list(scratch.glob("endolab-lab-*"))) == 1
+    server.send_signal(signal.SIGTERM)
+    server.wait(30)
+    assert not list(scratch.glob("endolab-lab-*"))
+    assert "Traceback" not in log.read_text()
+
+
+def test_bad_input_is_answered_in_a_line(tmp_path, capsys, monkeypatch):
+    assert cli.main(["lab", f"--notebooks={tmp_path / 'none'}"]) == 2
+    assert "none: there are no notebooks" in capsys.readouterr().err
+    assert cli.main(["lab", f"--notebooks={tmp_path}", "--port=70000"]) == 2
+    assert capsys.readouterr().err == "endolab: --port must be from 1 to 65535, got 70000\n"
+    monkeypatch.setattr(lab, "PORTS", 1)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert cli.main(["lab", f"--notebooks={tmp_path}", f"--port={port}"]) == 2
+    assert f"all ports from {port} to {port} are taken" in capsys.readouterr().err
+
+
+def test_interrupting_a_cell_leaves_the_best_iterate(tmp_path):
+    from jupyter_client.manager import KernelManager
+
+    manager = KernelManager(kernel_name="python3")
+    manager.start_kernel(env=os.environ | {"PYTHONPATH": str(ROOT)}, cwd=str(tmp_path))
+    client = manager.client()
+    client.start_channels()
+    try:
+        client.wait_for_ready(timeout=60)
+        shown = []
+
+        def hook(message):
+            shown.append(message["content"].get("text", ""))
+            if "solving" in shown[-1] and not any("solving" in text for text in shown[:-1]):
+                manager.interrupt_kernel()
+
+        reply = client.execute_interactive(LONG_SOLVE, output_hook=hook, timeout=120)
+        assert reply["content"]["status"] == "ok", reply["content"]
+        asked = {
+            "answer": "result.status.name, result.iterations > 0, result.energy < result.history[0]['energy']"
+        }
+        reply = client.execute("", user_expressions=asked, reply=True, timeout=60)
+        answer = reply["content"]["user_expressions"]["answer"]["data"]["text/plain"]
+        assert answer == "('STOPPED', True, True)"
+    finally:
+        client.stop_channels()
+        manager.shutdown_kernel(now=True)

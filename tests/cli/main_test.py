@@ -1,0 +1,627 @@
+"""The command line: what it writes, and one sentence about whatever is wrong."""
+
+import io
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab.cli import main as cli
+from endolab.cli import reconstruct as cli_reconstruct
+from endolab.depth.solvers import DEFAULT_SOLVER, SOLVERS
+from endolab.io.images import read_image, write_image
+from endolab.reconstruction import problem_setup as posing
+from endolab.reconstruction import reconstruct as reconstruction
+
+ROOT = Path(__file__).resolve().parents[2]
+OUTPUTS = ["cloud.ply", "depth.npz", "overview.png", "recording.rrd", "report.json"]
+
+
+def call(*arguments):
+    """The exit code of a command."""
+    try:
+        return cli.main([str(argument) for argument in arguments])
+    except SystemExit as exit:
+        return exit.code
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def maps(path):
+    with np.load(path, allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files}
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """A folder with a simulated frame `sim`, its reconstruction `out`, and one in relative units `rel`."""
+    folder = tmp_path_factory.mktemp("work")
+    sim = folder / "sim"
+    assert call("simulate", "curved", "--out", sim, "--calibration", "simple", "--width", 160) == 0
+    known = json.loads((sim / "endoscope.json").read_text())
+    known["photometry"]["gain"] = None
+    (folder / "unknown.json").write_text(json.dumps(known))
+    frame = sim / "frame.png"
+    assert call("reconstruct", frame, "--calibration", sim / "endoscope.json", "--out", folder / "out") == 0
+    assert call("reconstruct", frame, "--calibration", folder / "unknown.json", "--out", folder / "rel") == 0
+    return folder
+
+
+@pytest.fixture
+def sim(work):
+    return work / "sim"
+
+
+@pytest.fixture
+def refused(capsys, tmp_path):
+    """Run a command that must fail: exit code 2, nothing on stdout, one line on stderr, nothing written."""
+
+    def run(*arguments):
+        before = sorted(tmp_path.rglob("*"))
+        capsys.readouterr()
+        code = call(*arguments)
+        out, error = capsys.readouterr()
+        assert (code, out) == (2, "")
+        assert error.startswith("endolab: ")
+        assert error.endswith("\n")
+        assert error.count("\n") == 1
+        assert sorted(tmp_path.rglob("*")) == before
+        return error
+
+    return run
+
+
+# What is written -----------------------------------------------------------------------------
+
+
+def test_simulate_writes_a_frame_and_its_truth(sim):
+    assert names(sim) == ["endoscope.json", "frame.png", "truth.npz"]
+    calibration, truth = el.Calibration.load(sim / "endoscope.json"), maps(sim / "truth.npz")
+    assert calibration.photometry.gain > 0
+    assert read_image(sim / "frame.png").shape == (120, 160, 3)
+    exact = el.SCENES["curved"].distance(calibration.camera.field.rays)
+    np.testing.assert_allclose(truth["distance"], exact, rtol=1e-6)
+    assert truth["normals"].shape == (120, 160, 3)
+    assert bool(truth["metric"])
+
+
+def test_reconstruct_writes_a_whole_folder(work):
+    out = work / "out"
+    assert names(out) == OUTPUTS
+    depth = maps(out / "depth.npz")
+    assert set(depth) == {"distance", "z", "normals", "mask", "metric"}
+    mask = depth["mask"]
+    assert mask.shape == depth["distance"].shape == depth["z"].shape == (120, 160)
+    for name in ("distance", "z", "normals"):
+        assert np.all(np.isfinite(depth[name][mask]))
+        assert np.all(np.isnan(depth[name][~mask]))
+    report = json.loads((out / "report.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert report["status"] == "CONVERGED"
+    assert {"iterations", "energy", "seconds", "settings"} <= set(report)
+    assert report["settings"]["frame"] == "frame.png"
+    assert report["settings"]["solver"] == DEFAULT_SOLVER
+    assert report["pixels"] == mask.sum()
+    header, _, body = (out / "cloud.ply").read_bytes().partition(b"end_header\n")
+    assert f"element vertex {mask.sum()}\n".encode() in header
+    points = np.frombuffer(body, dtype=[("xyz", "<f4", 3), ("n", "<f4", 3), ("rgb", "u1", 3)])
+    np.testing.assert_allclose(np.linalg.norm(points["xyz"], axis=1), depth["distance"][mask], rtol=1e-5)
+    assert (out / "recording.rrd").read_bytes()[:3] == b"RRF"
+    assert (out / "recording.rrd").stat().st_size > 10_000
+    overview = read_image(out / "overview.png")
+    assert min(overview.shape[:2]) > 200
+    assert overview.std() > 0.05
+
+
+def test_a_mesh_comes_if_it_is_asked_for(sim, tmp_path, capsys):
+    arguments = (
+        "reconstruct",
+        sim / "frame.png",
+        "--calibration",
+        sim / "endoscope.json",
+        "--solver",
+        "facing",
+    )
+    assert call(*arguments, "--out", tmp_path / "out", "--mesh") == 0
+    assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply"])
+    assert "depth.npz, mesh.ply, overview.png" in capsys.readouterr().out
+    assert (tmp_path / "out/mesh.ply").read_bytes().startswith(b"ply\nformat binary_little_endian")
+
+
+def test_the_summary_tells_the_unit(work, sim, capsys, tmp_path):
+    arguments = ("reconstruct", sim / "frame.png", "--calibration")
+    assert call(*arguments, sim / "endoscope.json", "--solver", "facing", "--out", tmp_path / "a") == 0
+    known, error = capsys.readouterr()
+    assert error == ""
+    assert "CONVERGED" in known
+    assert "(mm)" in known
+    assert str(tmp_path / "a") in known
+    assert "relative" not in known
+    assert call(*arguments, work / "unknown.json", "--solver", "facing", "--out", tmp_path / "b") == 0
+    unknown = capsys.readouterr().out
+    assert "(relative units)" in unknown
+    assert "--median-distance" in unknown
+    assert "(mm)" not in unknown
+
+
+def test_the_summary_counts_the_steps(sim, capsys, tmp_path):
+    """Of several iterates it tells both ends of the energy, as the report and the bar count them."""
+    for solver in (DEFAULT_SOLVER, "facing"):
+        options = ["--width", "80", "--solver", solver, "--out", tmp_path]
+        assert call("reconstruct", sim / "frame.png", "--calibration", sim / "endoscope.json", *options) == 0
+        said = capsys.readouterr().out.splitlines()[1]
+        report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+        count = report["iterations"]
+        assert said.startswith(f"{solver}, {count} iterations, {report['seconds']:.2f} s, energy ")
+        energies = said.split("energy ")[1].split(",")[0].split(" to ")
+        assert energies[-1] == f"{report['energy']:.3e}"
+        assert len(energies) == (2 if count else 1)
+        assert float(energies[0]) > 10 * report["energy"] or not count
+
+
+@pytest.mark.parametrize("snapshots", [[], ["--snapshots", "3"]])
+def test_a_march_shows_its_front(sim, capsys, tmp_path, snapshots):
+    options = ["--width", "80", "--solver", "fast_marching", "--out", tmp_path, *snapshots]
+    assert call("reconstruct", sim / "frame.png", "--calibration", sim / "endoscope.json", *options) == 0
+    assert f"fast_marching, {3 if snapshots else 12} iterations" in capsys.readouterr().out
+
+
+def test_the_bar_counts_what_the_report_counts(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    bar = cli_reconstruct._Progress(None)
+    for k in range(4):
+        bar(SimpleNamespace(k=k, energy=0.1**k))
+        assert bar.bar.n == k
+    bar.bar.refresh()
+    assert "3it" in sys.stderr.getvalue()
+    assert "energy 1.000e-03" in sys.stderr.getvalue()
+    bar.close()
+
+
+def test_relative_units_are_written_down(work):
+    report = json.loads((work / "rel/report.json").read_text(encoding="utf-8"))
+    assert (report["unit"], report["metric"], report["scale"]) == ("relative units", False, "none")
+    assert "The gain is unknown" in report["meaning"][0]
+    known, relative = maps(work / "out/depth.npz"), maps(work / "rel/depth.npz")
+    assert not relative["metric"]
+    ratio = (known["distance"] / relative["distance"])[known["mask"]]
+    np.testing.assert_allclose(ratio, ratio[0], rtol=1e-5)
+
+
+def test_options_arrive(work, sim, tmp_path):
+    write_image(tmp_path / "mask.png", np.arange(160) < np.full((120, 1), 80))
+    options = ["--mask", tmp_path / "mask.png", "--xi", "d", "--regulariser", "first", "--lam", "0.5"]
+    options += ["--channel", "red", "--median-distance", "33", "--width", "80", "--smooth", "1.5"]
+    code = call(
+        "reconstruct",
+        sim / "frame.png",
+        "--calibration",
+        work / "unknown.json",
+        "--out",
+        tmp_path / "o",
+        *options,
+    )
+    assert code == 0
+    report = json.loads((tmp_path / "o/report.json").read_text(encoding="utf-8"))
+    expected = {"xi": "d", "regulariser": "first", "lam": 0.5, "channel": "red", "width": 80, "smooth": 1.5}
+    assert report["settings"] | expected == report["settings"]
+    depth = maps(tmp_path / "o/depth.npz")
+    assert depth["distance"].shape == (60, 80)
+    assert depth["mask"][:, :39].mean() > 0.9
+    assert not depth["mask"][:, 41:].any()
+    assert np.nanmedian(depth["distance"]) == pytest.approx(33, rel=1e-4)
+    assert report["metric"]
+
+
+@pytest.mark.parametrize(("name", "width"), [("distance", ["--width", "80"]), ("diameter", [])])
+def test_a_known_length_fixes_the_scale(work, sim, tmp_path, capsys, name, width):
+    """Pixels are those of the picture, however much it was shrunk."""
+    with np.load(sim / "truth.npz") as truth:
+        points = truth["distance"][..., None] * el.Calibration.load(sim / "endoscope.json").camera.field.rays
+    one, other = points[40, 30], points[85, 120]
+    known = {"distance": f"{np.linalg.norm(one)},30,40"}
+    known["diameter"] = f"{np.linalg.norm(one - other)},30,40,120,85"
+    options = ["--calibration", work / "unknown.json", "--out", tmp_path, *width]
+    assert call("reconstruct", sim / "frame.png", *options, f"--known-{name}", known[name]) == 0
+    said = capsys.readouterr().out
+    assert "(mm)" in said
+    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert (report["scale"], report["metric"]) == (f"known {name}", True)
+    assert "column 30, row 40" in report["meaning"][0]
+    found = maps(tmp_path / "depth.npz")
+    true = np.median(np.linalg.norm(points, axis=-1)[maps(work / "out/depth.npz")["mask"]])
+    assert np.median(found["distance"][found["mask"]]) == pytest.approx(true, rel=0.01)
+
+
+def test_what_is_said_is_passed_on(sim, tmp_path, monkeypatch):
+    """Highlights and contours reach `reconstruct` only if they are asked for."""
+    seen = []
+
+    def solve(frame, calibration, **options):
+        seen.append({key: options.get(key, "not given") for key in ("highlights", "contours", "channel")})
+        raise ValueError("seen")
+
+    monkeypatch.setattr(reconstruction, "reconstruct", solve)
+    arguments = ("reconstruct", sim / "frame.png", "--calibration", sim / "endoscope.json", "--out", tmp_path)
+    call(*arguments)
+    call(*arguments, "--contours", "yes", "--highlights", "ignore", "--channel", "separated")
+    call(*arguments, "--contours", "no", "--highlights", "inpaint")
+    call(*arguments, "--contours", "auto", "--highlights", "keep")
+    none = "not given"
+    assert [tuple(each.values()) for each in seen] == [
+        (none, none, None),
+        ("ignore", True, "separated"),
+        ("inpaint", False, None),
+        ("keep", none, None),
+    ]
+
+
+@pytest.mark.parametrize(("row", "code"), [(40, 0), (400, 2)])
+def test_a_known_length_in_a_video_is_of_its_first_frame(work, sim, tmp_path, capsys, row, code):
+    film = tmp_path / "film"
+    film.mkdir()
+    picture = read_image(sim / "frame.png")
+    for name, light in (("a.png", 1.0), ("b.png", 0.8), ("c.png", 0.9)):
+        write_image(film / name, light * picture)
+    options = ["--calibration", work / "unknown.json", "--out", tmp_path / "out"]
+    assert call("reconstruct", film, *options, "--known-distance", f"44,30,{row}") == code
+    if code:
+        assert "a.png: the pixel at column 30, row 400 is outside" in capsys.readouterr().err
+        assert not (tmp_path / "out").exists()
+        return
+    for name in "abc":  # the same scene: the gain changed
+        found = maps(tmp_path / f"out/frames/{name}/depth.npz")
+        assert found["metric"]
+        assert found["distance"][40, 30] == pytest.approx(44, rel=0.06)
+
+
+def test_reconstruct_again_replaces_the_files_and_keeps_others(sim, tmp_path):
+    for name in ("mine.txt", "depth.npz"):
+        (tmp_path / name).write_text("old")
+    code = call("reconstruct", sim / "frame.png", "--calibration", sim / "endoscope.json", "--out", tmp_path)
+    assert code == 0
+    assert names(tmp_path) == sorted([*OUTPUTS, "mine.txt"])
+    assert (tmp_path / "mine.txt").read_text() == "old"
+    assert maps(tmp_path / "depth.npz")["distance"].shape == (120, 160)
+
+
+# How good --------------------------------------------------------------------------------------
+
+
+def test_evaluate_compares_with_the_truth(work, sim, capsys):
+    assert call("evaluate", work / "out/depth.npz", sim / "truth.npz", "--json") == 0
+    errors = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    found, true = maps(work / "out/depth.npz")["distance"], maps(sim / "truth.npz")["distance"]
+    relative = np.abs(found - true) / true
+    assert errors["mean_percent"] == pytest.approx(100 * np.nanmean(relative), rel=1e-5)
+    assert errors["scale"] == 1.0
+    assert errors["mean_percent"] < 0.6
+    assert errors["mean_degrees"] < 2
+    assert call("evaluate", work / "out/depth.npz", sim / "truth.npz") == 0
+    text = capsys.readouterr().out
+    for key in ("mean_mm", "mean_percent", "rmse_z_mm", "mean_degrees"):
+        assert f"{errors[key]:.4g}" in text
+
+
+def test_evaluate_scales_relative_units(work, sim, capsys):
+    assert call("evaluate", work / "rel/depth.npz", sim / "truth.npz", "--json") == 0
+    errors = json.loads(capsys.readouterr().out)
+    assert errors["scale"] > 10
+    assert errors["mean_percent"] < 0.6
+    assert call("evaluate", work / "rel/depth.npz", sim / "truth.npz", "--max-angle", "20", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["pixels"] < 0.5 * errors["pixels"]
+
+
+def test_evaluate_reads_a_data_sets_depth_map(work, sim, tmp_path, capsys):
+    z = maps(sim / "truth.npz")["z"]
+    write_image(tmp_path / "0001_depth.png", z / 100, 16)
+    assert call("evaluate", work / "out/depth.npz", tmp_path / "0001_depth.png", "--json") == 0
+    errors = json.loads(capsys.readouterr().out)
+    assert errors["mean_percent"] < 0.6
+    assert errors["mean_degrees"] is None
+
+
+# What is wrong -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--solver", "magic"], f"unknown solver 'magic'; choose {', '.join(SOLVERS)}"),
+        (["--snapshots", "3"], "solver 'gauss_newton' has no option 'snapshots'"),
+        (["--xi", "z"], "unknown xi 'z'; choose 1/z, d, 1/d"),
+        (["--regulariser", "third"], "unknown regulariser 'third'; choose first or second"),
+        (["--channel", "pink"], "unknown channel 'pink'; choose red, green, blue, grey or separated"),
+        (["--lam", "-1"], "lam must be finite and at least 0, got -1"),
+        (["--lam", "nan"], "lam must be finite and at least 0, got nan"),
+        (["--lam", "much"], "argument --lam: invalid float value: 'much'"),
+        (["--median-distance", "0"], "median_distance must be positive"),
+        (["--median-distance", "-3"], "median_distance must be positive"),
+        (["--known-distance", "30"], "--known-distance must be MM,COLUMN,ROW, such as 30,80,80, got 30"),
+        (["--known-distance", "30,a,2"], "--known-distance must be MM,COLUMN,ROW"),
+        (["--known-distance", "0,80,60"], "known_distance must be positive and finite (mm)"),
+        (["--known-distance", "30,160,60"], "the pixel at column 160, row 60 is outside the picture of 160x"),
+        (["--known-diameter", "9,1,2"], "--known-diameter must be MM,COLUMN1,ROW1,COLUMN2,ROW2"),
+        (["--known-diameter", "9,80,60,81,60"], "are 1 px apart in the depth map, too near to measure by"),
+        (
+            ["--known-distance", "30,80,60", "--median-distance", "30"],
+            "--median-distance and --known-distance exclude each other; give one",
+        ),
+        (
+            ["--known-distance", "30,80,60", "--known-diameter", "9,70,60,90,60"],
+            "--known-distance and --known-diameter exclude each other; give one",
+        ),
+        (["--highlights", "paint"], "argument --highlights: invalid choice: 'paint'"),
+        (["--contours", "maybe"], "argument --contours: invalid choice: 'maybe'"),
+        (["--width", "0"], "cannot shrink 160x120 px to 0x1 px"),
+        (["--width", "161"], "cannot shrink 160x120 px to 161x121 px"),
+        (["--smooth", "-1"], "smooth must be finite and at least 0"),
+        (["--smooth", "1e9"], "smooth must not exceed the frame's width of 160 px"),
+        (["--bogus"], "unrecognized arguments: --bogus"),
+    ],
+)
+def test_a_bad_option(sim, tmp_path, refused, options, message):
+    calibration = ("--calibration", sim / "endoscope.json")
+    assert message in refused(
+        "reconstruct", sim / "frame.png", *calibration, "--out", tmp_path / "new/out", *options
+    )
+
+
+@pytest.mark.parametrize(
+    ("picture", "message"),
+    [
+        (np.full((120, 160), 0.5), "is constant"),
+        (np.zeros((120, 160, 3)), "is all dark"),
+        (np.ones((120, 160)), "is fully saturated"),
+        (np.full((60, 80), 0.5), "frame.png is 80x60 px, but the calibration is for 160x120 px"),
+        (b"hello", "frame.png: not a picture that can be read"),
+        (b"", "frame.png: not a picture that can be read"),
+        (None, "frame.png: there is no such file"),
+        ("folder", "frame.png: cannot be read: Is a directory"),
+    ],
+)
+def test_a_bad_frame(sim, tmp_path, refused, picture, message):
+    path = tmp_path / "frame.png"
+    if isinstance(picture, np.ndarray):
+        write_image(path, picture)
+    elif isinstance(picture, bytes):
+        path.write_bytes(picture)
+    elif picture:
+        path.mkdir()
+    assert message in refused(
+        "reconstruct", path, "--calibration", sim / "endoscope.json", "--out", tmp_path / "new"
+    )
+
+
+@pytest.mark.parametrize(
+    ("mask", "message"),
+    [
+        (np.zeros((120, 160)), "mask.png is empty"),
+        (np.ones((60, 80)), "mask.png is 80x60 px, the frame 160x120 px"),
+        (None, "mask.png: there is no such file"),
+    ],
+)
+def test_a_bad_mask(sim, tmp_path, refused, mask, message):
+    if mask is not None:
+        write_image(tmp_path / "mask.png", mask)
+    calibration = ("--calibration", sim / "endoscope.json", "--mask", tmp_path / "mask.png")
+    assert message in refused("reconstruct", sim / "frame.png", *calibration, "--out", tmp_path / "new")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"fx"', '"fxx"', "camera.fx: missing"),
+        ('"width": 160', '"width": -160', "camera.width: expected a positive number"),
+        ('"endolab": 1', '"endolab": 3', "endolab: expected version 1, found 3"),
+        ('"gamma": 2.2', '"gamma": NaN', "photometry.gamma: expected a finite number, found NaN"),
+        ('"gamma": 2.2', '"gamma": 2.2, "bias": 0', "photometry.bias: unknown key"),
+        ('"pinhole"', '"pinhead"', "camera.model: expected one of"),
+        ('"width": 160', '"width": 161', "but the calibration is for 161x120 px"),
+        ("{", "", "not valid JSON"),
+    ],
+)
+def test_a_bad_calibration(sim, tmp_path, refused, old, new, message):
+    text = (sim / "endoscope.json").read_text(encoding="utf-8")
+    assert old in text
+    path = tmp_path / "bad.json"
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    said = refused("reconstruct", sim / "frame.png", "--calibration", path, "--out", tmp_path / "new")
+    assert message in said
+    assert "bad.json" in said or "but the calibration" in said
+
+
+def test_a_missing_calibration(sim, tmp_path, refused):
+    frame = sim / "frame.png"
+    said = refused("reconstruct", frame, "--calibration", tmp_path / "no.json", "--out", tmp_path / "new")
+    assert "no.json: there is no such calibration file" in said
+
+
+@pytest.mark.parametrize("out", ["file", "file/out"])
+@pytest.mark.parametrize("command", ["reconstruct", "simulate"])
+def test_an_output_folder_in_the_way_of_a_file(sim, tmp_path, refused, command, out):
+    (tmp_path / "file").write_text("mine")
+    inputs = {
+        "reconstruct": [sim / "frame.png", "--calibration", sim / "endoscope.json"],
+        "simulate": ["plane", "--width", 32],
+    }
+    assert "cannot write to the folder" in refused(command, *inputs[command], "--out", tmp_path / out)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["pig"], "unknown scene 'pig'; choose plane, curved, tube, colon"),
+        (["plane", "--width", 8], "--width must be at least 16 px, got 8"),
+        (["plane", "--noise", "-1"], "noise must be finite and at least 0"),
+        (["plane", "--fog", "nan"], "fog must be finite and at least 0"),
+        (["plane", "--calibration", "pig"], "unknown calibration 'pig'; choose"),
+        (["plane", "--bits", 12], "argument --bits: invalid choice"),
+        ([], "the following arguments are required: SCENE"),
+    ],
+)
+def test_a_bad_simulation(tmp_path, refused, options, message):
+    assert message in refused("simulate", *options, "--out", tmp_path / "new")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["frobnicate"], "invalid choice: 'frobnicate'"),
+        ([], "the following arguments are required: COMMAND"),
+        (["reconstruct"], "the following arguments are required: FRAME, --calibration, --out"),
+        (["sweep"], "the following arguments are required: FRAME, --calibration"),
+        (["evaluate", "depth.npz"], "the following arguments are required: TRUTH"),
+    ],
+)
+def test_a_command_that_is_not_one(refused, arguments, message):
+    assert message in refused(*arguments)
+
+
+def npz(**arrays):
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return stream.getvalue()
+
+
+def npy(array):
+    stream = io.BytesIO()
+    np.save(stream, array)
+    return stream.getvalue()
+
+
+FLAT = np.full((120, 160), 50.0)
+BAD_DEPTH = {
+    "text": (b"hello", "not a depth.npz"),
+    "empty": (b"", "not a depth.npz"),
+    "cut off": (npz(distance=FLAT, z=FLAT)[:5000], "not a depth.npz"),
+    "flipped bits": (
+        npz(distance=FLAT, z=FLAT).replace(bytes(FLAT[0]), bytes(FLAT[0] + 1), 1),
+        "not a depth.npz",
+    ),
+    "npy": (npy(FLAT), "not a depth.npz"),
+    "pickle": (npz(distance=np.array([None]), z=np.array([None])), "not a depth.npz"),
+    "no z": (npz(distance=FLAT), "z is missing"),
+    "words": (npz(distance=np.array([["a"]]), z=np.array([["b"]])), "depth.npz"),
+    "two sizes": (npz(distance=FLAT, z=FLAT[:60]), "depth.npz"),
+    "one row": (npz(distance=FLAT[0], z=FLAT[0]), "depth"),
+    "other size": (npz(distance=FLAT[:60], z=FLAT[:60]), "the depth map is 160x60 px, the truth 160x120 px"),
+    "odd normals": (npz(distance=FLAT, z=FLAT, normals=np.ones((2, 2, 3))), "normals"),
+    "unknown": (
+        npz(distance=FLAT * np.nan, z=FLAT * np.nan),
+        "no pixel has both an estimate and a true distance",
+    ),
+}
+
+
+@pytest.mark.parametrize(("content", "message"), BAD_DEPTH.values(), ids=BAD_DEPTH.keys())
+def test_a_bad_depth_map(sim, tmp_path, refused, content, message):
+    (tmp_path / "depth.npz").write_bytes(content)
+    assert message in refused("evaluate", tmp_path / "depth.npz", sim / "truth.npz")
+
+
+@pytest.mark.parametrize(
+    ("truth", "options", "message"),
+    [
+        ("none.npz", [], "none.npz: there is no such file"),
+        ("frame.png", [], "frame.png: expected truth.npz, C3VD's"),
+        ("0001_depth.png", [], "differ in size; reconstruct without --width"),
+        ("truth.npz", ["--scale", "none"], "is in relative units: compare it with --scale median"),
+        ("truth.npz", ["--scale", "mean"], "argument --scale: invalid choice: 'mean'"),
+        ("truth.npz", ["--max-angle", "0"], "no pixel has both"),
+    ],
+)
+def test_a_bad_comparison(work, tmp_path, refused, truth, options, message):
+    write_image(tmp_path / "0001_depth.png", np.full((3, 4), 0.5), 16)
+    path = work / "sim" / truth if truth in ("truth.npz", "frame.png") else tmp_path / truth
+    assert message in refused("evaluate", work / "rel/depth.npz", path, *options)
+
+
+# Ends ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "message"),
+    [
+        (KeyboardInterrupt(), 130, "endolab: interrupted; nothing was written\n"),
+        (
+            OSError("cannot write depth.npz: No space left on device"),
+            2,
+            "endolab: cannot write depth.npz: No",
+        ),
+    ],
+)
+def test_a_failure_at_the_end_leaves_nothing(sim, tmp_path, monkeypatch, capsys, error, code, message):
+    from endolab.reports import result as files
+
+    def fail(*arguments):
+        raise error
+
+    monkeypatch.setattr(files, "save_depth", fail)
+    calibration = ("--calibration", sim / "endoscope.json")
+    assert call("reconstruct", sim / "frame.png", *calibration, "--out", tmp_path / "new/out") == code
+    assert capsys.readouterr().err.startswith(message)
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("command", [[], ["reconstruct"], ["sweep"], ["simulate"], ["evaluate"], ["lab"]])
+def test_help(capsys, command):
+    assert call(*command, "--help") == 0
+    assert capsys.readouterr().out.startswith("usage: endolab")
+
+
+def test_help_names_the_solvers(capsys):
+    call("reconstruct", "--help")
+    said = " ".join(capsys.readouterr().out.split())
+    for name in SOLVERS:
+        assert name in said.split("--solver SOLVER ")[1].split("--xi XI")[0]
+    assert f"{DEFAULT_SOLVER} (default)" in said
+
+
+def test_a_frame_too_large_for_the_memory_is_refused(sim, tmp_path, refused, monkeypatch):
+    monkeypatch.setattr(posing, "BYTES_PER_PIXEL", 10**12)
+    calibration = ("--calibration", sim / "endoscope.json", "--out", tmp_path / "new")
+    assert "needs about 19200000.0 GB of memory" in refused("reconstruct", sim / "frame.png", *calibration)
+
+
+def test_it_runs_as_a_module(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "endolab", "--help"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    for word in ("reconstruct", "sweep", "simulate", "evaluate"):
+        assert word in done.stdout
+
+
+def test_a_refusal_is_one_line_also_from_what_is_not_python(sim, tmp_path):
+    """Libraries that write to stderr by themselves are seen only from outside the process."""
+    command = [sys.executable, "-m", "endolab", "reconstruct", str(sim / "frame.png"), "--solver", "none"]
+    command += ["--calibration", str(sim / "endoscope.json"), "--out", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == f"endolab: unknown solver 'none'; choose {', '.join(SOLVERS)}\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_frame_is_prepared_and_drawn(sim, tmp_path, capsys):
+    options = ["--calibration", sim / "endoscope.json", "--out", tmp_path / "out", "--prepare"]
+    assert call("reconstruct", sim / "frame.png", *options, "--solver", "fast_marching") == 0
+    assert "preparation.png" in (said := capsys.readouterr().out)
+    assert "The endoscope shows 100 % of the picture." in said
+    assert read_image(tmp_path / "out/preparation.png").shape[1] == 1600

@@ -1,0 +1,115 @@
+"""The path-traced frames that come with endolab: what they hold fits together, and nothing is lost."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from endolab.datasets import traced as traced_set
+from endolab.datasets.known_endoscopes import load_calibration
+from endolab.datasets.traced import CASES, load_traced
+from endolab.synthetic import path_tracing
+from endolab.synthetic.path_tracing import Traced
+from endolab.synthetic.rendering import VEIL
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_layers_make_the_picture_and_the_truth_is_the_scene(name):
+    sample, options = load_traced(name), CASES[name].options
+    gamma, mask = sample.calibration.photometry.gamma, sample.frame.mask
+    assert sample.calibration.photometry.gain > 0
+    np.testing.assert_allclose(
+        sample.distance[mask], sample.scene.distance(sample.calibration.camera.field.rays)[mask], atol=0.002
+    )
+    facing = np.einsum("ij,ij->i", sample.normals[mask], sample.calibration.camera.field.rays[mask])
+    assert np.allclose(np.linalg.norm(sample.normals[mask], axis=-1), 1)
+    assert np.mean(facing < 0) > 0.999
+    linear = sample.direct + sample.indirect + sample.mirrored[..., None]
+    if "fog" in options:
+        linear += VEIL * (1 - np.exp(-options["fog"] * np.nan_to_num(sample.distance)))[..., None]
+    error = 255 * (np.clip(linear, 0, 1) ** (1 / gamma) - sample.frame.image)[mask]
+    clipped = (sample.frame.image[mask] == 1) | (sample.frame.image[mask] == 0)
+    noise = np.hypot(options.get("noise", 0.0), 0.3)  # of the sensor, and of rounding
+    assert np.std(error[~clipped]) == pytest.approx(noise, rel=0.1)
+    assert abs(error[~clipped].mean()) < 0.05
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_light_bounces_most_in_red(name):
+    sample = load_traced(name)
+    mask = sample.frame.mask
+    share = np.median((sample.indirect / np.maximum(sample.direct, 1e-9))[mask], axis=0)
+    assert share[0] > 2 * share[1] > 2 * share[2] > 0.2
+    assert (sample.mirrored > 0).any() == ("film" in CASES[name].options)
+
+
+def made(sample, gain=2.0):
+    """What path tracing would have returned."""
+    return Traced(
+        image=sample.frame.image,
+        distance=sample.distance,
+        normals=sample.normals,
+        mask=sample.frame.mask,
+        camera=sample.calibration.camera,
+        photometry=replace(sample.calibration.photometry, gain=gain),
+        direct=sample.direct,
+        indirect=sample.indirect,
+        mirrored=sample.mirrored,
+    )
+
+
+def test_round_trip(tmp_path):
+    old = load_traced("wet-1")
+    traced_set.write(tmp_path / "a.npz", made(old), CASES["wet-1"], 64)
+    new = traced_set.read(tmp_path / "a.npz")
+    assert new.calibration.photometry.gain == 2.0
+    assert new.scene == old.scene
+    for name in ("distance", "normals", "direct", "indirect", "mirrored"):
+        np.testing.assert_allclose(getattr(new, name), getattr(old, name), atol=1e-12)
+
+
+def test_a_frame_beyond_the_files_reach_is_refused(tmp_path):
+    sample = load_traced("matt")
+    with pytest.raises(ValueError, match="holds distances up to 255 mm, got 347 mm"):
+        traced_set.write(
+            tmp_path / "a.npz", replace(made(sample), distance=2 * sample.distance), CASES["matt"], 1
+        )
+    assert not list(tmp_path.iterdir())
+
+
+def test_unknown_missing_and_broken_frames(tmp_path, capsys):
+    with pytest.raises(ValueError, match="unknown traced frame 'dry'; choose matt, diffuse-1"):
+        load_traced("dry")
+    with pytest.raises(FileNotFoundError, match="there is no such file"):
+        traced_set.read(tmp_path / "none.npz")
+    whole = (traced_set.FOLDER / "matt.npz").read_bytes()
+    (tmp_path / "half.npz").write_bytes(whole[: len(whole) // 2])
+    np.savez(tmp_path / "other.npz", image=np.zeros(3))
+    np.savez(tmp_path / "facts.npz", image=np.zeros(3), facts=np.array(json.dumps({"scene": {}})))
+    for name in ("half", "other", "facts"):
+        with pytest.raises(ValueError, match=f"{name}.npz: not a path-traced frame that endolab wrote"):
+            traced_set.read(tmp_path / f"{name}.npz")
+    assert traced_set.main([]) == 2
+    assert traced_set.main([str(tmp_path / "made"), "dry"]) == 2
+    assert "unknown frame 'dry'" in capsys.readouterr().err
+    assert not (tmp_path / "made").exists()
+
+
+def test_the_generator_makes_such_a_frame(tmp_path, monkeypatch):
+    pytest.importorskip("mitsuba", reason='Mitsuba is not installed: python -m pip install "mitsuba>=3.9"')
+    try:
+        path_tracing.mitsuba()
+    except OSError as error:
+        pytest.skip(str(error))
+    case = replace(CASES["wet-1"], options=CASES["wet-1"].options | {"mesh_size": 60, "bounces": 3})
+    monkeypatch.setitem(traced_set.CASES, "small", case)
+    monkeypatch.setattr(traced_set, "load_calibration", lambda name, width: load_calibration(name, 64))
+    traced_set.make(tmp_path, ["small"], samples=4)
+    sample = traced_set.read(tmp_path / "small.npz")
+    assert sample.frame.image.shape == (48, 64, 3)
+    # Small and coarse, but of the same colon under the same lights as the frame that comes with endolab.
+    small, large = (
+        one.direct[..., 1] / one.calibration.photometry.gain for one in (sample, load_traced("wet-1"))
+    )
+    assert np.median(small / large[2::5, 2::5]) == pytest.approx(1, rel=0.1)

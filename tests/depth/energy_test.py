@@ -1,0 +1,449 @@
+"""The energy against sums written out by hand, and what must leave it unchanged."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab import datasets
+from endolab.depth.energy import GaussNewtonModel, energy_terms, model_image
+from endolab.depth.problem import Problem
+from endolab.numerics.derivatives import gradient
+
+CAMERA = el.Pinhole(7, 5, 4.0, 4.4, 2.8, 2.1)
+PHOTOMETRY = el.Photometry(k=1.7, gamma=2.0, gain=900.0, brdf=el.Lambertian(0.6))
+every_xi = pytest.mark.parametrize("xi", ["1/z", "d", "1/d"])
+every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
+
+
+@pytest.fixture
+def tiny(rng):
+    """A frame of 7×5 px and a depth map that does not explain it well, with a hole in the mask."""
+    mask = np.ones((5, 7), dtype=bool)
+    mask[2, 3] = mask[0, 0] = False
+    image = rng.uniform(0.1, 0.9, (5, 7))
+    v = np.log(20 + rng.uniform(-1, 1, (5, 7)))
+    return Problem(image, mask, CAMERA, PHOTOMETRY, epsilon=2e-5), v
+
+
+@pytest.fixture
+def holed(rng):
+    """A frame of 9×7 px that a rough surface nearly explains, with holes and cuts."""
+    shape = (7, 9)
+    mask, cuts = np.ones(shape, dtype=bool), rng.random((2, *shape)) < 0.1
+    mask[2, 3] = mask[0, 0] = mask[5:, 6] = False
+    camera = el.Pinhole(9, 7, 5.0, 5.4, 3.8, 3.1)
+    v = np.log(20) + 0.1 * rng.normal(size=shape)
+    problem = Problem(np.full(shape, 0.5), mask, camera, PHOTOMETRY, cuts=cuts)
+    noise = rng.choice([0.01, 0.1], shape) * rng.normal(size=shape)
+    return replace(problem, image=np.clip(model_image(problem, v) + noise, 0.05, 0.95)), v
+
+
+def smoothed(problem, xi, regulariser):
+    """The `holed` problem with a regulariser that weighs as much as its data, ε amid its ‖D ξ‖."""
+    lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4)}[regulariser]
+    return replace(problem, xi=xi, regulariser=regulariser, lam=lam, epsilon=epsilon)
+
+
+def posed(scene, width, **options):
+    calibration = datasets.load_calibration("simple", width)
+    rendered = el.render(el.SCENES[scene], calibration.camera, calibration.photometry)
+    problem = Problem(
+        rendered.image[..., 1],
+        rendered.mask,
+        calibration.camera,
+        rendered.photometry.channel("green"),
+        **options,
+    )
+    return problem, np.log(rendered.distance)
+
+
+def huber(r, t):
+    return r * r / 2 if abs(r) <= t else t * (abs(r) - t / 2)
+
+
+# Written out ---------------------------------------------------------------------------
+
+
+def test_data_term_is_the_sum_written_out(tiny):
+    """Tangents from finite differences of the rays, their cross product, eq. 9; no mask."""
+    problem, v = tiny
+    problem = replace(problem, mask=np.ones((5, 7), dtype=bool))
+    v_row, v_column = np.gradient(v, edge_order=1)
+    h, expected = 1e-5, 0.0
+    for row, column in np.ndindex(5, 7):
+        ray, right, left, lower, upper = (
+            CAMERA.unproject((column + a, row + b)) for a, b in ((0, 0), (h, 0), (-h, 0), (0, h), (0, -h))
+        )
+        along_u = (right - left) / (2 * h) + v_column[row, column] * ray
+        along_v = (lower - upper) / (2 * h) + v_row[row, column] * ray
+        normal = np.cross(along_u, along_v)
+        cos_theta = abs(normal @ ray) / np.linalg.norm(normal)
+        d2 = np.exp(2 * v[row, column])
+        predicted = (ray[2] ** 1.7 / d2 * 0.6 / np.pi * cos_theta * 900.0) ** (1 / 2.0)
+        assert model_image(problem, v)[row, column] == pytest.approx(predicted, rel=1e-7)
+        expected += huber(predicted - problem.image[row, column], 0.05)
+    assert energy_terms(problem, v)["data"] == pytest.approx(expected / 35, rel=1e-7)
+
+
+@every_xi
+@every_regulariser
+def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
+    problem, v = tiny
+    problem = replace(problem, xi=xi, regulariser=regulariser, lam=0.3)
+    mask, cosine = problem.mask, CAMERA.unproject(np.moveaxis(np.indices((5, 7))[::-1], 0, -1))[..., 2]
+    maps = {"1/z": lambda v: np.exp(-v) / cosine, "d": np.exp, "1/d": lambda v: np.exp(-v)}
+    start = np.log(problem.image**-2.0 * cosine**1.7 * 0.6 / np.pi * 900.0) / 2
+    f = maps[xi](v) / np.median(maps[xi](start)[mask])
+
+    def at(pixel, *offsets):
+        """Values at offsets (row, column) from a pixel; None if one is not in the mask."""
+        places = [(pixel[0] + a, pixel[1] + b) for a, b in offsets]
+        inside = all(0 <= r < 5 and 0 <= c < 7 and mask[r, c] for r, c in places)
+        return [f[place] for place in places] if inside else None
+
+    def image_step(pixel, a, b):
+        other = (pixel[0] + a, pixel[1] + b)
+        inside = other[0] < 5 and other[1] < 7 and mask[other]
+        return problem.image[other] - problem.image[pixel] if inside else 0.0
+
+    total = 0.0
+    for pixel in map(tuple, np.argwhere(mask)):
+        if regulariser == "first":
+            steps = [at(pixel, (0, 0), (0, 1)), at(pixel, (0, 0), (1, 0))]
+            size = np.sqrt(sum((x[1] - x[0]) ** 2 for x in steps if x)) * 7 / 320
+        else:
+            lines = [at(pixel, (0, -1), (0, 0), (0, 1)), at(pixel, (-1, 0), (0, 0), (1, 0))]
+            square = at(pixel, (0, 0), (0, 1), (1, 0), (1, 1))
+            second = [(x[0] - 2 * x[1] + x[2]) ** 2 for x in lines if x]
+            if square:
+                second.append(2 * (square[0] - square[1] - square[2] + square[3]) ** 2)
+            size = np.sqrt(sum(second)) * (7 / 320) ** 2
+        g = np.exp(-np.hypot(image_step(pixel, 0, 1), image_step(pixel, 1, 0)) * 7 / 320 / 0.05)
+        total += 0.3 * g * huber(size, 2e-5) / 2e-5
+    assert energy_terms(problem, v)["regulariser"] == pytest.approx(total / mask.sum(), rel=1e-9)
+
+
+# At the truth --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scene", ["plane", "curved"])
+def test_the_truth_explains_the_frame_to_the_fourth_power_of_the_pixel_and_its_rim_to_the_third(scene):
+    """The data term is quadratic in the error of the normals: inside h², so a sixteenth at twice the width.
+
+    At the rim two pixels give h, so a quarter, from a share of the pixels that halves: an eighth.
+    """
+    data, inside = [], []
+    for width in (80, 160, 320):
+        problem, v = posed(scene, width)
+        residual = model_image(problem, v) - problem.image
+        data.append(energy_terms(problem, v)["data"])
+        inside.append(np.mean(residual[1:-1, 1:-1] ** 2) / 2)
+    assert data[0] < 3e-9
+    assert inside[0] < 1e-10
+    for coarse, fine in pairwise(data):
+        assert 7.5 < coarse / fine < 9
+    for coarse, fine in pairwise(inside):
+        assert 15 < coarse / fine < 17
+
+
+@pytest.mark.parametrize("step", [-0.01, 0.01])
+def test_any_other_distance_explains_it_worse(step):
+    problem, v = posed("curved", 80)
+    assert energy_terms(problem, v + step)["data"] > 5e3 * energy_terms(problem, v)["data"]
+
+
+@every_regulariser
+@pytest.mark.parametrize(("xi", "cosine_power"), [("d", 0), ("1/d", 0), ("1/z", 1)])
+def test_a_constant_xi_costs_nothing(tiny, xi, cosine_power, regulariser):
+    problem = replace(tiny[0], xi=xi, regulariser=regulariser)
+    v = np.log(20.0) - cosine_power * np.log(problem.field.cos_alpha)
+    assert energy_terms(problem, v)["regulariser"] < 1e-20
+
+
+def test_a_plane_in_a_pinhole_camera_is_straight_in_1_over_z_alone():
+    for xi, straight in (("1/z", True), ("1/d", False), ("d", False)):
+        problem, v = posed("plane", 80, xi=xi, regulariser="second")
+        assert (energy_terms(problem, v)["regulariser"] < 1e-20) == straight
+        problem = replace(problem, regulariser="first")
+        assert energy_terms(problem, v)["regulariser"] > 1e-4
+
+
+# What changes nothing ------------------------------------------------------------------
+
+
+@every_xi
+@every_regulariser
+@pytest.mark.parametrize("scale", [1e-3, 3.7])
+def test_the_unit_of_length_plays_no_part(tiny, xi, regulariser, scale):
+    problem, v = tiny
+    problem = replace(problem, xi=xi, regulariser=regulariser)
+    scaled = replace(problem, photometry=replace(PHOTOMETRY, gain=900.0 * scale**2))
+    expected = energy_terms(problem, v)
+    assert energy_terms(scaled, v + np.log(scale)) == pytest.approx(expected, rel=1e-10)
+    assert min(expected.values()) > 1e-6
+
+
+@every_xi
+@every_regulariser
+def test_the_size_of_the_picture_plays_no_part(xi, regulariser):
+    small, large = (
+        energy_terms(*posed("curved", width, xi=xi, regulariser=regulariser))["regulariser"]
+        for width in (120, 240)
+    )
+    assert small == pytest.approx(large, rel=0.02)
+
+
+def test_lam_weighs_the_regulariser_alone(tiny):
+    problem, v = tiny
+    one, three, none = (energy_terms(replace(problem, lam=lam), v) for lam in (1.0, 3.0, 0.0))
+    assert three["regulariser"] == pytest.approx(3 * one["regulariser"], rel=1e-12)
+    assert none["regulariser"] == 0
+    assert one["data"] == three["data"] == none["data"]
+
+
+@every_xi
+@every_regulariser
+@pytest.mark.parametrize("outside", [np.nan, 0.0, 50.0])
+def test_what_lies_outside_the_mask_plays_no_part(tiny, xi, regulariser, outside):
+    problem, v = tiny
+    problem = replace(problem, xi=xi, regulariser=regulariser)
+    image = np.where(problem.mask, problem.image, outside)
+    spoilt = replace(problem, image=image), np.where(problem.mask, v, outside)
+    assert energy_terms(*spoilt) == energy_terms(problem, v)
+    np.testing.assert_array_equal(model_image(*spoilt), model_image(problem, v))
+    np.testing.assert_array_equal(np.isnan(model_image(problem, v)), ~problem.mask)
+
+
+@pytest.mark.parametrize("outside", [np.nan, np.inf, -np.inf, 0.0, 50.0])
+def test_what_lies_outside_the_mask_moves_no_step(holed, outside):
+    problem, v = holed
+    image = np.where(problem.mask, problem.image, outside)
+    spoilt = GaussNewtonModel.at(replace(problem, image=image), np.where(problem.mask, v, outside))
+    clean = GaussNewtonModel.at(problem, v)
+    np.testing.assert_array_equal(spoilt.gradient, clean.gradient)
+    np.testing.assert_array_equal(spoilt.multiply(v), clean.multiply(v))
+    np.testing.assert_array_equal(clean.multiply(np.where(problem.mask, v, np.nan)), clean.multiply(v))
+    assert np.all(clean.gradient[~problem.mask] == 0)
+    assert np.all(clean.multiply(v)[~problem.mask] == 0)
+
+
+@every_xi
+@every_regulariser
+@pytest.mark.parametrize("apart", ["hole", "cuts"])
+def test_islands_do_not_pull_at_each_other(rng, holed, xi, regulariser, apart):
+    """Two islands, parted by holes or by cuts: what one does, the other's slope and bend ignore."""
+    problem, v = holed
+    columns = np.indices(v.shape)[1]
+    mask, cuts = problem.mask & (columns != 4), None
+    if apart == "cuts":
+        mask, cuts = problem.mask, problem.cuts.copy()
+        cuts[0, :, 3] = True
+    problem = smoothed(replace(problem, mask=mask, cuts=cuts), xi, regulariser)
+    here = mask & (columns < 4)
+    other = np.where(here, v, v + rng.normal(scale=0.3, size=v.shape))
+    delta = rng.normal(size=v.shape)
+    before, after = (GaussNewtonModel.at(problem, x) for x in (v, other))
+    assert np.any(before.gradient[~here] != after.gradient[~here])
+    np.testing.assert_array_equal(before.gradient[here], after.gradient[here])
+    np.testing.assert_array_equal(before.multiply(delta)[here], after.multiply(delta)[here])
+    alone = np.where(here, delta, 0.0)
+    np.testing.assert_array_equal(before.multiply(alone)[~here], 0.0)
+
+
+def test_a_tear_in_the_surface_is_free_where_it_is_cut():
+    """A step of a third of the distance: dear, but not over a cut."""
+    problem, v = posed("curved", 80)
+    right = np.indices(v.shape)[1] >= 40
+    cuts = np.zeros((2, *v.shape), dtype=bool)
+    cuts[0, :, 39] = True
+    torn_v = v + 0.3 * right
+    canonical = np.exp(-2 * 0.3 * right) ** (1 / problem.photometry.gamma)
+    torn = replace(problem, image=problem.image * canonical)
+    dear, free = energy_terms(torn, torn_v), energy_terms(replace(torn, cuts=cuts), torn_v)
+    assert free["data"] < 1e-3 * dear["data"]
+    assert free["data"] < 5 * energy_terms(problem, v)["data"]
+    assert free["regulariser"] < 0.5 * dear["regulariser"]
+
+
+# The quadratic of Gauss-Newton ---------------------------------------------------------
+
+
+def derivative(function, v, direction, h):
+    """Central difference of a function of v along a direction."""
+    return (function(v + h * direction) - function(v - h * direction)) / (2 * h)
+
+
+def energy(problem):
+    return lambda v: sum(energy_terms(problem, v).values())
+
+
+def matrix_of(model, mask):
+    """The quadratic's matrix over the pixels of the mask, column by column."""
+    units = np.zeros((mask.sum(), *mask.shape))
+    units[:, mask] = np.eye(mask.sum())
+    return np.array([model.multiply(unit)[mask] for unit in units]).T
+
+
+@every_xi
+@every_regulariser
+def test_the_slope_of_the_quadratic_is_the_energys(holed, xi, regulariser):
+    """Pixel by pixel, with residuals and roughness on both sides of their Huber thresholds."""
+    problem, v = holed
+    problem = smoothed(problem, xi, regulariser)
+    model = GaussNewtonModel.at(problem, v)
+    assert 5 < np.sum(model.data_weight[problem.mask] < 1) < 50  # of 58 pixels
+    flat = problem.lam * problem.edge_weight * problem.derivative_scale**2 / problem.epsilon
+    assert 5 < np.sum(model.smoothness[problem.mask] < flat[problem.mask]) < 50
+    data = GaussNewtonModel.at(replace(problem, lam=0.0), v).gradient
+    assert 0.2 < np.linalg.norm(model.gradient - data) / np.linalg.norm(data) < 5
+    expected = np.zeros(v.shape)
+    for pixel in map(tuple, np.argwhere(problem.mask)):
+        unit = np.zeros(v.shape)
+        unit[pixel] = 1.0
+        expected[pixel] = derivative(energy(problem), v, unit, 1e-6)
+    np.testing.assert_allclose(model.gradient, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
+
+
+@every_xi
+@every_regulariser
+def test_the_slope_vanishes_with_the_roughness(holed, xi, regulariser):
+    """Where ‖D ξ‖ < ε the Huber norm is quadratic: the slope is right there too, and 0 at a constant ξ."""
+    problem, v = holed
+    problem = replace(smoothed(problem, xi, regulariser), epsilon=0.1)
+    calm = GaussNewtonModel.at(problem, v).gradient
+    direction = np.where(problem.mask, np.sin(np.arange(v.size)).reshape(v.shape), 0.0)
+    slope = derivative(energy(problem), v, direction, 1e-6)
+    assert np.sum(calm * direction) == pytest.approx(slope, rel=1e-6)
+    constant = np.log(20.0) - (xi == "1/z") * np.log(problem.field.cos_alpha)
+    silent = replace(problem, image=model_image(problem, constant))
+    assert np.abs(GaussNewtonModel.at(silent, constant).gradient).max() < 1e-15
+
+
+@every_xi
+@every_regulariser
+def test_the_matrix_is_symmetric_and_bends_upwards(holed, xi, regulariser):
+    problem, v = holed
+    problem = smoothed(problem, xi, regulariser)
+    matrix = matrix_of(GaussNewtonModel.at(problem, v), problem.mask)
+    np.testing.assert_allclose(matrix, matrix.T, rtol=0, atol=1e-14 * np.abs(matrix).max())
+    assert np.linalg.eigvalsh(matrix)[0] > -1e-13 * np.abs(matrix).max()
+
+
+def test_the_model_image_is_linear_along_its_derivatives(rng, holed):
+    """I_model(v + δ) ≈ I_model(v) + a δ + b·∇δ."""
+    problem, v = holed
+    model, delta = GaussNewtonModel.at(problem, v), rng.normal(size=v.shape)
+    delta_u, delta_v = gradient(delta, problem.mask, problem.cuts, edge_order=1)
+    change = model.by_v * delta + model.by_v_u * delta_u + model.by_v_v * delta_v
+    expected = derivative(lambda x: model_image(problem, x), v, delta, 1e-6)
+    np.testing.assert_allclose(change, expected, rtol=1e-7, atol=1e-8)
+
+
+@every_xi
+@every_regulariser
+def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(rng, holed, xi, regulariser):
+    """At no residual and constant ξ, both Hubers quadratic, what Gauss-Newton leaves out is 0."""
+    problem, _ = holed
+    v = np.log(20.0) - (xi == "1/z") * np.log(problem.field.cos_alpha)
+    problem = smoothed(replace(problem, image=model_image(problem, v)), xi, regulariser)
+    model, delta = GaussNewtonModel.at(problem, v), rng.normal(size=v.shape)
+    expected = derivative(lambda x: GaussNewtonModel.at(problem, x).gradient, v, delta, 1e-6)
+    product = model.multiply(delta)
+    np.testing.assert_allclose(product, expected, rtol=0, atol=1e-7 * np.abs(product).max())
+
+
+def test_the_matrix_of_the_data_is_the_slopes_derivative_on_any_surface_that_explains_the_frame(rng, holed):
+    problem, v = holed
+    problem = replace(problem, lam=0.0, image=model_image(problem, v))
+    model, delta = GaussNewtonModel.at(problem, v), rng.normal(size=v.shape)
+    expected = derivative(lambda x: GaussNewtonModel.at(problem, x).gradient, v, delta, 1e-6)
+    assert np.abs(model.by_v_u).max() > 0.01
+    product = model.multiply(delta)
+    np.testing.assert_allclose(product, expected, rtol=0, atol=1e-7 * np.abs(product).max())
+
+
+@every_xi
+@every_regulariser
+@pytest.mark.parametrize("size", [1e-4, 0.03, 1.0])
+def test_the_parabolas_touch_the_penalties_and_lie_above(rng, holed, xi, regulariser, size):
+    """Of ξ: Σ ½ w ‖D ξ‖² + what makes it touch. Of the residual: Σ ½ w r² + what makes it touch."""
+    problem, v = holed
+    problem = smoothed(problem, xi, regulariser)
+    other = v + size * rng.normal(size=v.shape)
+    here, there = (GaussNewtonModel.at(problem, x) for x in (v, other))
+    terms, other_terms = (energy_terms(problem, x) for x in (v, other))
+    count = problem.mask.sum()
+
+    # ½ ⟨ξ, Dᵀ w D ξ⟩ with the weights of `here`: what `multiply` gives without data and with slope 1.
+    zero = np.zeros(v.shape)
+    rough = replace(here, by_v=zero, by_v_u=zero, by_v_v=zero, xi_slope=np.ones(v.shape))
+    own, others = (0.5 * np.sum(xi * rough.multiply(xi)) for xi in (here.xi, there.xi))
+    above = terms["regulariser"] + others - own - other_terms["regulariser"]
+    assert above > -1e-12 * other_terms["regulariser"]
+
+    own, others = (0.5 * np.sum(here.data_weight * r**2) / count for r in (here.residual, there.residual))
+    above = terms["data"] + others - own - other_terms["data"]
+    assert above > -1e-12 * other_terms["data"]
+
+
+# Weights and complaints ----------------------------------------------------------------
+
+
+def test_edges_of_the_image_weigh_less(tiny):
+    image = np.full((5, 7), 0.2)
+    image[:, 4:] = 0.9
+    weight = replace(tiny[0], image=image, mask=np.ones((5, 7), bool)).edge_weight
+    assert np.all(weight[:, 3] == np.exp(-0.7 * 7 / 320 / 0.05))
+    assert np.all(np.delete(weight, 3, axis=1) == 1)
+    weight = tiny[0].edge_weight[tiny[0].mask]
+    assert weight.min() > 0
+    assert weight.max() <= 1
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("lam", -1.0, "lam must be finite and at least 0, got -1.0"),
+        ("lam", np.nan, "lam must be finite and at least 0, got nan"),
+        ("lam", np.inf, "lam must be finite and at least 0, got inf"),
+        ("lam", -np.inf, "lam must be finite and at least 0, got -inf"),
+        ("epsilon", 0.0, "epsilon must be positive and finite, got 0.0"),
+        ("epsilon", -1e-4, "epsilon must be positive and finite, got -0.0001"),
+        ("epsilon", np.nan, "epsilon must be positive and finite, got nan"),
+        ("epsilon", np.inf, "epsilon must be positive and finite, got inf"),
+        ("threshold", 0.0, "threshold must be positive and finite, got 0.0"),
+        ("threshold", -0.1, "threshold must be positive and finite, got -0.1"),
+        ("threshold", np.nan, "threshold must be positive and finite, got nan"),
+        ("threshold", np.inf, "threshold must be positive and finite, got inf"),
+        ("xi", "z", "unknown xi 'z'; choose 1/z, d, 1/d"),
+        ("regulariser", "third", "unknown regulariser 'third'; choose first or second"),
+        ("image", np.zeros((7, 5)), r"image has shape \(7, 5\), the camera \(5, 7\)"),
+        ("mask", np.ones((5, 6), bool), r"mask has shape \(5, 6\), the camera \(5, 7\)"),
+        (
+            "cuts",
+            np.ones((5, 7), bool),
+            r"cuts must be a bool array of shape \(2, 5, 7\), found bool of shape \(5, 7\)",
+        ),
+        (
+            "cuts",
+            np.ones((2, 7, 5), bool),
+            r"cuts must be a bool array of shape \(2, 5, 7\), found bool of shape \(2, 7, 5\)",
+        ),
+        (
+            "cuts",
+            np.ones((5, 7, 2), bool),
+            r"cuts must be a bool array of shape \(2, 5, 7\), found bool of shape \(5, 7, 2\)",
+        ),
+    ],
+)
+def test_a_problem_refuses(tiny, key, value, message):
+    with pytest.raises(ValueError, match=message):
+        replace(tiny[0], **{key: value})
+
+
+def test_units(tiny):
+    assert tiny[0].unit == "mm"
+    assert replace(tiny[0], metric=False).unit == "relative units"

@@ -1,0 +1,363 @@
+"""Fast marching against a readable twin, against exact scenes, and in its invariances."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab import datasets
+from endolab.depth.fast_marching import fast_marching
+from endolab.depth.problem import Problem
+from endolab.metrics.depth_errors import compare, occlusion_cuts
+
+AROUND = [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)]  # (row, column)
+FISHEYE = el.KannalaBrandt(48, 36, 24.0, 25.0, 23.0, 18.5, (-0.139, -0.00124, 0.000913, -0.0000407))
+PAPER_SHEET = el.TabulatedBRDF(
+    tuple(np.linspace(0, 1.5, 15)), tuple(0.2 + 0.1 * np.exp(-16 * np.linspace(0, 1.5, 15) ** 2))
+)
+
+
+def posed(scene, camera, *, brdf=None, mask=None, **options):
+    """A rendered scene as a problem, with its truth."""
+    seen = el.render(scene, camera, el.Photometry(brdf=brdf or el.Lambertian(0.5)), **options)
+    mask = seen.mask & (True if mask is None else mask) & (seen.image > 0.02)
+    return Problem(seen.image, mask, camera, seen.photometry), seen
+
+
+def largest_root(a, b, c):
+    """Of a y² + 2 b y + c; nan if there is none."""
+    inside = b * b - a * c
+    return (np.sqrt(inside) - b) / a if inside >= 0 else np.nan
+
+
+def open_steps(mask, cuts):
+    """Steps (row, column) that the march may take from each pixel of the mask."""
+    cuts = np.zeros((2, *mask.shape), dtype=bool) if cuts is None else cuts
+    inside = set(map(tuple, np.argwhere(mask).tolist()))
+
+    def cut(a, b):
+        """Whether the side between two pixels is cut."""
+        return bool(cuts[int(a[0] != b[0])][min(a, b)])
+
+    def is_open(a, step):
+        b = a[0] + step[0], a[1] + step[1]
+        if b not in inside:
+            return False
+        if 0 in step:
+            return not cut(a, b)
+        corners = (a[0], b[1]), (b[0], a[1])
+        around = [c in inside and not cut(a, c) and not cut(c, b) for c in corners]
+        return any(around) or not any(cut(x, c) for x in (a, b) for c in corners)
+
+    return {a: [step for step in AROUND if is_open(a, step)] for a in sorted(inside)}
+
+
+def local_solution(y, limit, inverse_metric, steps, pixel, highest_order):
+    """d² at a pixel from its eight neighbours: the least that an edge or an upwind triangle gives.
+
+    Depends on lower neighbours alone, so its fixed point is one (if no two neighbours tie).
+    """
+    best = limit
+    guu, guv, gvv = inverse_metric
+    inner = lambda p, q: guu * p[0] * q[0] + guv * (p[0] * q[1] + p[1] * q[0]) + gvv * p[1] * q[1]  # noqa: E731
+
+    def next_to(place, step):
+        return place[0] + step[0], place[1] + step[1]
+
+    def difference(step, order):
+        """(s, t, neighbour): p·step = s y + t."""
+        place = next_to(pixel, step)
+        near, far = y[place], y[next_to(place, step)] if step in steps[place] else np.inf
+        return (-1.5, 2 * near - 0.5 * far, near) if order == 2 and far <= near else (-1.0, near, near)
+
+    for step, turned in zip(AROUND, [*AROUND[1:], AROUND[0]], strict=True):
+        if step not in steps[pixel] or y[next_to(pixel, step)] >= limit:
+            continue
+        a, b = step[::-1], turned[::-1]
+        length = (gvv * a[0] ** 2 - 2 * guv * a[0] * a[1] + guu * a[1] ** 2) / (guu * gvv - guv**2)
+        for order in range(highest_order, 0, -1):
+            s, t, near = difference(step, order)
+            value = largest_root(s * s / length + 4, s * t / length, t * t / length - 4 * limit**2)
+            if near <= value <= limit:
+                best = min(best, value)
+                break
+        third = turned[0] - step[0], turned[1] - step[1]
+        if turned not in steps[pixel] or third not in steps[next_to(pixel, step)]:
+            continue
+        if y[next_to(pixel, turned)] >= limit:
+            continue
+        turn = a[0] * b[1] - a[1] * b[0]
+        for order in range(highest_order, 0, -1):
+            (sa, ta, ya), (sb, tb, yb) = difference(step, order), difference(turned, order)
+            alpha = (b[1] * sa - a[1] * sb) / turn, (a[0] * sb - b[0] * sa) / turn
+            beta = (b[1] * ta - a[1] * tb) / turn, (a[0] * tb - b[0] * ta) / turn
+            value = largest_root(
+                inner(alpha, alpha) + 4, inner(alpha, beta), inner(beta, beta) - 4 * limit**2
+            )
+            if not max(ya, yb) <= value <= limit:
+                continue
+            p = [alpha[0] * value + beta[0], alpha[1] * value + beta[1]]
+            down = -(guu * p[0] + guv * p[1]), -(guv * p[0] + gvv * p[1])
+            weights = (down[0] * b[1] - down[1] * b[0]) / turn, (a[0] * down[1] - a[1] * down[0]) / turn
+            if min(weights) >= -1e-9 * (abs(weights[0]) + abs(weights[1])):
+                best = min(best, value)
+                break
+    return best
+
+
+def fast_sweeping(problem):
+    """d² by sweeping the picture in four orders until nothing changes.
+
+    First order first, which falls to its fixed point from any upper bound; second order from there.
+    """
+    steps, d2 = open_steps(problem.mask, problem.cuts), np.exp(2 * problem.log_facing)
+    y0 = {pixel: float(d2[pixel]) for pixel in steps}
+    metric = {pixel: problem.field.inverse_metric[pixel].tolist() for pixel in steps}
+    y = dict(y0)
+    orders = [sorted(steps, key=lambda p, r=r, c=c: (r * p[0], c * p[1])) for r in (1, -1) for c in (1, -1)]
+    for order in (1, 2):
+        for _ in range(20):
+            before = list(y.values())
+            for pixel in (place for sweep in orders for place in sweep):
+                y[pixel] = local_solution(y, y0[pixel], metric[pixel], steps, pixel, order)
+            if np.allclose(list(y.values()), before, rtol=1e-13, atol=0):
+                break
+        else:
+            pytest.fail("the sweeps do not converge")
+    swept = np.full(problem.mask.shape, np.nan)
+    swept[problem.mask] = list(y.values())  # sorted by row and column, as the mask reads
+    return swept
+
+
+@pytest.mark.parametrize(
+    ("scene", "tear"),
+    [(scene, "none") for scene in el.SCENES]
+    + [("colon", "contours"), ("colon", "random"), ("tube", "random")],
+)
+@pytest.mark.parametrize("camera", [el.Pinhole(17, 13, 8.5, 8.5, 8.2, 6.3), FISHEYE.resize(17, 13)])
+def test_sweeping_gives_the_same_answer(rng, scene, camera, tear):
+    rows, columns = np.indices((13, 17))
+    holed = ~((rows > 7) & (rows < 10) & (columns > 4) & (columns < 8))
+    if tear == "random":
+        holed &= rng.random(holed.shape) > 0.05
+    problem, seen = posed(el.SCENES[scene], camera, mask=holed)
+    contours = occlusion_cuts(seen.distance)
+    cuts = {"none": None, "contours": contours, "random": rng.random((2, 13, 17)) < 0.15}[tear]
+    assert contours.sum() > 20 or scene != "colon"
+    problem = replace(problem, cuts=cuts)
+    marched = el.run(fast_marching(problem)).distance
+    swept = np.sqrt(fast_sweeping(problem))
+    np.testing.assert_array_equal(np.isfinite(marched), problem.mask)
+    assert np.nanmax(np.abs(marched / swept - 1)) < 1e-9
+
+
+@pytest.mark.parametrize("scene", ["plane", "curved"])
+def test_smooth_scenes_are_exact_to_second_order(scene):
+    errors = []
+    for width in (80, 160, 320):
+        calibration = datasets.load_calibration("simple", width)
+        problem, seen = posed(el.SCENES[scene], calibration.camera)
+        result = el.run(fast_marching(problem))
+        found = compare(
+            result.distance,
+            seen.distance,
+            problem.field.cos_alpha,
+            normals=result.normals,
+            true_normals=seen.normals,
+        )
+        errors.append(found.mean_percent)
+    assert found.mean_percent < 0.002
+    assert found.mean_degrees < 0.01
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(orders > 1.7), f"orders of convergence {orders}"
+
+
+def test_the_tube_needs_its_border():
+    """The border of the tube is inflow: wrong without its values (as the paper is), right with them."""
+    camera = datasets.load_calibration("simple", 320).camera
+    problem, seen = posed(el.SCENES["tube"], camera)
+    inflow = np.full(seen.distance.shape, np.nan)
+    for edge in (np.s_[:2], np.s_[-2:], np.s_[:, :2], np.s_[:, -2:]):
+        inflow[edge] = np.log(seen.distance[edge])
+    without = el.run(fast_marching(problem)).distance
+    given = el.run(fast_marching(problem, inflow=inflow)).distance
+    assert 4 < 100 * np.nanmean(np.abs(without / seen.distance - 1)) < 9
+    assert 100 * np.nanmean(np.abs(given / seen.distance - 1)) < 0.3
+    np.testing.assert_allclose(np.log(given)[:2], inflow[:2], rtol=1e-12)
+
+
+@pytest.mark.parametrize("brdf", [None, PAPER_SHEET], ids=["lambertian", "tabulated"])
+def test_the_frame_is_explained(brdf):
+    """The model of the marched surface is the frame, whatever the BRDF: below a tenth of a grey level."""
+    problem, seen = posed(el.SCENES["curved"], datasets.load_calibration("simple", 160).camera, brdf=brdf)
+    result = el.run(fast_marching(problem))
+    assert 255 * np.sqrt(2 * result.iterate.terms["data"]) < 0.1
+    assert 100 * np.nanmean(np.abs(result.distance / seen.distance - 1)) < 0.05
+
+
+def test_facing_is_an_upper_bound_and_the_seeds_reach_it():
+    problem, _ = posed(el.SCENES["colon"], datasets.load_calibration("paper", 120).camera, noise=2.0, bits=8)
+    v = el.run(fast_marching(problem)).iterate.log_distance
+    assert np.all(v[problem.mask] <= problem.log_facing[problem.mask] + 1e-12)
+    lowest = np.nanargmin(problem.log_facing)
+    assert v.flat[lowest] == pytest.approx(problem.log_facing.flat[lowest], abs=1e-12)
+
+
+def test_islands_do_not_see_each_other():
+    problem, _ = posed(el.SCENES["colon"], datasets.load_calibration("simple", 120).camera)
+    columns = np.indices(problem.mask.shape)[1]
+    left, right = problem.mask & (columns < 50), problem.mask & (columns > 51)
+    both = el.run(fast_marching(replace(problem, mask=left | right))).distance
+    for side in (left, right):
+        alone = el.run(fast_marching(replace(problem, mask=side))).distance
+        np.testing.assert_array_equal(both[side], alone[side])
+    assert np.all(np.isnan(both[~(left | right)]))
+
+
+def test_what_lies_outside_the_mask_is_not_read():
+    problem, _ = posed(el.SCENES["curved"], datasets.load_calibration("simple", 80).camera)
+    mask = problem.mask & (np.indices(problem.mask.shape).sum(axis=0) % 7 > 0)
+    clean = el.run(fast_marching(replace(problem, mask=mask))).distance
+    spoilt = np.where(mask, problem.image, np.nan)
+    np.testing.assert_array_equal(
+        el.run(fast_marching(replace(problem, mask=mask, image=spoilt))).distance, clean
+    )
+
+
+def test_mirrored_and_turned_frames_give_mirrored_and_turned_surfaces():
+    camera = el.Pinhole(61, 61, 40.0, 40.0, 30.0, 30.0)
+    problem, seen = posed(el.SCENES["colon"], camera)
+    for cut in (lambda distance: None, occlusion_cuts):
+        d = el.run(fast_marching(replace(problem, cuts=cut(seen.distance)))).distance
+        for turn in (np.fliplr, np.flipud, np.transpose, np.rot90):
+            image, mask, truth = (turn(a).copy() for a in (problem.image, problem.mask, seen.distance))
+            turned = replace(problem, image=image, mask=mask, cuts=cut(truth))
+            np.testing.assert_allclose(el.run(fast_marching(turned)).distance, turn(d), rtol=1e-9)
+
+
+def test_distances_scale_with_the_root_of_the_gain():
+    problem, _ = posed(el.SCENES["tube"], datasets.load_calibration("simple", 80).camera)
+    brighter = replace(problem, photometry=replace(problem.photometry, gain=4 * problem.photometry.gain))
+    ratio = el.run(fast_marching(brighter)).distance / el.run(fast_marching(problem)).distance
+    np.testing.assert_allclose(ratio[problem.mask], 2.0, rtol=1e-10)
+
+
+def test_the_front_advances_and_ends_where_one_pass_ends():
+    problem, _ = posed(el.SCENES["colon"], datasets.load_calibration("paper", 120).camera)
+    steps = list(fast_marching(problem, snapshots=7))
+    arrived = [step.maps["arrived"] for step in steps]
+    assert not arrived[0].any()
+    assert np.array_equal(arrived[-1], problem.mask)
+    assert all(np.all(late | ~early) for early, late in pairwise(arrived))
+    assert all(np.all(np.isfinite(step.log_distance[problem.mask])) for step in steps)
+    np.testing.assert_array_equal(steps[-1].log_distance, el.run(fast_marching(problem)).iterate.log_distance)
+    assert len(steps) == 8
+    assert el.run(fast_marching(problem, snapshots=7)).status is el.Status.CONVERGED
+
+
+def test_the_contours_of_the_colon_are_what_its_march_lacks():
+    problem, seen = posed(el.SCENES["colon"], datasets.load_calibration("simple", 160).camera)
+    torn = replace(problem, cuts=occlusion_cuts(seen.distance))
+    error = [
+        100 * np.nanmean(np.abs(el.run(fast_marching(p)).distance / seen.distance - 1))
+        for p in (problem, torn)
+    ]
+    assert 9 < error[0] < 12
+    assert error[1] < 7.5
+
+
+def between(labels):
+    """Cuts wherever the labels of neighbours differ."""
+    cuts = np.zeros((2, *labels.shape), dtype=bool)
+    cuts[0, :, :-1] = labels[:, 1:] != labels[:, :-1]
+    cuts[1, :-1] = labels[1:] != labels[:-1]
+    return cuts
+
+
+@pytest.mark.parametrize("angle", [0.0, 20.0, 45.0, 63.0, 90.0])
+def test_a_contour_one_step_thin_never_leaks(angle):
+    """Straight lines at any angle, and a circle: each side is as if the other were not there."""
+    problem, _ = posed(el.SCENES["colon"], datasets.load_calibration("simple", 80).camera)
+    rows, columns = np.indices(problem.mask.shape)
+    turn = np.deg2rad(angle)
+    line = (columns - 40) * np.cos(turn) + (rows - 30) * np.sin(turn) > 0
+    circle = np.hypot(columns - 40, rows - 30) < 10 + angle / 6
+    for side in (line, circle):
+        torn = el.run(fast_marching(replace(problem, cuts=between(side)))).distance
+        for part in (side, ~side):
+            alone = el.run(fast_marching(replace(problem, mask=problem.mask & part))).distance
+            np.testing.assert_array_equal(torn[part], alone[part])
+
+
+def test_contours_that_meet_at_corners_and_holes_do_not_leak(rng):
+    """A random patchwork: each patch, whatever its neighbours show, is the same."""
+    problem, _ = posed(el.SCENES["curved"], datasets.load_calibration("simple", 80).camera)
+    labels = rng.integers(0, 3, (30, 40)).repeat(2, axis=0).repeat(2, axis=1)
+    labels[::7, ::3] += 1
+    mask = problem.mask & (rng.random(labels.shape) > 0.1)
+    torn = replace(problem, mask=mask, cuts=between(labels))
+    alone = [el.run(fast_marching(torn)).distance]
+    for label in range(4):
+        image = np.where(labels == label, torn.image, rng.uniform(0.1, 1, labels.shape))
+        patch = mask & (labels == label)
+        np.testing.assert_array_equal(
+            el.run(fast_marching(replace(torn, image=image))).distance[patch], alone[0][patch]
+        )
+
+
+def test_a_march_goes_around_the_end_of_a_contour():
+    problem, _ = posed(el.SCENES["plane"], datasets.load_calibration("simple", 80).camera)
+    whole = el.run(fast_marching(problem)).distance
+    cuts = np.zeros((2, *problem.mask.shape), dtype=bool)
+    cuts[0, 20:40, 30] = True  # the nearest point lies to the right, in row 29
+    torn = el.run(fast_marching(replace(problem, cuts=cuts))).distance
+    longer = torn / whole - 1
+    assert longer.min() > -0.002  # differences of second order over the kinks behind the ends
+    assert longer[29, 30] > 0.05
+    assert np.abs(longer[:, 31:]).max() == 0
+    assert np.abs(longer[:10]).max() < 0.001
+    assert longer[:, 0].max() < longer[:, 30].max() / 3
+
+
+def test_cuts_that_cut_nothing_change_nothing(rng):
+    problem, _ = posed(el.SCENES["colon"], datasets.load_calibration("simple", 80).camera)
+    problem = replace(problem, mask=problem.mask & (rng.random(problem.mask.shape) > 0.3))
+    none = replace(problem, cuts=np.zeros((2, *problem.mask.shape), dtype=bool))
+    np.testing.assert_array_equal(
+        el.run(fast_marching(none)).distance, el.run(fast_marching(problem)).distance
+    )
+
+
+def test_pixels_cut_from_all_others_keep_the_start():
+    problem, _ = posed(el.SCENES["colon"], datasets.load_calibration("simple", 80).camera)
+    dust = replace(problem, cuts=np.ones((2, *problem.mask.shape), dtype=bool))
+    result = el.run(fast_marching(dust))
+    np.testing.assert_allclose(result.iterate.log_distance, problem.log_facing, rtol=1e-14)
+    np.testing.assert_array_equal(result.iterate.maps["arrived"], problem.mask)
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf])
+def test_infinite_inflow_is_refused_where_it_is_read(value):
+    problem, _ = posed(el.SCENES["plane"], datasets.load_calibration("simple", 80).camera)
+    inflow = np.full(problem.mask.shape, np.nan)
+    inflow[3, 4] = value
+    with pytest.raises(ValueError, match="inflow must be finite, or nan where the distance is not known"):
+        next(fast_marching(problem, inflow=inflow))
+    outside = problem.mask.copy()
+    outside[3, 4] = False
+    next(fast_marching(replace(problem, mask=outside), inflow=inflow))
+
+
+def test_inflow_of_another_size_is_refused():
+    problem, _ = posed(el.SCENES["plane"], datasets.load_calibration("simple", 80).camera)
+    with pytest.raises(ValueError, match=r"inflow has shape \(3, 4\)"):
+        next(fast_marching(problem, inflow=np.zeros((3, 4))))
+
+
+def test_a_brdf_that_hides_the_slant_is_refused():
+    rising = el.TabulatedBRDF((0.0, 0.5, 1.0), (0.1, 0.3, 0.9))
+    problem, _ = posed(el.SCENES["plane"], datasets.load_calibration("simple", 80).camera, brdf=rising)
+    with pytest.raises(ValueError, match="two slants"):
+        next(fast_marching(problem))

@@ -1,0 +1,243 @@
+"""Compiled equations against their readable twins, and what solves them against a direct solver."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from scipy.sparse.linalg import spsolve
+
+import endolab as el
+from endolab import datasets
+from endolab.depth.energy import GaussNewtonModel, energy_terms
+from endolab.depth.grid import Grid
+from endolab.depth.multigrid import (
+    Multigrid,
+    multiply,
+    prolong_add,
+    restrict,
+    sweep_backwards,
+    sweep_forwards,
+)
+from endolab.depth.problem import Problem
+from endolab.numerics.compiled import inner, padded
+
+SHEET = el.TabulatedBRDF(
+    tuple(np.linspace(0, 1.5, 15)), tuple(0.2 + 0.1 * np.exp(-16 * np.linspace(0, 1.5, 15) ** 2))
+)
+TWINS = {  # of Coefficients and GaussNewtonModel
+    "by_v": "by_v",
+    "by_v_u": "by_v_u",
+    "by_v_v": "by_v_v",
+    "weight": "data_weight",
+    "slope": "xi_slope",
+    "smoothness": "smoothness",
+}
+# Where a pixel stands among its matrix's seven numbers: (rows, columns) to the other of the pair.
+OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
+
+every_xi = pytest.mark.parametrize("xi", ["1/z", "d", "1/d"])
+every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
+
+
+def posed(scene, width, *, brdf=None, **options):
+    """A rendered scene as a problem, with its true log-distance."""
+    camera = datasets.load_calibration("simple", width).camera
+    seen = el.render(el.SCENES[scene], camera, el.Photometry(brdf=brdf or el.Lambertian(0.5)))
+    problem = Problem(seen.image, seen.mask & (seen.image > 0.02), camera, seen.photometry, **options)
+    return problem, np.log(seen.distance)
+
+
+def worn(rng, **options):
+    """A tube with holes and cuts all over, and a map that is rough around the truth."""
+    problem, truth = posed("tube", 40, lam=0.7, **options)
+    mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
+    problem = replace(problem, mask=mask, cuts=rng.random((2, *mask.shape)) > 0.95)
+    return problem, truth + 0.02 * rng.normal(size=mask.shape)
+
+
+def equations(problem, v, inflow=None):
+    """Coefficients and right-hand side of the step at v."""
+    return Grid.of(problem, inflow).linearised(padded(np.where(problem.mask, v, 0.0)), problem.lam)
+
+
+@pytest.fixture(params=["first", "second"])
+def system(request, rng):
+    """Worn equations of which a few pixels are given: their solver, right-hand side and free pixels."""
+    problem, v = worn(rng, regulariser=request.param)
+    inflow = np.where(rng.random(v.shape) < 0.05, problem.log_facing, np.nan)
+    coefficients, b = equations(problem, v, inflow)
+    free = coefficients.active > 0
+    assert 0.85 * problem.mask.sum() < free.sum() < problem.mask.sum()
+    return Multigrid(coefficients), b, free
+
+
+def relative(found, expected):
+    return np.abs(found - expected) / np.abs(expected).max()
+
+
+# Twins -----------------------------------------------------------------------------------
+
+
+@every_xi
+@every_regulariser
+def test_compiled_energy_and_equations_are_the_readable_ones(rng, xi, regulariser):
+    problem, v = worn(rng, xi=xi, regulariser=regulariser)
+    model = GaussNewtonModel.at(problem, v)
+    terms = Grid.of(problem).terms(padded(np.where(problem.mask, v, 0.0)), problem.lam)
+    assert terms == pytest.approx(energy_terms(problem, v), rel=1e-12)
+    coefficients, descent = equations(problem, v)
+    for compiled, readable in TWINS.items():
+        found = inner(getattr(coefficients, compiled))
+        assert relative(found, getattr(model, readable)).max() < 1e-12, compiled
+    count = problem.mask.sum()
+    assert relative(-inner(descent) / count, model.gradient).max() < 1e-12
+    x = np.where(problem.mask, rng.normal(size=v.shape), 0.0)
+    product = np.zeros_like(descent)
+    multiply(coefficients.matrix(0.0), padded(x), product)
+    assert relative(inner(product), count * model.multiply(x)).max() < 1e-12
+
+
+@every_regulariser
+def test_a_tabulated_brdf_is_read_as_precisely_as_it_must_be(rng, regulariser):
+    """Equal but where a pixel's slant is within a table's step of a kink of the BRDF: measured 1e-7, 1e-3."""
+    problem, v = worn(rng, regulariser=regulariser, brdf=SHEET)
+    terms = Grid.of(problem).terms(padded(np.where(problem.mask, v, 0.0)), problem.lam)
+    assert terms == pytest.approx(energy_terms(problem, v), rel=1e-6)
+    model, (coefficients, _) = GaussNewtonModel.at(problem, v), equations(problem, v)
+    for compiled, readable in TWINS.items():
+        error = relative(inner(getattr(coefficients, compiled)), getattr(model, readable))
+        assert np.percentile(error, 90) < 2e-3, compiled
+
+
+@pytest.mark.parametrize("scene", ["plane", "curved"])
+def test_the_table_is_precise_where_the_surface_faces_the_camera(scene):
+    """A BRDF with a cusp at normal incidence: the truth's data term to 1 %, small as it is."""
+    problem, truth = posed(scene, 160, brdf=SHEET)
+    terms = Grid.of(problem).terms(padded(truth), problem.lam)
+    assert terms["data"] == pytest.approx(energy_terms(problem, truth)["data"], rel=0.01)
+
+
+# From grid to grid -----------------------------------------------------------------------
+
+
+def test_a_straight_map_survives_the_way_down_and_up():
+    """Block means lie in the blocks' centres, and gradients at the rim are as good as inside."""
+    problem, _ = posed("plane", 64)
+    rows, columns = np.indices(problem.mask.shape)
+    fine = Grid.of(problem)
+    coarse = fine.coarser()
+    v = padded(3.0 + 0.02 * columns - 0.01 * rows)
+    np.testing.assert_allclose(coarse.finer(fine.restrict(v), fine), v, rtol=0, atol=1e-13)
+
+
+def test_a_step_over_a_cut_survives_too():
+    problem, _ = posed("plane", 64)
+    rows, columns = np.indices(problem.mask.shape)
+    cuts = np.zeros((2, *problem.mask.shape), dtype=bool)
+    cuts[0, :, 31] = True
+    fine = Grid.of(replace(problem, cuts=cuts))
+    v = padded(np.where(columns > 31, 4.0, 3.0) + 0.02 * columns - 0.01 * rows)
+    np.testing.assert_allclose(fine.coarser().finer(fine.restrict(v), fine), v, rtol=0, atol=1e-13)
+
+
+@every_xi
+@every_regulariser
+def test_a_coarse_grid_charges_a_smooth_surface_alike(xi, regulariser):
+    """Measured within 4 %: the energy knows no pixels."""
+    problem, truth = posed("curved", 160, xi=xi, regulariser=regulariser)
+    fine = Grid.of(problem)
+    v = padded(truth)
+    expected = fine.terms(v, 1.0)["regulariser"]
+    assert fine.coarser().terms(fine.restrict(v), 1.0)["regulariser"] == pytest.approx(expected, rel=0.08)
+
+
+# Parts of a cycle ------------------------------------------------------------------------
+
+
+def random_maps(rng, free, count):
+    return [np.where(free, rng.normal(size=free.shape), 0.0) for _ in range(count)]
+
+
+def test_sweeps_are_adjoint_to_one_another(system, rng):
+    top, free = system[0].levels[0], system[2]
+
+    def swept(sweep, b):
+        x = np.zeros_like(b)
+        sweep(top.matrix, top.inverse, x, b)
+        return x
+
+    a, b = random_maps(rng, free, 2)
+    forwards, backwards = np.vdot(a, swept(sweep_forwards, b)), np.vdot(swept(sweep_backwards, a), b)
+    assert forwards == pytest.approx(backwards, rel=1e-11)
+
+
+def test_prolongation_is_the_adjoint_of_restriction(system, rng):
+    top, below = system[0].levels[:2]
+    (fine,), (coarse,) = random_maps(rng, top.active > 0, 1), random_maps(rng, below.active > 0, 1)
+    down, up = np.zeros_like(coarse), np.zeros_like(fine)
+    restrict(top.share, fine, below.active, down)
+    prolong_add(top.share, coarse, up)
+    assert np.vdot(down, coarse) == pytest.approx(np.vdot(fine, up), rel=1e-11)
+    assert not down[below.active == 0].any()
+    assert not up[top.active == 0].any()
+
+
+def test_a_cycle_is_symmetric_and_positive_definite(system, rng):
+    solver, _, free = system
+
+    def cycled(b):
+        solver.levels[0].b[:] = b
+        solver._cycle()
+        return solver.levels[0].x.copy()
+
+    vectors = random_maps(rng, free, 5)
+    products = np.array([[np.vdot(a, cycled(b)) for a in vectors] for b in vectors])
+    np.testing.assert_allclose(products, products.T, rtol=0, atol=1e-11 * np.abs(products).max())
+    assert np.linalg.eigvalsh((products + products.T) / 2).min() > 0
+
+
+# The whole -------------------------------------------------------------------------------
+
+
+def as_sparse(matrix):
+    """The matrix that seven numbers a pixel stand for."""
+    size = matrix[0].size
+    place = np.arange(size).reshape(matrix.shape[1:])
+    whole = sparse.csr_matrix((size, size))
+    for numbers, (down, right) in zip(matrix, OFFSETS, strict=True):
+        i, j = np.nonzero(numbers)
+        half = sparse.csr_matrix(
+            (numbers[i, j], (place[i, j], place[i + down, j + right])), shape=(size, size)
+        )
+        whole = whole + (half if down == right == 0 else half + half.T)
+    return whole
+
+
+def test_it_agrees_with_a_direct_solver_and_holds_what_is_given(system):
+    solver, b, free = system
+    kept = np.flatnonzero(free)
+    matrix = as_sparse(solver.levels[0].matrix)[kept][:, kept].tocsc()
+    for right in (b, np.where(free, b, 7.0)):  # whatever is asked of pixels that are held
+        x, steps, remaining = solver.solve(right, 1e-12, 300)
+        assert steps < 200  # measured 42 and 127 for equations as rough as these
+        assert remaining <= 1e-12
+        assert relative(x.flat[kept], spsolve(matrix, b.flat[kept])).max() < 1e-10
+        assert not x[~free].any()
+    x, steps, remaining = solver.solve(np.zeros_like(b), 0.1, 20)
+    assert (steps, remaining, x.any()) == (0, 0.0, False)
+
+
+@pytest.mark.parametrize(("scene", "few", "many"), [("plane", 3, 10), ("tube", 4, 50)])
+@every_regulariser
+def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, regulariser):
+    """Measured at 80, 160 and 320 px, to 0.1 and 1e-3: plane 2 and up to 8, tube 3 and up to 41."""
+    steps = []
+    for width in (80, 160, 320):
+        problem, truth = posed(scene, width, regulariser=regulariser)
+        coefficients, b = equations(problem, truth)
+        solver = Multigrid(coefficients)
+        steps.append([solver.solve(b, tolerance, 200)[1] for tolerance in (0.1, 1e-3)])
+    assert np.max(steps, axis=0)[0] <= few
+    assert np.max(steps, axis=0)[1] <= many
+    assert steps[2][1] <= 1.5 * steps[0][1] + 2

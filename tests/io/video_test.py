@@ -1,0 +1,99 @@
+"""Frames of folders and videos, whole or broken."""
+
+import numpy as np
+import pytest
+
+from endolab.io.images import write_image
+from endolab.io.video import open_frames, write_video
+
+
+@pytest.fixture
+def pictures(rng):
+    return [np.round(rng.random((24, 32, 3)) * 255) / 255 for _ in range(12)]
+
+
+@pytest.fixture
+def video(pictures, tmp_path):
+    write_video(tmp_path / "v.mkv", pictures)
+    return tmp_path / "v.mkv"
+
+
+def test_a_video_keeps_every_value(video, pictures):
+    frames = open_frames(video)
+    assert frames.is_video
+    assert frames.names == tuple(f"{n:06d}" for n in range(12))
+    for (_, image), picture in zip(frames, pictures, strict=True):
+        np.testing.assert_array_equal(np.round(image * 255), np.round(picture * 255))
+
+
+def test_a_grey_video_is_grey_in_every_channel(tmp_path, rng):
+    grey = rng.random((16, 16))
+    write_video(tmp_path / "g.mkv", [grey])
+    image = next(iter(open_frames(tmp_path / "g.mkv")))[1]
+    np.testing.assert_allclose(image, grey[..., None].repeat(3, -1), atol=0.51 / 255)
+
+
+def test_some_frames_can_be_chosen(video, pictures):
+    got = list(open_frames(video).read(["000003", "000007"]))
+    assert [name for name, _ in got] == ["000003", "000007"]
+    np.testing.assert_allclose(got[1][1], pictures[7], atol=1e-9)
+
+
+def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path, pictures):
+    for number in (10, 9, 1):
+        write_image(tmp_path / f"frame_{number}.png", pictures[number])
+    (tmp_path / "notes.txt").write_text("not a picture")
+    frames = open_frames(tmp_path)
+    assert frames.names == ("frame_1.png", "frame_9.png", "frame_10.png")
+    assert not frames.is_video
+    np.testing.assert_allclose(next(iter(frames))[1], pictures[1], atol=1e-9)
+
+
+def test_a_broken_picture_is_none_and_the_rest_is_read(tmp_path, pictures):
+    write_image(tmp_path / "1.png", pictures[0])
+    (tmp_path / "2.png").write_bytes(b"not a picture")
+    write_image(tmp_path / "3.png", pictures[1])
+    assert [image is None for _, image in open_frames(tmp_path)] == [False, True, False]
+
+
+def test_a_video_that_ends_early_gives_none_for_what_it_lacks(video, tmp_path):
+    content = video.read_bytes()
+    short = tmp_path / "short.mkv"
+    short.write_bytes(content[: len(content) // 2])
+    images = [image for _, image in open_frames(short)]
+    there = [image is not None for image in images]
+    assert any(there)
+    assert not all(there)
+    assert there == sorted(there, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "sentence"),
+    [
+        (lambda folder: folder / "none.mp4", FileNotFoundError, "there is no such folder or video"),
+        (lambda folder: folder, ValueError, "no picture in this folder"),
+        (
+            lambda folder: (folder / "junk.mp4", (folder / "junk.mp4").write_bytes(b"x" * 999))[0],
+            ValueError,
+            "not a video",
+        ),
+    ],
+)
+def test_what_holds_no_frames_is_refused(tmp_path, make, error, sentence, capfd):
+    with pytest.raises(error, match=sentence):
+        open_frames(make(tmp_path))
+    assert capfd.readouterr().err == ""
+
+
+def test_a_video_is_written_whole_or_not_at_all(tmp_path, pictures):
+    def broken():
+        yield pictures[0]
+        raise RuntimeError("the renderer failed")
+
+    with pytest.raises(RuntimeError):
+        write_video(tmp_path / "v.mkv", broken())
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ValueError, match=r"ends in \.mkv, got v\.mp4"):
+        write_video(tmp_path / "v.mp4", pictures)
+    with pytest.raises(ValueError, match="there is no frame"):
+        write_video(tmp_path / "v.mkv", [])

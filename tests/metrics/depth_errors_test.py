@@ -1,0 +1,120 @@
+"""Errors computed by hand."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from endolab.metrics.depth_errors import angle_between, compare, occlusion_cuts
+
+TRUTH = np.array([[10.0, 20.0, 40.0], [50.0, np.nan, 80.0]])
+ESTIMATE = np.array([[11.0, 18.0, 40.0], [54.0, 7.0, np.nan]])
+COSINE = np.array([[1.0, 0.5, 0.8], [0.5, 1.0, 1.0]])
+
+
+def test_errors_by_hand():
+    """Errors are 1, 2, 0 and 4 mm, or 10, 10, 0 and 8 %; the other two pixels are half known."""
+    errors = asdict(compare(ESTIMATE, TRUTH, COSINE))
+    assert np.isnan(errors.pop("mean_degrees"))
+    assert np.isnan(errors.pop("median_degrees"))
+    assert errors == pytest.approx(
+        {
+            "pixels": 4,
+            "scale": 1.0,
+            "mean_mm": 7 / 4,
+            "median_mm": 1.5,
+            "rmse_mm": np.sqrt(21 / 4),
+            "mean_percent": 7.0,
+            "median_percent": 9.0,
+            "rmse_z_mm": np.sqrt((1 + 1 + 0 + 4) / 4),
+        }
+    )
+
+
+def test_median_scale_undoes_a_factor_and_tolerates_outliers():
+    estimate = TRUTH / 7
+    estimate[0, 0] *= 5
+    errors = compare(estimate, TRUTH, COSINE, scale="median")
+    assert errors.scale == pytest.approx(7)
+    assert errors.median_mm == pytest.approx(0, abs=1e-12)
+    assert errors.mean_percent == pytest.approx(400 / 5)
+
+
+def test_a_mask_restricts_the_pixels():
+    errors = compare(ESTIMATE, TRUTH, COSINE, mask=COSINE == 0.5)
+    assert (errors.pixels, errors.mean_mm) == (2, 3.0)
+
+
+def test_normals_count_where_both_distances_are_known():
+    normals, true_normals = np.full((2, 3, 3), np.nan), np.full((2, 3, 3), np.nan)
+    angles = np.deg2rad([0.0, 1.0, 2.0, 9.0])
+    known = np.isfinite(TRUTH) & np.isfinite(ESTIMATE)
+    normals[known] = [0.0, 0.0, -1.0]
+    true_normals[known] = np.stack([np.sin(angles), 0 * angles, -np.cos(angles)], axis=-1)
+    errors = compare(ESTIMATE, TRUTH, COSINE, normals=normals, true_normals=true_normals)
+    assert (errors.mean_degrees, errors.median_degrees) == pytest.approx((3.0, 1.5))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 1e-9, 1e-5, 1.0, 90.0, 179.0, 180.0])
+def test_angles_are_exact_however_small(degrees):
+    turn = np.deg2rad(degrees)
+    a, b = np.array([1.0, 0.0, 0.0]), np.array([np.cos(turn), 0.0, np.sin(turn)])
+    assert angle_between(a, b) == pytest.approx(degrees, rel=1e-9, abs=0)
+
+
+@pytest.mark.parametrize(
+    ("estimate", "options", "message"),
+    [
+        (np.ones((3, 2)), {}, "the depth map is 2x3 px, the truth 3x2 px"),
+        (np.full((2, 3), np.nan), {}, "no pixel has both an estimate and a true distance"),
+        (ESTIMATE, {"mask": np.zeros((2, 3), bool)}, "no pixel"),
+        (ESTIMATE, {"scale": "mean"}, "unknown scale 'mean'; choose none or median"),
+    ],
+)
+def test_what_cannot_be_compared(estimate, options, message):
+    with pytest.raises(ValueError, match=message):
+        compare(estimate, TRUTH, COSINE, **options)
+
+
+# Contours ------------------------------------------------------------------------------
+
+
+def test_jumps_of_the_distance_are_cuts_to_the_right_and_downwards():
+    """Steps of 0.05, 0.1 and 1 in the logarithm, to the right, back to the left, and downwards."""
+    log_distance = np.array([[0.0, 0.05, 0.15, 0.05], [0.0, 0.05, 1.15, 0.05]])
+    right = np.array([[False, True, True, False], [False, True, True, False]])
+    lower = np.array([[False, False, True, False], [False, False, False, False]])
+    for scale in (1e-3, 1.0, 40.0):
+        cuts = occlusion_cuts(scale * np.exp(log_distance))
+        assert cuts.dtype == bool
+        np.testing.assert_array_equal(cuts, [right, lower])
+    np.testing.assert_array_equal(occlusion_cuts(np.exp(log_distance), 0.5)[0], right & [[False], [True]])
+
+
+def test_the_threshold_counts_in_logarithms():
+    for step, is_cut in ((0.0799, False), (0.0801, True)):
+        for sign in (1, -1):
+            cuts = occlusion_cuts(np.exp(sign * step * np.array([[0.0, 1.0], [0.0, 1.0]])))
+            np.testing.assert_array_equal(cuts, [[[is_cut, False]] * 2, [[False, False]] * 2])
+
+
+@pytest.mark.parametrize("unknown", [np.nan, 0.0, -1.0, np.inf])
+def test_what_is_unknown_is_no_contour(unknown):
+    cuts = occlusion_cuts(np.array([[1.0, unknown, 2.0], [1.0, 4.0, 2.0]]))
+    np.testing.assert_array_equal(cuts[0], [[False, False, False], [True, True, False]])
+    assert not cuts[1].any()
+    assert occlusion_cuts(np.full((1, 1), unknown)).shape == (2, 1, 1)
+
+
+def test_turning_the_map_turns_its_contours(rng):
+    distance = np.exp(rng.normal(scale=0.1, size=(6, 9)))
+    distance[rng.random(distance.shape) < 0.1] = np.nan
+    np.testing.assert_array_equal(
+        occlusion_cuts(distance.T), occlusion_cuts(distance)[::-1].transpose(0, 2, 1)
+    )
+
+
+@pytest.mark.parametrize("threshold", [0.0, -0.1, np.nan])
+def test_a_threshold_that_cuts_everything_is_refused(threshold):
+    with pytest.raises(ValueError, match="threshold must be positive, got"):
+        occlusion_cuts(TRUTH, threshold)

@@ -1,0 +1,79 @@
+"""BRDFs: energy, interpolation, derivatives."""
+
+import numpy as np
+import pytest
+
+from endolab.model.brdf import Glossy, Lambertian, TabulatedBRDF
+
+TABLE = TabulatedBRDF((0.1, 0.4, 0.9, 1.3), (0.30, 0.26, 0.20, 0.05))
+COSINE, WEIGHT = np.polynomial.legendre.leggauss(2000)
+COSINE, WEIGHT = 0.5 * (COSINE + 1), 0.5 * WEIGHT  # on the hemisphere, dω = 2π d(cos)
+
+
+@pytest.mark.parametrize("albedo", [0.2, 1.0])
+def test_a_matt_surface_returns_its_albedo(albedo):
+    f = Lambertian(albedo).value(COSINE, COSINE)
+    assert 2 * np.pi * WEIGHT @ (f * COSINE) == pytest.approx(albedo, rel=1e-12)
+
+
+@pytest.mark.parametrize("shininess", [0.0, 50.0, 500.0])
+def test_the_film_returns_its_share(shininess):
+    """The lobe integrates to k_s over the half vector, and the matt floor shines through."""
+    glossy = Glossy(0.6, 0.03, shininess)
+    lobe = glossy.value(np.ones(COSINE.size), COSINE) - 0.6 / np.pi
+    assert 2 * np.pi * WEIGHT @ (lobe * COSINE) == pytest.approx(0.03, rel=1e-6)
+
+
+def test_a_table_is_linear_in_the_angle_and_constant_beyond():
+    theta = np.array([0.0, 0.1, 0.25, 0.4, 0.65, 0.9, 1.1, 1.3, 1.5])
+    expected = [0.30, 0.30, 0.28, 0.26, 0.23, 0.20, 0.125, 0.05, 0.05]
+    np.testing.assert_allclose(TABLE.value(np.cos(theta), np.ones(9)), expected, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "brdf", [Lambertian(0.5), TABLE, Glossy(0.5, 0.02, 40.0)], ids=lambda b: type(b).__name__
+)
+def test_derivatives_by_both_cosines(brdf):
+    i, h = np.meshgrid(np.linspace(0.03, 0.97, 41), np.linspace(0.05, 0.98, 37))
+    step = 1e-6
+    by_i = (brdf.value(i + step, h) - brdf.value(i - step, h)) / (2 * step)
+    by_h = (brdf.value(i, h + step) - brdf.value(i, h - step)) / (2 * step)
+    actual = brdf.derivative(i, h)
+    np.testing.assert_allclose(actual[0], by_i, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(actual[1], by_h, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("brdf", [Lambertian(0.5), TABLE, Glossy()], ids=lambda b: type(b).__name__)
+@pytest.mark.parametrize("cosine", [0.0, 1.0, 1.0 + 1e-15, -0.3])
+def test_the_ends_are_finite(brdf, cosine):
+    assert np.all(np.isfinite([brdf.value(cosine, cosine), *brdf.derivative(cosine, cosine)]))
+
+
+def test_three_albedos_need_a_choice():
+    with pytest.raises(ValueError, match="choose a channel"):
+        Lambertian((0.7, 0.4, 0.3)).value(0.5, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Lambertian(0.0), "albedo"),
+        (lambda: Lambertian(1.1), "albedo"),
+        (lambda: Lambertian((0.5, np.nan, 0.5)), "albedo"),
+        (lambda: Lambertian((0.5, 0.5)), "albedo"),
+        (lambda: Glossy(-0.1), "albedo"),
+        (lambda: Glossy((0.7, 0.4, 0.3)), "albedo"),
+        (lambda: Glossy(0.5, -0.1), "specular"),
+        (lambda: Glossy(0.5, 0.1, np.inf), "shininess"),
+        (lambda: TabulatedBRDF((0.0,), (1.0,)), "one length"),
+        (lambda: TabulatedBRDF((0.0, 1.0), (1.0, 1.0, 1.0)), "one length"),
+        (lambda: TabulatedBRDF((0.0, 0.0), (1.0, 1.0)), "increase"),
+        (lambda: TabulatedBRDF((0.0, 2.0), (1.0, 1.0)), "π/2"),
+        (lambda: TabulatedBRDF((-0.1, 1.0), (1.0, 1.0)), "theta"),
+        (lambda: TabulatedBRDF((0.0, 1.0), (1.0, 0.0)), "positive"),
+        (lambda: TabulatedBRDF((0.0, 1.0), (1.0, np.nan)), "value"),
+    ],
+)
+def test_a_bad_brdf_is_named(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

@@ -1,0 +1,345 @@
+"""Cameras against OpenCV, against their own definitions, and there and back again."""
+
+import cv2
+import numpy as np
+import pytest
+
+from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
+
+ENDOSCOPE = KannalaBrandt(
+    1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -1.2396e-3, 9.1258e-4, -4.0716e-5)
+)
+WIDE = KannalaBrandt(400, 400, 100.0, 100.0, 199.5, 199.5, (0.01, 0.0, 0.0, 0.0))
+PINHOLE = Pinhole(320, 240, 200.0, 210.0, 159.5, 119.5)
+C3VD = Scaramuzza(
+    1350,
+    1080,
+    678.544839,
+    542.975888,
+    (769.243600037, 0.0, -0.000812770624150226, 6.25674244578925e-07, -1.1966218214428e-09),
+    0.99998686,
+    0.00288274,
+    -0.00296316,
+)
+C3VD_KB = KannalaBrandt(
+    1350, 1080, 767.386, 767.506, 679.054, 543.647, (-0.188672, -0.00392734, 0.0305248, -0.0127569)
+)
+CAMERAS = {"endoscope": ENDOSCOPE, "wide": WIDE, "pinhole": PINHOLE, "scaramuzza": C3VD}
+every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+
+
+def small(camera):
+    """The same camera with a few pixels only, one of them exactly on the axis."""
+    camera = camera.resize(37, 29)
+    shift = np.round(camera._centre) - camera._centre
+    return camera._transformed(np.ones(2), shift, 37, 29)
+
+
+def pixels(camera, step=1):
+    """(rows, columns, 2) pixel coordinates, edges included."""
+    columns = np.append(np.arange(0.0, camera.width - 1, step), camera.width - 0.5)
+    rows = np.append(np.arange(0.0, camera.height - 1, step), camera.height - 0.5)
+    return np.stack(np.meshgrid(columns, rows), axis=-1)
+
+
+def directions(rng, count, max_degrees):
+    theta = np.deg2rad(rng.uniform(0, max_degrees, count))
+    phi = rng.uniform(0, 2 * np.pi, count)
+    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+
+
+def matrix(camera):
+    return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+
+
+# Definitions and OpenCV ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("camera", [ENDOSCOPE, C3VD_KB], ids=["endoscope", "c3vd"])
+def test_kannala_brandt_projects_as_opencv_does(rng, camera):
+    points = directions(rng, 500, min(89.0, np.rad2deg(camera.max_angle))) * rng.uniform(5, 200, (500, 1))
+    expected, _ = cv2.fisheye.projectPoints(
+        points[None], np.zeros(3), np.zeros(3), matrix(camera), np.array(camera.k)
+    )
+    np.testing.assert_allclose(camera.project(points), expected.reshape(-1, 2), rtol=0, atol=1e-9)
+
+
+def test_kannala_brandt_unprojects_as_opencv_does(rng):
+    pixel = ENDOSCOPE.project(directions(rng, 500, 85.0))
+    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+    plane = cv2.fisheye.undistortPoints(
+        pixel[None], matrix(ENDOSCOPE), np.array(ENDOSCOPE.k), criteria=stop
+    ).reshape(-1, 2)
+    expected = np.concatenate([plane, np.ones((len(plane), 1))], axis=-1)
+    expected /= np.linalg.norm(expected, axis=-1, keepdims=True)
+    np.testing.assert_allclose(ENDOSCOPE.unproject(pixel), expected, rtol=0, atol=1e-9 / ENDOSCOPE.fx)
+
+
+def test_kannala_brandt_goes_on_beyond_90_degrees(rng):
+    """Against the paper's formula, written out."""
+    ray = directions(rng, 500, 150.0)
+    theta, phi = np.arccos(ray[:, 2]), np.arctan2(ray[:, 1], ray[:, 0])
+    rho = theta + 0.01 * theta**3
+    expected = 199.5 + 100 * rho[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
+    assert np.sum(ray[:, 2] < 0) > 100
+    np.testing.assert_allclose(WIDE.project(7 * ray), expected, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(WIDE.unproject(expected), ray, rtol=0, atol=1e-12)
+
+
+def test_pinhole_is_a_division(rng):
+    points = rng.uniform([-50, -50, 1], [50, 50, 100], (200, 3))
+    expected = points[:, :2] / points[:, 2:] * [200, 210] + [159.5, 119.5]
+    np.testing.assert_allclose(PINHOLE.project(points), expected, rtol=1e-12, atol=1e-10)
+
+
+def test_scaramuzza_is_its_polynomial(rng):
+    p = rng.uniform([-670, -540], [670, 535], (500, 2))
+    r = np.hypot(*p.T)
+    ray = np.column_stack([p, np.polynomial.polynomial.polyval(r, C3VD.a)])
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    pixel = p @ np.array([[C3VD.c, C3VD.d], [C3VD.e, 1.0]]).T + [C3VD.cx, C3VD.cy]
+    np.testing.assert_allclose(C3VD.unproject(pixel), ray, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(C3VD.project(33 * ray), pixel, rtol=0, atol=1e-10)
+
+
+def test_two_published_calibrations_of_one_endoscope_agree():
+    """C3VD gives both models; within 55° of the axis they see the same to a quarter of a degree."""
+    a, b = (camera.unproject(pixels(camera, 9)) for camera in (C3VD, C3VD_KB))
+    central = a[..., 2] > np.cos(np.deg2rad(55))
+    angle = np.rad2deg(np.arcsin(np.linalg.norm(np.cross(a, b), axis=-1)[central]))
+    assert central.mean() > 0.5
+    assert angle.max() < 0.25
+
+
+# There and back ------------------------------------------------------------------------
+
+
+@every_camera
+def test_pixel_to_ray_to_pixel(camera):
+    pixel = pixels(camera, 7)
+    ray = camera.unproject(pixel)
+    seen = np.isfinite(ray).all(axis=-1)
+    assert seen.mean() > 0.9
+    np.testing.assert_allclose(np.linalg.norm(ray[seen], axis=-1), 1.0, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(camera.project(40 * ray[seen]), pixel[seen], rtol=0, atol=1e-10)
+
+
+@every_camera
+def test_distance_along_a_ray_plays_no_part(rng, camera):
+    ray = directions(rng, 50, 60.0)
+    np.testing.assert_allclose(camera.project(1e3 * ray), camera.project(1e-3 * ray), rtol=0, atol=1e-10)
+
+
+# The end of the field ------------------------------------------------------------------
+
+
+def test_the_endoscopes_polynomial_ends_where_it_stops_growing():
+    assert np.rad2deg(ENDOSCOPE.max_angle) == pytest.approx(90.84, abs=0.005)
+    at = np.array([735.37, 552.80])
+    assert np.all(np.isfinite(ENDOSCOPE.unproject(at + np.array([0, 745.5]))))
+    assert np.all(np.isnan(ENDOSCOPE.unproject(at + np.array([0, 746.5]))))
+    for degrees, seen in ((90.8, True), (90.9, False), (120.0, False)):
+        angle = np.deg2rad(degrees)
+        assert np.isfinite(ENDOSCOPE.project([np.sin(angle), 0, np.cos(angle)])).all() == seen
+
+
+def test_scaramuzzas_polynomial_ends_where_the_angle_stops_growing():
+    """Against a fine table of atan2(r, a(r))."""
+    camera = scaramuzza(width=400, height=400, cx=199.5, cy=199.5, a=(100, 0, 2e-3, 1e-5, 1e-8))
+    r = np.linspace(0, 400, 400001)
+    angle = np.arctan2(r, np.polynomial.polynomial.polyval(r, camera.a))
+    end = r[np.argmax(angle)]
+    assert 50 < end < 200
+    assert camera.max_angle == pytest.approx(angle.max(), abs=1e-9)
+    assert np.all(np.isfinite(camera.unproject([199.5 + end - 0.01, 199.5])))
+    assert np.all(np.isnan(camera.unproject([199.5, 199.5 - end - 0.01])))
+    for step, seen in ((-1e-4, True), (1e-4, False)):
+        at = camera.max_angle + step
+        assert np.isfinite(camera.project([0, np.sin(at), np.cos(at)])).all() == seen
+
+
+def test_pixels_outside_the_field_are_invalid():
+    camera = ENDOSCOPE.resize(72, 54)
+    field = camera.field
+    radius = np.hypot(*np.moveaxis((pixels(camera)[:-1, :-1] - camera._centre) * 20, -1, 0))
+    assert field.shape == (54, 72)
+    np.testing.assert_array_equal(field.valid[:-1, :-1], radius[:53, :71] < 745.8)
+    for array in (field.rays, field.inverse_metric):
+        np.testing.assert_array_equal(np.isfinite(array).all(axis=-1), field.valid)
+
+
+@pytest.mark.parametrize("point", [(0, 0, 0), (0, 0, -1), (1, 2, -1e3), (0, 1, 0)])
+@every_camera
+def test_points_that_a_camera_cannot_see(camera, point):
+    theta = np.arctan2(np.hypot(point[0], point[1]), point[2])
+    seen = any(point) and 0 < theta < camera.max_angle
+    pixel = camera.project(point)
+    assert pixel.shape == (2,)
+    assert np.isfinite(pixel).all() == seen
+    assert np.isnan(pixel).all() != seen
+
+
+def test_a_pinhole_sees_less_than_half_the_world():
+    assert np.all(np.isfinite(PINHOLE.project([1.0, 0, 1e-6])))
+    assert np.all(np.isnan(PINHOLE.project([[1.0, 0, -1e-6], [1.0, 0, 0.0]])))
+
+
+@every_camera
+def test_the_axis_meets_the_principal_point(camera):
+    np.testing.assert_allclose(camera.project([0, 0, 5.0]), camera._centre, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(camera.unproject(camera._centre), [0, 0, 1], rtol=0, atol=1e-15)
+
+
+@every_camera
+def test_one_many_or_no_points(camera):
+    assert camera.project([1, 2, 10]).shape == (2,)
+    assert camera.unproject((100, 80)).shape == (3,)
+    assert camera.project(np.zeros((0, 3))).shape == (0, 2)
+    assert camera.unproject(np.zeros((4, 0, 2))).shape == (4, 0, 3)
+    np.testing.assert_array_equal(camera.project([[1, 2, 10]])[0], camera.project([1, 2, 10]))
+
+
+# The ray field -------------------------------------------------------------------------
+
+
+@every_camera
+def test_jacobian_is_the_derivative_of_the_rays(camera):
+    camera = small(camera)
+    field, pixel, h = camera.field, pixels(camera)[:-1, :-1], 1e-4
+    assert (camera._centre == np.round(camera._centre)).all()
+    numerical = np.stack(
+        [
+            (camera.unproject(pixel + step) - camera.unproject(pixel - step)) / (2 * h)
+            for step in np.eye(2) * h
+        ],
+        axis=-1,
+    )
+    # Near the end of the endoscope's polynomial ϑ(ρ) has a square root's slope.
+    calm = (np.abs(field.jacobian).max(axis=(-2, -1)) < 0.3)[:-1, :-1] & field.valid[:-1, :-1]
+    assert calm.mean() > 0.85
+    np.testing.assert_allclose(field.jacobian[:-1, :-1][calm], numerical[calm], rtol=0, atol=1e-7)
+
+
+@every_camera
+def test_inverse_metric_inverts_the_metric(camera):
+    field = small(camera).field
+    jacobian = field.jacobian[field.valid]
+    uu, uv, vv = field.inverse_metric[field.valid].T
+    inverse = np.moveaxis(np.array([[uu, uv], [uv, vv]]), -1, 0)
+    identity = inverse @ np.swapaxes(jacobian, -1, -2) @ jacobian
+    np.testing.assert_allclose(identity, np.broadcast_to(np.eye(2), identity.shape), rtol=0, atol=1e-9)
+
+
+@every_camera
+def test_the_field_holds_the_rays_of_the_pixel_centres(camera):
+    camera = small(camera)
+    np.testing.assert_array_equal(camera.field.rays[11, 23], camera.unproject((23, 11)))
+    np.testing.assert_array_equal(camera.field.cos_alpha, camera.field.rays[..., 2])
+    assert camera.field is camera.field
+
+
+def test_solid_angle_of_a_picture():
+    """√det G integrates to the solid angle; a pinhole's rectangle has a closed form."""
+    camera = Pinhole(320, 240, 200.0, 200.0, 159.5, 119.5)
+    uu, uv, vv = np.moveaxis(camera.field.inverse_metric, -1, 0)
+    x, y = 160 / 200, 120 / 200
+    expected = 4 * np.arctan(x * y / np.sqrt(1 + x * x + y * y))
+    assert np.sum(1 / np.sqrt(uu * vv - uv**2)) == pytest.approx(expected, rel=1e-5)
+
+
+# Resizing and cropping -----------------------------------------------------------------
+
+
+@every_camera
+def test_resize_keeps_the_outer_edges(rng, camera):
+    points = directions(rng, 100, 60.0)
+    resized = camera.resize(camera.width // 3, camera.height * 2)
+    scale = np.array([resized.width / camera.width, resized.height / camera.height])
+    np.testing.assert_allclose(
+        resized.project(points) + 0.5, (camera.project(points) + 0.5) * scale, rtol=0, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        resized.unproject((-0.5, resized.height / 2 - 0.5)),
+        camera.unproject((-0.5, camera.height / 2 - 0.5)),
+        rtol=0,
+        atol=1e-12,
+    )
+
+
+def test_resize_agrees_with_opencvs_area_average():
+    """The column numbers of a picture, averaged two by two, are where the resized camera says."""
+    columns = np.tile(np.arange(320, dtype=np.float32), (240, 1))
+    shrunk = cv2.resize(columns, (160, 120), interpolation=cv2.INTER_AREA)
+    ray = PINHOLE.resize(160, 120).unproject((37, 50))
+    assert PINHOLE.project(ray)[0] == pytest.approx(shrunk[50, 37], abs=1e-9)
+
+
+@every_camera
+def test_crop_moves_the_origin(rng, camera):
+    points = directions(rng, 100, 60.0)
+    window = camera.crop(31, 17, 100, 90)
+    assert (window.width, window.height) == (100, 90)
+    np.testing.assert_allclose(window.project(points), camera.project(points) - [31, 17], rtol=0, atol=1e-10)
+
+
+@every_camera
+def test_resize_there_and_back(rng, camera):
+    points = directions(rng, 20, 60.0)
+    again = camera.resize(111, 222).resize(camera.width, camera.height)
+    np.testing.assert_allclose(again.project(points), camera.project(points), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("window", [(-1, 0, 9, 9), (0, -1, 9, 9), (312, 0, 9, 9), (0, 232, 9, 9)])
+def test_crop_stays_inside(window):
+    with pytest.raises(ValueError, match="outside the 320x240"):
+        PINHOLE.crop(*window)
+
+
+# Bad parameters ------------------------------------------------------------------------
+
+
+def pinhole(**changes):
+    return Pinhole(**({"width": 32, "height": 24, "fx": 20, "fy": 20, "cx": 15, "cy": 11} | changes))
+
+
+def scaramuzza(**changes):
+    return Scaramuzza(**({"width": 32, "height": 24, "cx": 15, "cy": 11, "a": (20, 0, 0, 0, 0)} | changes))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("width", value) for value in (0, -3, 1.5, np.nan, np.inf)),
+        ("height", 0),
+        ("fx", 0.0),
+        ("fy", -1.0),
+        ("fx", np.nan),
+        ("cx", np.inf),
+        ("cy", np.nan),
+    ],
+)
+def test_a_bad_pinhole_is_named(name, value):
+    with pytest.raises(ValueError, match=name):
+        pinhole(**{name: value})
+
+
+@pytest.mark.parametrize("k", [(1, 2, 3), (0, 0, 0, 0, 0), (0, np.nan, 0, 0)])
+def test_bad_distortion_is_named(k):
+    with pytest.raises(ValueError, match="k must hold four"):
+        KannalaBrandt(32, 24, 20, 20, 15, 11, k)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"a": (1, 0, 0)}, "a must hold five"),
+        ({"a": (20, 0, np.nan, 0, 0)}, "a must hold five"),
+        ({"a": (-20, 0, 0, 0, 0)}, r"a\[0\]"),
+        ({"a": (20, 0.1, 0, 0, 0)}, r"a\[1\]"),
+        ({"cx": np.nan}, "cx"),
+        ({"c": 1.0, "d": 2.0, "e": 1.0}, "c - d"),
+    ],
+)
+def test_a_bad_scaramuzza_is_named(changes, message):
+    with pytest.raises(ValueError, match=message):
+        scaramuzza(**changes)

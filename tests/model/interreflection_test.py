@@ -1,0 +1,114 @@
+"""Light that has bounced: the exchange between patches, and how much it adds to a picture."""
+
+import numpy as np
+import pytest
+
+from endolab import datasets
+from endolab.model.interreflection import Walls, _exchange
+from endolab.synthetic.scenes import Colon, Tube
+
+
+def ball(count=600, radius=20.0):
+    """Patches of the inside of a ball around the origin, all of one area."""
+    z = 1 - (2 * np.arange(count) + 1) / count
+    around = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    out = np.column_stack([np.sqrt(1 - z**2) * np.cos(around), np.sqrt(1 - z**2) * np.sin(around), z])
+    return radius * out, -out, np.full(count, 4 * np.pi * radius**2 / count)
+
+
+def open_cells(count):
+    return np.zeros((count, 2)), np.full((1, 1), np.inf)
+
+
+def plainly(x, n, area):
+    """The exchange without anything in between, as one would write it down."""
+    along = x[None] - x[:, None]
+    square = np.sum(along**2, axis=-1) + np.eye(len(x))
+    cos_i = np.maximum(np.einsum("ijc,ic->ij", along, n), 0) / np.sqrt(square)
+    cos_j = np.maximum(-np.einsum("ijc,jc->ij", along, n), 0) / np.sqrt(square)
+    return cos_i * cos_j * area / (np.pi * square + 0.5 * (area + area[:, None]))
+
+
+@pytest.fixture(scope="module")
+def colon():
+    """A haustral colon through a 90° pinhole, 160 x 120 px."""
+    field = datasets.load_calibration("simple", 160).camera.field
+    return np.log(Colon().distance(field.rays)), field
+
+
+def test_the_exchange_is_that_of_its_plain_twin(rng):
+    x, n, area = ball(120)
+    turned = n + 0.5 * rng.normal(size=n.shape)
+    turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
+    area = area * rng.uniform(0.5, 2, len(area))
+    np.testing.assert_allclose(
+        _exchange(x, turned, area, *open_cells(120)), plainly(x, turned, area), atol=1e-15
+    )
+
+
+def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
+    """An integrating sphere: S = mean E · ρ/(1 - ρ), wherever the light fell first."""
+    x, n, area = ball()
+    exchange = _exchange(x, n, area, *open_cells(len(x)))
+    # In a ball F_ij is A_j over the whole area, whatever i and j.
+    np.testing.assert_allclose(exchange.sum(axis=1), 1.0, atol=0.012)  # 1 % is lost between neighbours
+    lit = np.where(x[:, 2] > 10.0, 1.0, 0.0)
+    walls = Walls(x, n, area, lit, exchange, np.ones((1, len(x)), bool), np.ones((1, len(x))))
+    for albedo in (0.3, 0.6):
+        expected = lit.mean() * albedo / (1 - albedo)
+        assert np.mean(walls.bounced(albedo)) == pytest.approx(expected, rel=0.04)
+        assert np.ptp(walls.bounced(albedo)) < 0.05 * expected
+
+
+def test_light_is_exchanged_both_ways_and_none_is_made(colon):
+    v, field = colon
+    walls = Walls.of(v, np.isfinite(v), field, 2.5)
+    assert walls.exchange.sum(axis=1).max() <= 1 + 1e-12
+    raw = _exchange(walls.points, walls.normals, walls.area, *open_cells(len(walls.points)))
+    given = walls.area[:, None] * raw
+    np.testing.assert_allclose(given, given.T, rtol=1e-9)
+    for albedo in (0.3, 0.75):
+        # Of the lamp's light, bounces can give back ρ/(1 - ρ) at most.
+        assert walls.area @ walls.bounced(albedo) < walls.area @ walls.lit * albedo / (1 - albedo)
+        assert walls.bounced(albedo).min() >= 0
+
+
+def test_a_wall_in_between_blocks():
+    x = np.array([[-10.0, 0.0, 30.0], [10.0, 0.0, 30.0]])
+    n, area = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]), np.ones(2)
+    cells, nearest = np.array([[0.0, 0.0], [0.0, 8.0]]), np.full((1, 9), 32.0)
+    assert _exchange(x, n, area, cells, nearest)[0, 1] == pytest.approx(1 / (400 * np.pi + 1))
+    nearest[0, 4] = 15.0
+    assert _exchange(x, n, area, cells, nearest)[0, 1] == 0
+
+
+def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(colon):
+    v, field = colon
+    mask = np.isfinite(v)
+    walls, larger = Walls.of(v, mask, field, 2.5), Walls.of(v + np.log(7.0), mask, field, 2.5)
+    green, red = walls.inflation(0.38), walls.inflation(0.75)
+    np.testing.assert_allclose(larger.inflation(0.38), green, rtol=1e-9)
+    assert np.all(red[mask] > green[mask])
+    assert np.all(green[mask] > 0)
+    assert np.isfinite(red).all()
+
+
+def test_a_mask_leaves_pixels_out(colon):
+    v, field = colon
+    mask = np.isfinite(v)
+    mask[:30] = False
+    mask[60:70, 60:70] = False
+    share = Walls.of(np.where(mask, v, np.nan), mask, field, 2.5).inflation(0.5)
+    assert np.all(share[~mask] == 0)
+    assert np.isfinite(share).all()
+
+
+def test_a_long_tube_shows_what_its_unseen_walls_send(colon):
+    """The middle of a tube's wall sees walls all around: far more than the picture shows of them."""
+    field = colon[1]
+    v = np.log(Tube(length=200.0).distance(field.rays))
+    walls = Walls.of(v, np.isfinite(v), field, 2.5)
+    seen = int(walls.seen.sum())
+    near = walls.points[:seen, 2] < 40
+    assert walls.exchange[:seen][near].sum(axis=1).mean() > 0.75
+    assert walls.exchange[:seen, :seen][near].sum(axis=1).mean() < 0.65

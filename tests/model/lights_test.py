@@ -1,0 +1,79 @@
+"""Spot lights: fall-off, cone, derivative."""
+
+import numpy as np
+import pytest
+
+from endolab.model.lights import SpotLight
+
+LIGHT = SpotLight(position=(3.0, -2.0, 0.5), direction=(0.2, -0.1, 2.0), exponent=1.7, weight=0.6)
+
+
+def points(rng, count=50):
+    return rng.uniform([-40, -40, 15], [40, 40, 90], (count, 3))
+
+
+def test_radiance_is_the_papers_formula(rng):
+    x = points(rng)
+    offset = x - np.array([3.0, -2.0, 0.5])
+    distance = np.sqrt((offset**2).sum(axis=-1))
+    axis = np.array([0.2, -0.1, 2.0]) / np.sqrt(0.04 + 0.01 + 4.0)
+    expected = 0.6 * (offset @ axis / distance) ** 1.7 / distance**2
+    radiance, reach = LIGHT.illuminate(x)
+    np.testing.assert_allclose(radiance, expected, rtol=1e-13)
+    np.testing.assert_allclose(reach, distance, rtol=1e-14)
+
+
+def test_twice_as_far_is_a_quarter_as_bright(rng):
+    offset = points(rng)
+    origin = np.asarray(LIGHT.position)
+    near, far = LIGHT.illuminate(origin + offset)[0], LIGHT.illuminate(origin + 2 * offset)[0]
+    np.testing.assert_allclose(far, near / 4, rtol=1e-13)
+
+
+def test_light_sent_out_is_that_of_its_cone():
+    """The flux through a sphere is 2π w / (n + 1), at any radius."""
+    cosine, weight = np.polynomial.legendre.leggauss(400)
+    for radius in (1.0, 30.0):
+        x = radius * np.stack([np.sqrt(1 - cosine**2), 0 * cosine, cosine], axis=-1)
+        light = SpotLight(exponent=3.0, weight=2.0)
+        flux = 2 * np.pi * radius**2 * weight @ light.illuminate(x)[0]
+        assert flux == pytest.approx(2 * np.pi * 2.0 / 4.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("exponent", [0.0, 0.5, 2.0])
+def test_nothing_shines_backwards(exponent):
+    light = SpotLight(direction=(0, 0, 1), exponent=exponent)
+    x = np.array([[0.0, 0.0, -5.0], [3.0, 0.0, -0.1], [3.0, 0.0, 0.0]])
+    assert np.all(light.illuminate(x)[0] == 0)
+    assert np.all(np.isfinite(light.log_gradient(x)))
+
+
+@pytest.mark.parametrize(
+    "light", [LIGHT, SpotLight(), SpotLight(exponent=4.0)], ids=["offset", "centred", "narrow"]
+)
+def test_log_gradient_is_the_derivative(rng, light):
+    x, h = points(rng), 1e-4
+    numerical = [
+        (np.log(light.illuminate(x + e)[0]) - np.log(light.illuminate(x - e)[0])) / (2 * h)
+        for e in np.eye(3) * h
+    ]
+    np.testing.assert_allclose(light.log_gradient(x), np.transpose(numerical), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("position", (0, 0)),
+        ("position", (0, np.nan, 0)),
+        ("direction", (0, 0, 0)),
+        ("direction", (0, 1)),
+        ("direction", (np.inf, 0, 0)),
+        ("exponent", -0.1),
+        ("exponent", np.nan),
+        ("weight", 0.0),
+        ("weight", np.inf),
+    ],
+)
+def test_a_bad_light_is_named(name, value):
+    with pytest.raises(ValueError, match=name):
+        SpotLight(**{name: value})

@@ -1,0 +1,270 @@
+"""The photometric model: derivatives, its two forms against one another, scaling laws."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from endolab.model.brdf import Glossy, Lambertian, TabulatedBRDF
+from endolab.model.lights import SpotLight
+from endolab.model.photometry import Photometry
+
+BRDFS = {
+    "matt": Lambertian(0.6),
+    "table": TabulatedBRDF((0.0, 0.31, 0.77, 1.1, 1.5), (0.33, 0.30, 0.24, 0.20, 0.11)),
+    "glossy": Glossy(0.6, 0.05, 30.0),
+}
+THREE_LIGHTS = (
+    SpotLight((4.0, 1.0, -0.5), (0.1, 0.0, 1.0), 1.2, 0.5),
+    SpotLight((-3.0, 2.0, 0.0), (0.0, -0.2, 1.0), 0.8, 0.3),
+    SpotLight((0.5, -4.0, 0.3), (0.0, 0.1, 1.0), 2.0, 0.4),
+)
+every_brdf = pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS.keys())
+every_light = pytest.mark.parametrize("lights", [(), THREE_LIGHTS], ids=["centred", "three lights"])
+
+
+def surface(rng, count=60, max_slant=70.0):
+    """Random points in front of the camera and normals, with distance, slant angle and cos α."""
+    points = rng.uniform([-40, -40, 20], [40, 40, 90], (count, 3))
+    distance = np.linalg.norm(points, axis=-1)
+    view = -points / distance[:, None]
+    side = np.cross(view, rng.normal(size=(count, 3)))
+    side /= np.linalg.norm(side, axis=-1, keepdims=True)
+    theta = np.deg2rad(rng.uniform(3, max_slant, count))
+    normals = np.cos(theta)[:, None] * view + np.sin(theta)[:, None] * side
+    return points, normals, distance, theta, points[:, 2] / distance
+
+
+def model(brdf=BRDFS["matt"], lights=(), **changes):
+    return Photometry(**({"k": 2.5, "gamma": 2.2, "gain": 3000.0, "brdf": brdf, "lights": lights} | changes))
+
+
+# Derivatives ---------------------------------------------------------------------------
+
+
+@every_brdf
+@every_light
+def test_derivatives_of_the_general_model(rng, brdf, lights):
+    photometry = model(brdf, lights)
+    points, normals, *_ = surface(rng)
+    intensity, by_point, by_normal = photometry.intensity_gradient(points, normals)
+    np.testing.assert_array_equal(intensity, photometry.intensity(points, normals))
+    assert intensity.min() > 0.05
+    h = 1e-4
+    for axis, e in enumerate(np.eye(3) * h):
+        ahead, behind = photometry.intensity(points + e, normals), photometry.intensity(points - e, normals)
+        np.testing.assert_allclose(by_point[:, axis], (ahead - behind) / (2 * h), rtol=1e-5, atol=1e-8)
+    h = 1e-6
+    for axis, e in enumerate(np.eye(3) * h):
+        ahead, behind = photometry.intensity(points, normals + e), photometry.intensity(points, normals - e)
+        np.testing.assert_allclose(by_normal[:, axis], (ahead - behind) / (2 * h), rtol=1e-5, atol=1e-7)
+
+
+@every_brdf
+def test_derivatives_of_the_simplified_model(rng, brdf):
+    photometry = model(brdf)
+    _, _, distance, theta, cos_alpha = surface(rng)
+    v, p, h = np.log(distance), np.tan(theta) ** 2, 1e-6
+    _, by_v, by_p = photometry.shade(v, p, cos_alpha)
+    ahead, behind = photometry.shade(v + h, p, cos_alpha)[0], photometry.shade(v - h, p, cos_alpha)[0]
+    np.testing.assert_allclose(by_v, (ahead - behind) / (2 * h), rtol=1e-7)
+    step = h * (1 + p)
+    ahead, behind = photometry.shade(v, p + step, cos_alpha)[0], photometry.shade(v, p - step, cos_alpha)[0]
+    np.testing.assert_allclose(by_p, (ahead - behind) / (2 * step), rtol=2e-5)
+
+
+def test_the_dark_has_neither_light_nor_slope():
+    """Behind the camera, and turned away from the light."""
+    points = np.array([[5.0, 0.0, -10.0], [0.0, 0.0, 50.0]])
+    normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+    for value in model(lights=(SpotLight(),)).intensity_gradient(points, normals):
+        assert np.all(value == 0)
+
+
+# The two forms -------------------------------------------------------------------------
+
+
+@every_brdf
+def test_simplified_is_the_general_model_with_the_light_at_the_centre(rng, brdf):
+    points, normals, distance, theta, cos_alpha = surface(rng)
+    general = model(brdf).intensity(points, normals)
+    simplified = model(brdf).shade(np.log(distance), np.tan(theta) ** 2, cos_alpha)[0]
+    f = brdf.value(np.cos(theta), np.cos(theta))
+    by_hand = (cos_alpha**2.5 / distance**2 * f * np.cos(theta) * 3000) ** (1 / 2.2)
+    np.testing.assert_allclose(general, by_hand, rtol=1e-12)
+    np.testing.assert_allclose(simplified, by_hand, rtol=1e-12)
+
+
+@every_brdf
+def test_the_exponent_can_be_the_lights_or_the_lens(rng, brdf):
+    points, normals, *_ = surface(rng)
+    joint = model(brdf, k=2.5)
+    split = model(brdf, (SpotLight(exponent=1.6),), k=0.9)
+    np.testing.assert_allclose(split.intensity(points, normals), joint.intensity(points, normals), rtol=1e-12)
+    assert split.simplified().k == pytest.approx(2.5)
+
+
+def test_lights_add_up_before_the_response(rng):
+    points, normals, *_ = surface(rng)
+    each = [model(lights=(light,)).intensity(points, normals) ** 2.2 for light in THREE_LIGHTS]
+    together = model(lights=THREE_LIGHTS).intensity(points, normals) ** 2.2
+    np.testing.assert_allclose(together, sum(each), rtol=1e-12)
+
+
+def test_far_away_the_lights_become_one(rng):
+    """The error falls like offset/distance: ten times as far, about a tenth."""
+    lights = tuple(replace(light, direction=(0, 0, 1), exponent=1.4) for light in THREE_LIGHTS)
+    general = model(lights=lights)
+    simplified = general.simplified()
+    assert simplified.lights == ()
+    assert simplified.gain == pytest.approx(3000 * 1.2)
+    points, normals, distance, _, _ = surface(rng, max_slant=50.0)
+    points = points / distance[:, None]
+    errors = [
+        np.abs(
+            np.log(general.intensity(d * points, normals) / simplified.intensity(d * points, normals))
+        ).max()
+        for d in (50.0, 500.0, 5000.0)
+    ]
+    assert errors[1] < errors[0] / 8
+    assert errors[2] < errors[1] / 8
+    assert errors[2] < 1e-3
+
+
+def test_far_away_on_the_axis_tilted_lights_become_one():
+    """The virtual light is as strong as theirs are along the axis, whichever way they point."""
+    lights = (SpotLight((1, 0, 0), (1.0, 0.0, 1.0), 2.0), SpotLight((-1, 0, 0), (-1.0, 0.0, 1.0), 2.0))
+    general = model(lights=lights, gain=1e8)
+    point, normal = np.array([0.0, 0.0, 1e4]), np.array([0.0, 0.0, -1.0])
+    assert general.simplified().intensity(point, normal) == pytest.approx(
+        float(general.intensity(point, normal)), rel=1e-3
+    )
+
+
+def test_nothing_to_simplify():
+    assert model().simplified() == model()
+    assert model(lights=THREE_LIGHTS, gain=None).simplified().gain is None
+
+
+# Scaling laws --------------------------------------------------------------------------
+
+
+@every_brdf
+@every_light
+def test_inverse_squares(rng, brdf, lights):
+    """Everything twice as large, lights included: a quarter of the light, before the response."""
+    points, normals, *_ = surface(rng)
+    grown = tuple(replace(light, position=tuple(2 * np.array(light.position))) for light in lights)
+    small, large = model(brdf, lights), model(brdf, grown)
+    ratio = large.intensity(2 * points, normals) / small.intensity(points, normals)
+    np.testing.assert_allclose(ratio, 2 ** (-2 / 2.2), rtol=1e-12)
+
+
+@every_light
+def test_gain_and_gamma(rng, lights):
+    points, normals, *_ = surface(rng)
+    base = model(lights=lights)
+    intensity = base.intensity(points, normals)
+    np.testing.assert_allclose(
+        replace(base, gain=9000.0).intensity(points, normals), intensity * 3 ** (1 / 2.2), rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        replace(base, gamma=1.0).intensity(points, normals), intensity**2.2, rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize("k", [0.0, 2.5])
+def test_attenuation(k):
+    cosine = np.array([1.0, 0.5, 1e-3, 0.0, -0.2, np.nan])
+    np.testing.assert_allclose(
+        model(k=k).attenuation(cosine), [1.0, 0.5**k, 1e-3**k, 0.0, 0.0, np.nan], rtol=1e-14
+    )
+
+
+# Canonical intensity -------------------------------------------------------------------
+
+
+@every_brdf
+def test_canonical_intensity_is_cosine_over_square(rng, brdf):
+    points, normals, distance, theta, cos_alpha = surface(rng)
+    canonical = model(brdf).canonical(model(brdf).intensity(points, normals), cos_alpha, theta)
+    np.testing.assert_allclose(canonical, np.cos(theta) / distance**2, rtol=1e-12)
+
+
+def test_canonical_intensity_without_gain_or_light():
+    image, cos_alpha = np.array([0.5, 0.5]), np.array([0.8, -0.1])
+    known, unknown = model(gain=50.0), model(gain=None)
+    assert unknown.canonical(image, cos_alpha)[0] == pytest.approx(50 * known.canonical(image, cos_alpha)[0])
+    assert np.isnan(known.canonical(image, cos_alpha)[1])
+
+
+# Channels ------------------------------------------------------------------------------
+
+
+def test_the_grey_channel_is_the_grey_of_the_channels(rng):
+    """BT.601, as OpenCV mixes it; on the stored values, whatever the geometry."""
+    colour = model(Lambertian((0.75, 0.38, 0.30)))
+    points, normals, *_ = surface(rng)
+    rgb = [colour.channel(name).intensity(points, normals) for name in ("red", "green", "blue")]
+    expected = 0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2]
+    grey = colour.channel("grey").intensity(points, normals)
+    np.testing.assert_allclose(grey, expected, rtol=1e-12)
+    by_opencv = cv2.cvtColor(np.stack(rgb, axis=-1)[None].astype(np.float32), cv2.COLOR_RGB2GRAY)[0]
+    np.testing.assert_allclose(grey, by_opencv, rtol=1e-5)
+
+
+def test_channels_are_red_green_blue():
+    colour = model(Lambertian((0.75, 0.38, 0.30)))
+    assert [colour.channel(name).brdf.albedo for name in ("red", "green", "blue")] == [0.75, 0.38, 0.30]
+    assert model().channel("red") == model()
+
+
+# Slant from brightness -----------------------------------------------------------------
+
+
+def test_a_matt_surface_needs_no_table():
+    assert model().slant_table() is None
+
+
+@pytest.mark.parametrize("brdf", [BRDFS["table"], BRDFS["glossy"]], ids=["table", "glossy"])
+def test_the_slant_table_inverts_the_brightness(brdf):
+    log_c, log_slant = model(brdf).slant_table()
+    theta = np.deg2rad(np.linspace(0, 88, 500))
+    cosine = np.cos(theta)
+    c = cosine * brdf.value(cosine, cosine) / brdf.value(1.0, 1.0)
+    np.testing.assert_allclose(np.interp(np.log(c), log_c, log_slant), -2 * np.log(cosine), rtol=0, atol=1e-4)
+
+
+def test_one_brightness_must_not_have_two_slants():
+    rising = TabulatedBRDF((0.0, 0.5, 0.6, 1.5), (0.2, 0.2, 0.4, 0.4))
+    with pytest.raises(ValueError, match=r"(29|30|31|32|33|34)°"):
+        model(rising).slant_table()
+
+
+# Bad parameters ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("k", value) for value in (-0.1, np.nan, np.inf)),
+        *(("gamma", value) for value in (0.0, -1.0, np.nan)),
+        *(("gain", value) for value in (0.0, -2.0, np.inf)),
+    ],
+)
+def test_a_bad_model_is_named(name, value):
+    with pytest.raises(ValueError, match=name):
+        model(**{name: value})
+
+
+def test_intensity_needs_a_gain():
+    with pytest.raises(ValueError, match="gain is unknown"):
+        model(gain=None).shade(3.0, 0.0, 1.0)
+    with pytest.raises(ValueError, match="gain is unknown"):
+        model(gain=None).intensity([0, 0, 50.0], [0, 0, -1.0])
+
+
+def test_unknown_channel_lists_the_choice():
+    with pytest.raises(ValueError, match=r"'infrared'.*red, green, blue"):
+        model().channel("infrared")

@@ -1,0 +1,331 @@
+"""Derivatives on a masked grid: exact where a formula promises it, deaf to what lies outside the mask."""
+
+import numpy as np
+import pytest
+
+from endolab.numerics.derivatives import (
+    forward_gradient,
+    forward_gradient_adjoint,
+    gradient,
+    gradient_adjoint,
+    hessian,
+    hessian_adjoint,
+    links,
+    shifted,
+)
+
+SHAPES = [(1, 1), (1, 7), (7, 1), (2, 2), (2, 5), (3, 3), (9, 12)]
+ODD_SHAPES = [(1, 1), (1, 6), (6, 1), (2, 2), (1, 2), (3, 1), (5, 7), (13, 9)]
+
+
+def two_pixel_gradient(f, mask=None, cuts=None):
+    return np.stack(gradient(f, mask, cuts, edge_order=1))
+
+
+def two_pixel_gradient_adjoint(p, mask=None, cuts=None):
+    return gradient_adjoint(*p, mask, cuts)
+
+
+OPERATORS = [gradient, two_pixel_gradient, forward_gradient, hessian]
+PAIRS = [
+    (two_pixel_gradient, two_pixel_gradient_adjoint),
+    (forward_gradient, forward_gradient_adjoint),
+    (hessian, hessian_adjoint),
+]
+every_pair = pytest.mark.parametrize(("operator", "adjoint"), PAIRS, ids=["gradient", "forward", "hessian"])
+
+
+def between(labels):
+    """Cuts wherever the labels of neighbours differ."""
+    cuts = np.zeros((2, *labels.shape), dtype=bool)
+    cuts[0, :, :-1] = labels[:, 1:] != labels[:, :-1]
+    cuts[1, :-1] = labels[1:] != labels[:-1]
+    return cuts
+
+
+def polynomial(shape, c):
+    """c0 + c1 u + c2 v + c3 u² + c4 uv + c5 v² with its two derivatives."""
+    v, u = np.indices(shape, dtype=float)
+    f = c[0] + c[1] * u + c[2] * v + c[3] * u**2 + c[4] * u * v + c[5] * v**2
+    return f, (c[1] + 2 * c[3] * u + c[4] * v, c[2] + c[4] * u + 2 * c[5] * v)
+
+
+@pytest.fixture
+def mask(rng):
+    """Ragged, with isolated pixels and runs of two."""
+    return rng.random((14, 17)) < 0.6
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("step", [-9, -2, -1, 0, 1, 2, 9])
+def test_shifted_is_a_roll_with_the_far_side_filled(rng, step, axis):
+    a = rng.normal(size=(4, 5))
+    padded = np.pad(a, 9, constant_values=7.0)
+    expected = np.roll(padded, -step, axis)[9:-9, 9:-9]
+    np.testing.assert_array_equal(shifted(a, step, axis, 7.0), expected)
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (3, 8), (9, 12)])
+def test_gradient_is_exact_for_quadratics_up_to_the_border(rng, shape):
+    f, exact = polynomial(shape, rng.normal(size=6))
+    np.testing.assert_allclose(gradient(f), exact, rtol=0, atol=1e-12)
+
+
+def test_gradient_is_of_second_order_in_the_border_too():
+    """Halving the step quarters the error, in the border as inside: smooth f, not a polynomial."""
+    errors = []
+    for n in (41, 81):
+        x = np.linspace(0, 2, n)
+        f_u = gradient(np.sin(x)[None, :])[0] * (n - 1) / 2
+        error = np.abs(f_u[0] - np.cos(x))
+        errors.append([error[[0, -1]].max(), error[1:-1].max()])
+    ratio = np.divide(*errors)
+    assert np.all((ratio > 3.5) & (ratio < 4.5))
+
+
+def test_gradient_takes_the_best_formula_that_the_mask_allows(rng, mask):
+    """Quadratics where three pixels in a row are there, straight lines where two are, else 0."""
+    quadratic, exact = polynomial(mask.shape, rng.normal(size=6))
+    line, slope = polynomial(mask.shape, [1.0, 2.0, -3.0, 0, 0, 0])
+    seen = {"three": 0, "two": 0, "one": 0}
+    padded = np.pad(mask, 2)
+    for axis, step in ((1, (0, 1)), (0, (1, 0))):
+        f_axis = gradient(quadratic, mask)[1 - axis]
+        line_axis = gradient(line, mask)[1 - axis]
+        for r, c in zip(*np.nonzero(mask), strict=True):
+            here = [padded[r + 2 + s * step[0], c + 2 + s * step[1]] for s in (-2, -1, 0, 1, 2)]
+            run = [all(here[i : i + 3]) for i in range(3)]
+            if any(run):
+                seen["three"] += 1
+                assert f_axis[r, c] == pytest.approx(exact[1 - axis][r, c], abs=1e-12)
+            elif here[1] or here[3]:
+                seen["two"] += 1
+                assert line_axis[r, c] == pytest.approx(slope[1 - axis][r, c], abs=1e-12)
+            else:
+                seen["one"] += 1
+                assert f_axis[r, c] == 0.0
+    assert min(seen.values()) > 5
+
+
+def test_gradient_is_nan_exactly_outside_the_mask(rng, mask):
+    for derivative in gradient(rng.normal(size=mask.shape), mask):
+        np.testing.assert_array_equal(np.isnan(derivative), ~mask)
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+@pytest.mark.parametrize("rubbish", [np.nan, np.inf, -np.inf, 1e300])
+def test_values_outside_the_mask_never_matter(rng, mask, operator, rubbish):
+    f = rng.normal(size=mask.shape)
+    expected = operator(np.where(mask, f, 0.0), mask)
+    actual = operator(np.where(mask, f, rubbish), mask)
+    np.testing.assert_array_equal(actual, expected)
+    assert np.isfinite(np.asarray(actual)[:, mask]).all()
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_an_isolated_pixel_has_no_slope_and_no_bend(operator):
+    f, mask = np.full((5, 5), np.nan), np.zeros((5, 5), dtype=bool)
+    f[2, 2], mask[2, 2] = 3.0, True
+    assert np.all(np.asarray(operator(f, mask))[:, 2, 2] == 0)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_every_shape_keeps_its_shape_and_a_constant_has_no_derivative(shape):
+    f = np.full(shape, 4.0)
+    for operator, count in zip(OPERATORS, (2, 2, 2, 3), strict=True):
+        result = np.asarray(operator(f))
+        assert result.shape == (count, *shape)
+        assert np.all(result == 0)
+
+
+@pytest.mark.parametrize("shape", [s for s in SHAPES if max(s) > 1])
+def test_gradient_of_a_line_on_every_shape(shape):
+    f, (f_u, f_v) = polynomial(shape, [0.5, 2.0, -3.0, 0, 0, 0])
+    by_u, by_v = gradient(f)
+    np.testing.assert_allclose(by_u, f_u if shape[1] > 1 else 0.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(by_v, f_v if shape[0] > 1 else 0.0, rtol=0, atol=1e-12)
+
+
+def test_forward_gradient_is_the_difference_of_two_pixels_of_the_mask(rng, mask):
+    f = rng.normal(size=mask.shape)
+    f_u, f_v = forward_gradient(f, mask)
+    expected = np.zeros((2, *mask.shape))
+    expected[0, :, :-1] = np.where(mask[:, 1:] & mask[:, :-1], np.diff(f, axis=1), 0.0)
+    expected[1, :-1] = np.where(mask[1:] & mask[:-1], np.diff(f, axis=0), 0.0)
+    np.testing.assert_allclose([f_u, f_v], expected, rtol=0, atol=1e-15)
+
+
+def test_hessian_of_a_quadratic(rng):
+    c = rng.normal(size=6)
+    f_uu, f_uv, f_vv = hessian(polynomial((9, 12), c)[0])
+    np.testing.assert_allclose(f_uu[:, 1:-1], 2 * c[3], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(f_uv[:-1, :-1], np.sqrt(2) * c[4], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(f_vv[1:-1], 2 * c[5], rtol=0, atol=1e-11)
+    assert np.all(f_uu[:, [0, -1]] == 0)
+    assert np.all(f_vv[[0, -1]] == 0)
+    assert np.all(f_uv[-1] == 0)
+    assert np.all(f_uv[:, -1] == 0)
+
+
+def test_hessian_needs_its_whole_stencil(rng):
+    """One masked pixel silences the stencils it belongs to, and no others."""
+    f, mask = rng.normal(size=(9, 9)), np.ones((9, 9), dtype=bool)
+    mask[4, 4] = False
+    silent = (hessian(f, mask) == 0) & (hessian(f) != 0)
+    expected = np.zeros_like(silent)
+    expected[0, 4, 3:6] = expected[2, 3:6, 4] = True
+    expected[1, 3:5, 3:5] = True
+    np.testing.assert_array_equal(silent, expected)
+    np.testing.assert_array_equal(hessian(f, mask)[~silent], hessian(f)[~silent])
+
+
+def test_the_norm_of_the_hessian_is_the_frobenius_norm_and_does_not_know_rows_from_columns(rng, mask):
+    f = rng.normal(size=mask.shape)
+    norm = np.linalg.norm(hessian(f, mask), axis=0)
+    np.testing.assert_allclose(np.linalg.norm(hessian(f.T, mask.T), axis=0).T, norm, rtol=0, atol=1e-14)
+    c = rng.normal(size=6)
+    full = np.linalg.norm([[2 * c[3], c[4]], [c[4], 2 * c[5]]])
+    assert np.linalg.norm(hessian(polynomial((5, 5), c)[0])[:, 2, 2]) == pytest.approx(full)
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_operators_are_linear_and_leave_their_input_alone(rng, mask, operator):
+    f, g = rng.normal(size=(2, *mask.shape))
+    before = f.copy()
+    combined = np.asarray(operator(2 * f - 3 * g, mask))
+    np.testing.assert_allclose(
+        combined, 2 * np.asarray(operator(f, mask)) - 3 * np.asarray(operator(g, mask)), rtol=0, atol=1e-13
+    )
+    np.testing.assert_array_equal(f, before)
+
+
+# Two pixels at the rim -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (2, 7), (5, 2), (9, 12)])
+@pytest.mark.parametrize("edge_order", [1, 2])
+def test_gradient_without_a_mask_is_numpys(rng, shape, edge_order):
+    f = rng.normal(size=shape)
+    if min(shape) > edge_order:
+        f_v, f_u = np.gradient(f, edge_order=edge_order)
+        np.testing.assert_allclose(gradient(f, edge_order=edge_order), (f_u, f_v), rtol=0, atol=1e-14)
+
+
+def test_two_pixels_give_the_slope_wherever_there_is_a_neighbour(rng, mask):
+    """The mean of the differences to the neighbours that there are."""
+    f = rng.normal(size=mask.shape)
+    padded, value = np.pad(mask, 1), np.pad(f, 1)
+    for derivative, (r, c) in zip(two_pixel_gradient(f, mask), ((0, 1), (1, 0)), strict=True):
+        for row, column in np.argwhere(mask) + 1:
+            here, ahead, behind = (row, column), (row + r, column + c), (row - r, column - c)
+            steps = (here, ahead), (behind, here)
+            differences = [value[b] - value[a] for a, b in steps if padded[a] and padded[b]]
+            expected = np.mean(differences) if differences else 0.0
+            assert derivative[row - 1, column - 1] == pytest.approx(expected, abs=1e-14)
+
+
+# Cuts ----------------------------------------------------------------------------------
+
+
+def test_links_join_neighbours_of_the_mask_that_are_not_cut_apart():
+    mask = np.array([[True, True, False], [True, True, True]])
+    np.testing.assert_array_equal(
+        links(mask),
+        [[[True, False, False], [True, True, False]], [[True, True, False], [False, False, False]]],
+    )
+    cuts = np.zeros((2, 2, 3), dtype=bool)
+    cuts[0, 1, 0] = cuts[1, 0, 1] = cuts[0, 0, 2] = cuts[1, 1, 1] = True  # the last two lead nowhere
+    np.testing.assert_array_equal(
+        links(mask, cuts),
+        [[[True, False, False], [False, True, False]], [[True, False, False], [False, False, False]]],
+    )
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_cuts_tear_a_map_into_maps_of_their_own(rng, mask, operator):
+    """Cut along a patchwork's seams, each patch has the derivatives that it has as a mask of its own."""
+    f, labels = rng.normal(size=mask.shape), rng.integers(0, 3, mask.shape)
+    labels[4:11, 5:12] = 0
+    torn = np.asarray(operator(f, mask, between(labels)))
+    assert np.any(torn[:, mask] != np.asarray(operator(f, mask))[:, mask])
+    for label in range(3):
+        patch = mask & (labels == label)
+        np.testing.assert_array_equal(torn[:, patch], np.asarray(operator(f, patch))[:, patch])
+
+
+@every_pair
+def test_adjoints_of_a_torn_map_are_those_of_its_patches(rng, mask, operator, adjoint):
+    labels = rng.integers(0, 2, mask.shape)
+    p = rng.normal(size=np.shape(operator(np.zeros(mask.shape))))
+    patches = [adjoint(p, mask & (labels == label)) for label in (0, 1)]
+    np.testing.assert_allclose(adjoint(p, mask, between(labels)), sum(patches), rtol=0, atol=1e-13)
+
+
+def test_one_cut_silences_the_stencils_that_take_its_step(rng):
+    f, cuts = rng.normal(size=(7, 8)), np.zeros((2, 7, 8), dtype=bool)
+    cuts[0, 3, 4] = True  # between columns 4 and 5
+    changed = forward_gradient(f, cuts=cuts) != forward_gradient(f)
+    np.testing.assert_array_equal(np.argwhere(changed), [[0, 3, 4]])
+    changed = two_pixel_gradient(f, cuts=cuts) != two_pixel_gradient(f)
+    np.testing.assert_array_equal(np.argwhere(changed), [[0, 3, 4], [0, 3, 5]])
+    changed = hessian(f, cuts=cuts) != hessian(f)
+    np.testing.assert_array_equal(np.argwhere(changed), [[0, 3, 4], [0, 3, 5], [1, 2, 4], [1, 3, 4]])
+    assert np.all(hessian(f, cuts=cuts)[changed] == 0)
+    turned = hessian(f.T, cuts=cuts[::-1].transpose(0, 2, 1))[::-1].transpose(0, 2, 1)
+    np.testing.assert_allclose(turned, hessian(f, cuts=cuts), rtol=0, atol=1e-14)
+    assert two_pixel_gradient(f, cuts=cuts)[0, 3, 4] == f[3, 4] - f[3, 3]
+    assert two_pixel_gradient(f, cuts=cuts)[0, 3, 5] == f[3, 6] - f[3, 5]
+    assert gradient(f, cuts=cuts)[0][3, 4] == pytest.approx(1.5 * f[3, 4] - 2 * f[3, 3] + 0.5 * f[3, 2])
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_a_step_over_a_cut_costs_nothing(rng, operator):
+    """A map that is constant on either side has no derivative."""
+    labels = rng.integers(0, 2, (9, 11))
+    assert np.all(np.asarray(operator(7.0 * labels, cuts=between(labels))) == 0)
+
+
+# Adjoints ------------------------------------------------------------------------------
+
+
+@every_pair
+@pytest.mark.parametrize("shape", ODD_SHAPES)
+@pytest.mark.parametrize("rubbish", [0.0, np.nan, np.inf])
+def test_adjoints_are_adjoint(rng, operator, adjoint, shape, rubbish):
+    """⟨A f, p⟩ = ⟨f, Aᵀ p⟩ with masks and cuts; what lies outside the mask is not read."""
+    for share in (0.0, 0.2, 0.5):
+        mask, cuts = rng.random(shape) >= share, rng.random((2, *shape)) < share
+        f = rng.normal(size=shape)
+        p = rng.normal(size=np.shape(operator(f)))
+        spoilt = adjoint(np.where(mask, p, rubbish), mask, cuts)
+        np.testing.assert_array_equal(spoilt, adjoint(p, mask, cuts))
+        assert spoilt.shape == shape
+        assert np.all(spoilt[~mask] == 0)
+        forward = operator(np.where(mask, f, rubbish), mask, cuts)
+        np.testing.assert_array_equal(forward, operator(f, mask, cuts))
+        assert np.sum((forward * p)[:, mask]) == pytest.approx(np.sum(f * spoilt), rel=1e-12, abs=1e-12)
+
+
+@every_pair
+def test_adjoints_without_mask_and_cuts_take_everything(rng, operator, adjoint):
+    p = rng.normal(size=np.shape(operator(np.zeros((5, 7)))))
+    whole = adjoint(p, np.ones((5, 7), dtype=bool), np.zeros((2, 5, 7), dtype=bool))
+    np.testing.assert_array_equal(adjoint(p), whole)
+
+
+@every_pair
+def test_adjoints_leave_a_constant_out(rng, mask, operator, adjoint):
+    """A constant has no derivative, so what an adjoint returns adds up to nothing, patch by patch."""
+    p = rng.normal(size=np.shape(operator(np.zeros(mask.shape))))
+    labels = rng.integers(0, 2, mask.shape)
+    out = adjoint(p, mask, between(labels))
+    for label in (0, 1):
+        assert abs(out[labels == label].sum()) < 1e-12
+
+
+@every_pair
+def test_adjoints_leave_their_input_alone(rng, mask, operator, adjoint):
+    p = rng.normal(size=np.shape(operator(np.zeros(mask.shape))))
+    before = p.copy()
+    adjoint(p, mask)
+    np.testing.assert_array_equal(p, before)

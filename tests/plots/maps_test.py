@@ -1,0 +1,361 @@
+"""Figures: what they say, what they leave out, and that they leave nothing behind."""
+
+import io
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.text import Text
+from skimage.color import rgb2lab
+
+from endolab import plots
+from endolab.depth.problem import Problem
+from endolab.depth.result import Iterate, Result
+from endolab.model.brdf import Lambertian
+from endolab.model.cameras import KannalaBrandt
+from endolab.model.photometry import Photometry
+from endolab.numerics.iteration import Status
+from endolab.plots import style
+from endolab.synthetic.rendering import Rendered, render
+from endolab.synthetic.scenes import SCENES
+
+PAPER = KannalaBrandt(
+    1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -0.0012396, 0.00091258, -0.000040716)
+)
+
+
+@pytest.fixture(scope="module")
+def rendered() -> Rendered:
+    return render(SCENES["colon"], PAPER.resize(80, 60), Photometry(brdf=Lambertian((0.75, 0.38, 0.30))))
+
+
+@pytest.fixture(scope="module")
+def start(rendered: Rendered) -> Iterate:
+    green = rendered.image[..., 1]
+    problem = Problem(
+        image=green,
+        mask=rendered.mask & (green > 1.5 / 255),
+        camera=rendered.camera,
+        photometry=rendered.photometry.channel("green"),
+        picture=rendered.image,
+    )
+    return Iterate.of(problem, problem.log_facing)
+
+
+@pytest.fixture(autouse=True)
+def _no_figure_stays():
+    yield
+    plt.close("all")
+
+
+def pixels(figure) -> np.ndarray:
+    """Draw a figure and read it back, (H, W, 3) in [0, 1]."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
+    file.seek(0)
+    return plt.imread(file)[..., :3]
+
+
+def test_a_depth_map_has_units_limits_and_neutral_holes():
+    distance = np.linspace(10.0, 110.0, 1200).reshape(30, 40)
+    distance[:10, :10] = np.nan
+    ax = plots.show_depth(distance)
+    image = ax.images[0]
+    assert image.get_clim() == pytest.approx(tuple(np.nanpercentile(distance, [1, 99])))
+    assert image.colorbar.ax.get_ylabel() == "distance [mm]"
+    assert image.colorbar.extend == "both"
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("column u [px]", "row v [px]")
+    assert image.get_array().mask.sum() == 100
+    drawn = pixels(ax.figure)
+    holes = np.isclose(drawn, style.LEFT_OUT, atol=0.01).all(axis=-1).sum()
+    assert holes > 0.02 * drawn[..., 0].size
+
+    ax = plots.show_depth(distance, unit="relative units", limits=(0.0, 200.0))
+    assert ax.images[0].get_clim() == (0.0, 200.0)
+    assert "relative units" in ax.images[0].colorbar.ax.get_ylabel()
+    assert ax.images[0].colorbar.extend == "neither"
+
+
+def test_a_depth_map_without_a_value_is_drawn():
+    pixels(plots.show_depth(np.full((4, 5), np.nan)).figure)
+
+
+@pytest.mark.parametrize("shape", [(6, 8), (6, 8, 3)])
+def test_a_picture_keeps_its_values(rng, shape):
+    picture = rng.uniform(-0.2, 1.2, shape)
+    shown = plots.show_picture(picture).images[0]
+    assert np.array_equal(shown.get_array(), picture.clip(0, 1))
+    assert len(shape) == 3 or shown.get_clim() == (0, 1)
+
+
+def test_normals_are_halved_and_shifted():
+    normals = np.zeros((2, 2, 3))
+    normals[..., 2] = -1
+    normals[0, 0] = np.nan
+    shown = np.asarray(plots.show_normals(normals).images[0].get_array())
+    assert np.allclose(shown[1, 1], [0.5, 0.5, 0.0])
+    assert np.allclose(shown[0, 0], style.LEFT_OUT)
+
+
+def test_an_error_is_signed_and_centred():
+    truth = np.full((4, 4), 50.0)
+    estimate = truth + np.linspace(-1, 4, 16).reshape(4, 4)
+    estimate[0, 0] = np.nan
+    image = plots.show_error(estimate, truth).images[0]
+    assert image.get_array()[3, 3] == pytest.approx(8.0)
+    assert image.get_clim()[0] == -image.get_clim()[1]
+    assert image.get_clim()[1] == pytest.approx(8.0, rel=0.1)
+    assert image.colorbar.ax.get_ylabel().endswith("[%]")
+    image = plots.show_error(estimate, truth, relative=False, unit="mm", limit=2.0).images[0]
+    assert image.get_clim() == (-2.0, 2.0)
+    assert image.colorbar.ax.get_ylabel().endswith("[mm]")
+    pixels(plots.show_error(truth, truth).figure)  # no error at all
+
+
+def test_a_section_lies_on_the_surface(rendered):
+    field = rendered.camera.field
+    ax = plots.show_section({"truth": rendered.distance, "mine": 2 * rendered.distance}, field)
+    z, y = ax.lines[0].get_data()
+    points = rendered.distance[..., None] * field.rays
+    assert np.array_equal(z, points[:, 40, 2], equal_nan=True)
+    assert np.array_equal(y, points[:, 40, 1], equal_nan=True)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("z [mm]", "y [mm]")
+    assert ax.yaxis_inverted()
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["truth", "mine"]
+
+    ax = plots.show_section({"truth": rendered.distance}, field, row=7, unit="relative units")
+    assert np.array_equal(ax.lines[0].get_ydata(), points[7, :, 0], equal_nan=True)
+    assert ax.get_ylabel() == "x [relative units]"
+    with pytest.raises(ValueError, match="row or a column"):
+        plots.show_section({}, field, row=1, column=1)
+
+
+def test_a_history_is_logarithmic_and_bears_zeros():
+    history = [{"k": k, "energy": 0.5**k, "data": 0.5**k, "regulariser": 0.0} for k in range(5)]
+    ax = plots.show_history(history)
+    assert ax.get_yscale() == "log"
+    assert {line.get_label() for line in ax.lines} == {"energy", "data"}
+    assert np.allclose(ax.lines[0].get_ydata(), 0.5 ** np.arange(5))
+    pixels(ax.figure)
+
+
+@pytest.mark.parametrize("grey", [False, True])
+def test_a_surface_from_the_side_shows_its_colours_and_a_scale(start, grey):
+    colours = start.problem.image if grey else start.problem.picture
+    ax = plots.show_cloud(start.points, colours)
+    patches = ax.collections[0]
+    assert 0.2 * start.mask.sum() < len(patches.get_paths()) < start.mask.sum()
+    red, green, blue = patches.get_facecolor()[:, :3].T
+    assert np.array_equal(red, blue) if grey else (red >= green).all()
+    assert ax.artists[0].txt_label.get_text().endswith(" mm")
+    pixels(ax.figure)
+
+
+def test_a_surface_from_the_side_is_seen_from_the_left_and_above():
+    x, y = np.meshgrid(np.linspace(-10, 10, 30), np.linspace(-8, 8, 24))
+    wall = np.stack([x, y, np.full_like(x, 50.0)], axis=-1)
+    ax = plots.show_cloud(wall, np.full(x.shape, 0.5), angle=30, elevation=0)
+    middle = np.mean([path.vertices[:4].mean(axis=0) for path in ax.collections[0].get_paths()], axis=0)
+    assert middle == pytest.approx([-50 * np.sin(np.deg2rad(30)), 0.0], abs=0.5)
+    assert len(plots.show_cloud(wall, np.full(x.shape, 0.5), angle=120).collections) == 0  # its back
+    pixels(plots.show_cloud(np.full((5, 6, 3), np.nan), np.zeros((5, 6))).figure)
+
+
+@pytest.mark.parametrize("grey", [False, True])
+def test_an_overview_says_everything_and_leaves_no_figure(start, rendered, grey):
+    iterate = replace(start, problem=replace(start.problem, picture=None)) if grey else start
+    result = Result(iterate, Status.CONVERGED, [{"k": 0, "energy": iterate.energy}], 0.1)
+    open_figures = plt.get_fignums()
+    figure = plots.overview(result, truth=rendered.distance)
+    assert plt.get_fignums() == open_figures
+    titles = [ax.get_title() for ax in figure.axes if ax.get_title()]
+    assert len(titles) == 6
+    assert "reached its goal" in figure.get_suptitle()
+    assert "relative" not in figure.get_suptitle()
+    section = next(ax for ax in figure.axes if ax.get_title().startswith("Section"))
+    assert [text.get_text() for text in section.get_legend().get_texts()] == ["truth", "start", "estimate"]
+    assert pixels(figure).shape == (900, 1600, 3)
+
+
+def test_an_overview_without_a_gain_says_relative(start, rendered):
+    iterate = replace(start, problem=replace(start.problem, metric=False))
+    figure = plots.overview(iterate, truth=7 * rendered.distance)
+    assert "relative units" in figure.get_suptitle()
+    section = next(ax for ax in figure.axes if ax.get_title().startswith("Section"))
+    truth, estimate = section.lines[0].get_xdata(), section.lines[2].get_xdata()
+    assert 0.5 < np.nanmedian(estimate / truth) < 2
+    assert not any("mm" in ax.get_ylabel() or "mm" in ax.get_xlabel() for ax in figure.axes)
+
+
+# The house style -----------------------------------------------------------------------
+
+WAYS_TO_SEE = {
+    # Machado et al. 2009, linear RGB, severity 1.
+    "normal": np.eye(3),
+    "deuteranopia": np.array(
+        [
+            [0.367322, 0.860646, -0.227968],
+            [0.280085, 0.672501, 0.047413],
+            [-0.011820, 0.042940, 0.968881],
+        ]
+    ),
+    "protanopia": np.array(
+        [
+            [0.152286, 1.052583, -0.204868],
+            [0.114503, 0.786281, 0.099216],
+            [-0.003882, -0.048116, 1.051998],
+        ]
+    ),
+}
+
+
+@pytest.mark.parametrize("eyes", WAYS_TO_SEE)
+def test_colours_of_lines_are_told_apart(eyes):
+    lines = ["black", style.SKY, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.BLUE]
+    stored = np.array([to_rgb(colour) for colour in lines])
+    light = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
+    seen = (light @ WAYS_TO_SEE[eyes].T).clip(0, 1)
+    seen = np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055)
+    lab = rgb2lab(seen)
+    apart = np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(len(lines), 1)]
+    assert apart.min() > 10  # about 2 can be seen side by side
+    assert (lab[:, 0] < 80).all()  # and on white paper
+
+
+def one_of_each(start, rendered, axes=(None,) * 7):
+    """Every plot function that draws on axes, in `axes` or its own."""
+    field = rendered.camera.field
+    history = [{"k": k, "energy": 0.5**k, "data": 0.4**k, "regulariser": 0.3**k} for k in range(5)]
+    return [
+        plots.show_picture(rendered.image, axes[0]),
+        plots.show_depth(start.distance, axes[1]),
+        plots.show_normals(start.normals, axes[2]),
+        plots.show_error(start.distance, rendered.distance, axes[3]),
+        plots.show_section({"truth": rendered.distance, "start": start.distance}, field, axes[4]),
+        plots.show_history(history, axes[5]),
+        plots.show_cloud(start.points, rendered.image, axes[6]),
+    ]
+
+
+def shown_texts(figure):
+    figure.canvas.draw()
+    return [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
+
+
+def test_text_is_legible_at_half_size_in_whatever_axes(start, rendered):
+    with plt.rc_context({"font.size": 6}):
+        given = plt.subplots(1, 7, figsize=(30, 5))[1]
+    drawn = [*one_of_each(start, rendered), *one_of_each(start, rendered, given)]
+    assert all(ax is mine for ax, mine in zip(drawn[7:], given, strict=True))
+    for ax in drawn:
+        texts = shown_texts(ax.figure)
+        assert len(texts) > 2
+        assert not [str(text) for text in texts if text.get_size() < 12]  # 17 px at 100 dpi, 8 at half size
+    page = plots.overview(start, truth=rendered.distance)
+    assert min(text.get_size() for text in shown_texts(page)) >= 12
+
+
+def test_every_axis_has_a_unit(start, rendered):
+    for ax in one_of_each(start, rendered)[:-1]:  # the last one has a scale bar
+        assert ax.get_xlabel().endswith("]") or ax.get_xlabel() == "iteration"
+        assert ax.get_ylabel().endswith("]")
+
+
+@pytest.mark.parametrize("theirs", ["default", "dark_background"])
+def test_figures_are_opaque_white_on_a_dark_page(start, rendered, theirs):
+    """A picture file shown on a dark page, whatever style the user has chosen."""
+    with plt.style.context(theirs):
+        for ax in [*one_of_each(start, rendered), plots.overview(start).axes[0]]:
+            canvas = FigureCanvasAgg(ax.figure)
+            canvas.draw()
+            page = np.asarray(canvas.buffer_rgba()) / 255.0
+            assert (page[..., 3] == 1).all()
+            assert np.allclose(page[[0, 0, -1, -1], [0, -1, 0, -1], :3], 1)
+            outside = [ax.xaxis.label, ax.yaxis.label, ax.title]
+            assert all(np.mean(to_rgb(text.get_color())) < 0.3 for text in outside)
+
+
+def test_what_is_written_on_dark_axes_stays_legible(start, rendered):
+    """In a dark figure of the caller's, text outside is light and curves lie on white paper."""
+    with plt.style.context("dark_background"):
+        figure, axes = plt.subplots(2, 4)
+        drawn = one_of_each(start, rendered, axes.ravel())
+        figure.canvas.draw()
+        bars = [ax.images[0].colorbar for ax in (drawn[1], drawn[3])]
+        outside = [text for ax in drawn for text in (ax.title, ax.xaxis.label, ax.yaxis.label)]
+        outside += [text for bar in bars for text in (bar.ax.yaxis.label, *bar.ax.get_yticklabels())]
+        assert all(np.mean(to_rgb(text.get_color())) > 0.7 for text in outside)
+        for ax in drawn[4:6]:
+            assert to_rgb(ax.get_facecolor()) == (1, 1, 1)
+            inside = ax.get_legend().get_texts()
+            assert all(np.mean(to_rgb(text.get_color())) < 0.3 for text in inside)
+
+
+def test_the_style_is_not_left_behind_and_can_be_used():
+    before = dict(plt.rcParams)
+    plots.show_picture(np.zeros((4, 5)))
+    assert dict(plt.rcParams) == before
+    with plt.rc_context():
+        style.use(14)
+        assert plt.rcParams["font.size"] == 14
+    with style.house(15):
+        title = plots.show_picture(np.zeros((4, 5))).title
+        assert title.get_size() == pytest.approx(15 * 1.2)
+    assert dict(plt.rcParams) == before
+
+
+# Panels to be compared -----------------------------------------------------------------
+
+
+def test_common_limits_are_those_of_all(rng):
+    maps = [rng.uniform(20, 40, (30, 40)), rng.uniform(60, 90, (30, 40))]
+    maps[0][0] = np.nan
+    everything = np.concatenate([m[np.isfinite(m)] for m in maps])
+    assert plots.common_limits(maps) == pytest.approx(np.percentile(everything, [1, 99]))
+    assert plots.common_limit([m - 50 for m in maps]) == pytest.approx(
+        np.percentile(np.abs(everything - 50), 98)
+    )
+    assert plots.common_limits([]) == (0, 1)
+    assert plots.common_limit([np.zeros(3), np.full(2, np.nan)]) == 1
+
+
+@pytest.mark.parametrize("relative", [True, False])
+def test_compared_panels_have_the_same_limits(rendered, relative):
+    truth = rendered.distance
+    open_figures = plt.get_fignums()
+    figure = plots.compare_depths({"near": 0.8 * truth, "far": 1.4 * truth}, truth, relative=relative)
+    assert plt.get_fignums() == open_figures
+    panels = {ax.get_title(): ax for ax in figure.axes if ax.images}
+    assert sorted(panels) == ["far", "far: error", "near", "near: error", "truth"]
+    limits = {name: ax.images[0].get_clim() for name, ax in panels.items()}
+    assert limits["truth"] == limits["near"] == limits["far"]
+    assert limits["near: error"] == limits["far: error"]
+    end = limits["far: error"][1]
+    assert end == pytest.approx(40 if relative else np.nanpercentile(0.4 * truth, 96), rel=0.1)
+    labels = {name: ax.images[0].colorbar.ax.get_ylabel() for name, ax in panels.items()}
+    assert labels["near"] == "distance [mm]"
+    assert labels["near: error"].endswith("[%]" if relative else "[mm]")
+    pixels(figure)
+
+
+def test_a_comparison_takes_limits_and_labels_and_says_what_does_not_fit():
+    flat = np.full((6, 8), 5.0)
+    figure = plots.compare_depths({"a": flat, "b": 2 * flat}, limits=(0.0, 20.0), label="d [a.u.]")
+    shown = [ax.images[0] for ax in figure.axes if ax.images]
+    assert [image.get_clim() for image in shown] == [(0, 20), (0, 20)]
+    assert {image.colorbar.ax.get_ylabel() for image in shown} == {"d [a.u.]"}
+    with pytest.raises(ValueError, match="one size, found a 8x6 px, b 4x3 px"):
+        plots.compare_depths({"a": flat, "b": flat[::2, ::2]})
+    with pytest.raises(ValueError, match="one size"):
+        plots.compare_depths({}, flat)
+
+
+def test_labels_of_colour_bars_can_be_chosen():
+    flat = np.full((4, 5), 50.0)
+    for ax in (plots.show_depth(flat, label="z [cm]"), plots.show_error(flat, flat + 1, label="z [cm]")):
+        assert ax.images[0].colorbar.ax.get_ylabel() == "z [cm]"
+    with pytest.raises(ValueError, match="limit must be positive"):
+        plots.show_error(flat, flat, limit=0.0)

@@ -1,0 +1,244 @@
+"""A frame before it is solved: what is refused, channels, shrinking, noise, blur."""
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab import datasets
+from endolab.preprocessing.frame import field_of_view, noise_level, smooth_light, usable
+
+GAMMA = 2.2
+ALL = np.ones((4, 6), dtype=bool)
+MASK = np.arange(24).reshape(4, 6) % 3 > 0
+
+
+def grey(value=0.5):
+    return np.full((4, 6), value)
+
+
+def with_value(value, row=2, column=2):
+    image = grey()
+    image[row, column] = value
+    return image
+
+
+@pytest.fixture(scope="module")
+def ball():
+    calibration = datasets.load_calibration("simple")
+    return el.render(el.SCENES["curved"], calibration.camera, calibration.photometry)
+
+
+# Frame -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("image", "mask", "message"),
+    [
+        (np.zeros((4, 6, 4)), ALL, "pig: expected a grey or RGB picture.*4, 6, 4"),
+        (np.zeros(6), ALL, "expected a grey or RGB picture"),
+        (np.zeros((0, 6)), np.ones((0, 6), bool), "expected a grey or RGB picture"),
+        (grey(), np.ones((6, 4), bool), "pig: the mask is 4x6 px, the frame 6x4 px"),
+        (grey(), ~ALL, "pig: the mask is empty"),
+        (with_value(np.nan), ALL, "pig: .* not finite"),
+        (with_value(np.inf), ALL, "not finite"),
+        (with_value(-0.1), ALL, r"values must lie in \[0, 1\], found -0.1 to 0.5"),
+        (with_value(255.0), ALL, r"values must lie in \[0, 1\], found 0.5 to 255"),
+    ],
+)
+def test_a_frame_refuses(image, mask, message):
+    with pytest.raises(ValueError, match=message):
+        el.Frame(image, mask, "pig")
+
+
+def test_a_frame_takes_anything_outside_its_mask():
+    mask = ALL.copy()
+    mask[0] = False
+    frame = el.Frame(np.where(mask, 0.5, np.nan), mask)
+    assert (frame.width, frame.height) == (6, 4)
+
+
+def test_channels_of_a_colour_picture(rng):
+    image = rng.uniform(size=(4, 6, 3))
+    frame = el.Frame(image, ALL)
+    for index, name in enumerate(("red", "green", "blue")):
+        assert frame.channel(name)[0] == name
+        np.testing.assert_array_equal(frame.channel(name)[1], image[..., index])
+    assert frame.channel()[0] == "green"
+    expected = 0.299 * image[..., 0] + 0.587 * image[..., 1] + 0.114 * image[..., 2]
+    np.testing.assert_allclose(frame.channel("grey")[1], expected, rtol=1e-12)
+    with pytest.raises(ValueError, match="unknown channel 'pink'; choose red, green, blue or grey"):
+        frame.channel("pink")
+
+
+def test_a_grey_picture_has_one_channel():
+    frame = el.Frame(grey(), ALL, "pig")
+    for name in (None, "grey"):
+        assert frame.channel(name)[0] == "grey"
+        np.testing.assert_array_equal(frame.channel(name)[1], grey())
+    with pytest.raises(ValueError, match="pig: the picture is grey and has no red channel"):
+        frame.channel("red")
+
+
+# Shrinking ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [(32, 24), (27, 19), (64, 48), (1, 1)])
+def test_shrinking_keeps_the_light(rng, size):
+    image = rng.uniform(size=(48, 64, 3))
+    small = el.Frame(image, np.ones((48, 64), bool)).resize(*size, GAMMA)
+    assert small.image.shape == (size[1], size[0], 3)
+    assert small.mask.all()
+    light, expected = ((a**GAMMA).mean(axis=(0, 1)) for a in (small.image, image))
+    np.testing.assert_allclose(light, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("colours", [(), (3,)])
+def test_shrinking_averages_the_pixels_of_the_mask_alone(rng, colours):
+    image, mask = rng.uniform(size=(12, 16, *colours)), rng.uniform(size=(12, 16)) < 0.6
+    spoilt = image.copy()
+    spoilt[~mask] = rng.choice([np.nan, 1.0, 0.0], size=((~mask).sum(), *colours))
+    small = el.Frame(spoilt, mask).resize(8, 6, GAMMA)
+    inside = mask.reshape(6, 2, 8, 2).sum(axis=(1, 3))
+    np.testing.assert_array_equal(small.mask, inside >= 2)
+    light = np.where(mask.reshape(*mask.shape, *(1 for _ in colours)), image, 0.0) ** GAMMA
+    blocks = light.reshape(6, 2, 8, 2, *colours).sum(axis=(1, 3))
+    expected = (blocks[small.mask].T / inside[small.mask]).T ** (1 / GAMMA)
+    np.testing.assert_allclose(small.image[small.mask], expected, rtol=1e-6)
+    assert np.all(np.isfinite(small.image))
+
+
+def test_shrinking_keeps_a_constant_up_to_the_masks_edge():
+    rows, columns = np.indices((60, 80))
+    mask = np.hypot(rows - 30, columns - 40) < 25
+    small = el.Frame(np.where(mask, 0.3, 0.0), mask).resize(31, 23, GAMMA)
+    np.testing.assert_allclose(small.image[small.mask], 0.3, rtol=1e-6)
+    assert small.mask.mean() == pytest.approx(mask.mean(), rel=0.03)
+
+
+@pytest.mark.parametrize("size", [(7, 4), (6, 5), (0, 4), (6, 0), (-1, 1)])
+def test_a_frame_is_not_enlarged_nor_shrunk_away(size):
+    with pytest.raises(ValueError, match=f"pig: cannot shrink 6x4 px to {size[0]}x{size[1]} px"):
+        el.Frame(grey(), ALL, "pig").resize(*size, GAMMA)
+
+
+# Pixels of use ---------------------------------------------------------------------------
+
+
+def test_usable_pixels_are_lit_in_the_mask_and_near_the_axis():
+    image = np.array([[0.5, 3.9 / 255, 4.1 / 255, 0.0], [0.6, 0.6, 0.6, 0.6]])
+    mask = np.array([[True] * 4, [False, True, True, True]])
+    cosine = np.array([[1.0] * 4, [1.0, np.nan, np.cos(np.deg2rad(79.9)), np.cos(np.deg2rad(80.1))]])
+    expected = [[True, False, True, False], [False, False, True, False]]
+    np.testing.assert_array_equal(usable(image, mask, cosine), expected)
+
+
+@pytest.mark.parametrize(
+    ("image", "cosine", "message"),
+    [
+        (grey(0.0), 1.0, "pig: the picture is all dark, its brightest pixel is 0 of 255"),
+        (grey(3 / 255), 1.0, "all dark, its brightest pixel is 3 of 255"),
+        (grey(1.0), 1.0, "pig: the picture is fully saturated"),
+        (with_value(0.999), 1.0, None),
+        (grey(0.5), 1.0, "pig: the picture is constant, 127.5 of 255"),
+        (with_value(0.0), 1.0, "constant"),
+        (with_value(0.7), 0.0, "pig: the mask and the camera's field of view have no pixel in common"),
+        (with_value(0.7), np.nan, "no pixel in common"),
+    ],
+)
+def test_a_picture_of_no_use(image, cosine, message):
+    if message is None:
+        assert usable(image, ALL, np.full(ALL.shape, cosine), "pig").all()
+        return
+    with pytest.raises(ValueError, match=message):
+        usable(image, ALL, np.full(ALL.shape, cosine), "pig")
+
+
+def test_what_lies_outside_the_mask_does_not_make_a_picture_usable():
+    image, mask = with_value(0.9, 0, 0), ALL.copy()
+    mask[0, 0] = False
+    with pytest.raises(ValueError, match="constant"):
+        usable(image, mask, np.ones(ALL.shape))
+
+
+# The black frame ---------------------------------------------------------------------------
+
+
+def disc(radius, rows=90, columns=120):
+    row, column = np.indices((rows, columns))
+    return np.hypot(row - (rows - 1) / 2, column - (columns - 1) / 2) < radius
+
+
+@pytest.mark.parametrize("radius", [40, 55])
+def test_the_black_frame_is_found(rng, radius):
+    """55 px reach beyond the picture's upper and lower border; there nothing is lost."""
+    image = np.where(disc(radius), 0.4, rng.uniform(0, 7 / 255, (90, 120)))
+    image[5:12, 3:9] = 0.9  # text in the frame
+    image[40:50, 55:65] = 0.0  # a dark lumen
+    found = field_of_view(image)
+    assert not np.any(found & ~disc(radius - 1))
+    assert np.all(found[disc(radius - 3)])
+
+
+@pytest.mark.parametrize("value", [0.4, 0.0])
+def test_a_picture_without_a_black_frame_is_kept_whole(value):
+    assert field_of_view(np.full((30, 40), value)).all()
+
+
+# Noise -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sigma", [0.5, 1.0, 2.0, 5.0])
+def test_noise_is_estimated(ball, rng, sigma):
+    noisy = ball.image[..., 1] + rng.normal(scale=sigma / 255, size=ball.mask.shape)
+    assert 255 * noise_level(noisy, ball.mask) == pytest.approx(sigma, rel=0.1)
+
+
+def test_a_clean_picture_has_no_noise_and_what_is_masked_plays_no_part(ball, rng):
+    clean = ball.image[..., 1]
+    assert 255 * noise_level(clean, ball.mask) < 1e-3
+    mask = disc(60, 240, 320)
+    spoilt = np.where(mask, clean, rng.choice([np.nan, np.inf, 0.0, 1.0], clean.shape))
+    assert 255 * noise_level(spoilt, mask) < 1e-3
+
+
+def test_edges_are_not_noise():
+    image = np.where(np.indices((100, 100))[1] // 25 % 2, 0.8, 0.2)
+    assert noise_level(image, np.ones(image.shape, bool)) == 0
+
+
+def test_a_mask_two_pixels_wide_shows_no_noise(rng):
+    mask = np.zeros((20, 20), bool)
+    mask[4:6] = True
+    assert noise_level(rng.uniform(size=mask.shape), mask) == 0
+
+
+# Blur ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sigma", [0.6, 2.0, 7.0])
+def test_blur_keeps_a_constant_and_never_reads_masked_pixels(rng, sigma):
+    mask = rng.uniform(size=(30, 40)) < 0.5
+    outside = rng.choice([np.nan, np.inf, 1.0, 0.0], mask.shape)
+    flat = smooth_light(np.where(mask, 0.3, outside), mask, GAMMA, sigma)
+    np.testing.assert_allclose(flat[mask], 0.3, rtol=1e-9)
+    np.testing.assert_array_equal(flat[~mask], outside[~mask])
+    image = rng.uniform(size=mask.shape)
+    a, b = (smooth_light(np.where(mask, image, fill), mask, GAMMA, sigma) for fill in (0.0, np.nan))
+    np.testing.assert_array_equal(a[mask], b[mask])
+    assert a[mask].std() < image[mask].std()
+
+
+def test_blur_spreads_light_like_a_gaussian():
+    """One lit pixel: its light stays, with the variance of the Gaussian along both axes."""
+    image = np.zeros((81, 81))
+    image[40, 40] = 0.8
+    light = smooth_light(image, np.ones(image.shape, bool), GAMMA, 3.0) ** GAMMA
+    assert light.sum() == pytest.approx(0.8**GAMMA, rel=1e-9)
+    for axis in (0, 1):
+        spread = np.average((np.indices(image.shape)[axis] - 40) ** 2, weights=light)
+        assert spread == pytest.approx(9.0, rel=0.01)
+
+
+def test_no_blur_is_no_change(rng):
+    image = rng.uniform(size=(4, 6))
+    np.testing.assert_array_equal(smooth_light(image, MASK, GAMMA, 0.0), image)

@@ -1,0 +1,129 @@
+"""Highlights are found where the film mirrors and nowhere else, and are filled in smoothly."""
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab import datasets
+from endolab.preprocessing.highlights import extended, find_highlights, inpaint
+
+
+def wall(kind="curved", **options):
+    known = datasets.load_calibration("paper", width=480)
+    photometry = el.Photometry(2.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
+    return el.render(el.SCENES[kind], known.camera, photometry, **options)
+
+
+@pytest.fixture(scope="module")
+def film():
+    """Give a wet wall and which pixels mirror more than a fifth of the tissue's green light."""
+    dry = wall()
+    known = el.Photometry(2.5, 2.2, dry.photometry.gain, el.Lambertian((0.75, 0.38, 0.30)))
+    clean = el.render(el.SCENES["curved"], dry.camera, known, highlights=0.02)
+    noise = np.random.default_rng(0).normal(scale=3 / 255, size=clean.image.shape)
+    image = np.round(255 * np.clip(clean.image + noise * clean.mask[..., None], 0, 1)) / 255
+    return image, clean.mask, clean.mask & (clean.image[..., 1] ** 2.2 > 1.2 * dry.image[..., 1] ** 2.2)
+
+
+@pytest.mark.parametrize("kind", ["plane", "colon"])
+def test_a_dry_wall_has_none(kind):
+    dry = wall(kind, noise=3.0, bits=8, texture=0.1)
+    for image, share in ((dry.image, 0.002), (dry.image[..., 1], 0.004)):
+        assert find_highlights(image, dry.mask)[dry.mask].mean() < share
+
+
+def test_a_wet_wall_has_those_that_the_film_mirrors(film):
+    image, mask, truth = film
+    found = find_highlights(image, mask)
+    assert truth.sum() > 100
+    assert (found & truth).sum() > 0.6 * truth.sum()
+    assert (found & truth).sum() > 0.6 * found.sum()
+
+
+def test_fewer_are_found_without_colour(film):
+    image, mask, truth = film
+    found = find_highlights(image[..., 1], mask)
+    assert (found & truth).sum() > 0.3 * truth.sum()
+    assert (found & truth).sum() > 0.6 * found.sum()
+    same = np.repeat(image[..., 1:2], 3, axis=-1)
+    assert np.mean(find_highlights(same, mask) != found) < 0.005
+
+
+def test_nothing_is_found_outside_the_mask(film):
+    image, mask, truth = film
+    part = mask & ~truth
+    assert not find_highlights(image, part)[~part].any()
+    assert not find_highlights(image, np.zeros_like(mask)).any()
+
+
+@pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("shape", [(30, 40), (30, 40, 3), (1, 1, 3)])
+def test_a_constant_picture_has_none(value, shape):
+    assert not find_highlights(np.full(shape, value), np.ones(shape[:2], bool)).any()
+
+
+def test_a_large_overexposed_wall_is_no_highlight():
+    rows, columns = np.indices((240, 320))
+    near = np.exp(-((rows - 120) ** 2 + (columns - 160) ** 2) / (2 * 60**2))
+    image = np.clip(2.0 * near[..., None] * np.array([0.75, 0.38, 0.30]), 0, 1) ** (1 / 2.2)
+    assert find_highlights(image, np.ones(rows.shape, bool)).mean() < 0.002
+
+
+def test_what_does_not_fit_is_said():
+    image, mask = np.full((4, 5, 3), 0.5), np.ones((4, 5), bool)
+    with pytest.raises(ValueError, match=r"a mask of the picture's shape \(4, 5\)"):
+        find_highlights(image, mask[:3])
+    with pytest.raises(ValueError, match=r"array of shape \(4, 5, 2\)"):
+        find_highlights(image[..., :2], mask)
+    with pytest.raises(ValueError, match="gamma must be positive"):
+        find_highlights(image, mask, 0.0)
+    with pytest.raises(ValueError, match="holes of the picture's shape"):
+        inpaint(image, mask[:3])
+    with pytest.raises(ValueError, match="whole picture is a hole"):
+        inpaint(image, mask)
+
+
+def test_a_smooth_picture_is_filled_within_two_per_cent(rng):
+    dry = wall("curved")
+    holes = np.zeros(dry.mask.shape, bool)
+    for row, column in rng.integers(40, 300, (40, 2)):
+        holes[row : row + 9, column : column + 13] = True
+    holes &= dry.mask
+    filled = inpaint(np.where(holes[..., None], 1.0, dry.image), holes, dry.mask)
+    lit = holes & (dry.image[..., 1] > 0.1)
+    assert np.abs(filled / np.where(dry.image > 0, dry.image, 1) - 1)[lit].mean() < 0.02
+    assert np.array_equal(filled[~holes], dry.image[~holes])
+
+
+def test_filling_makes_no_peak_and_does_not_leak(rng):
+    image = rng.uniform(0.3, 0.6, (40, 50))
+    mask = np.ones(image.shape, bool)
+    mask[:, :10] = False
+    image[~mask] = 0.0
+    holes = np.zeros_like(mask)
+    holes[5:30, 5:30] = True
+    holes[35:, 45:] = True
+    filled = inpaint(image, holes, mask)
+    inside = filled[holes & mask]
+    assert 0.3 <= inside.min() <= inside.max() <= 0.6
+    assert not filled[~mask].any()
+    assert np.array_equal(inpaint(image, ~mask), inpaint(image, ~mask, np.ones_like(mask)))
+
+
+def test_without_holes_nothing_changes(rng):
+    image = rng.uniform(size=(5, 6, 3))
+    assert np.array_equal(inpaint(image, np.zeros((5, 6), bool)), image)
+
+
+def test_extended_takes_the_nearest():
+    image = np.arange(12.0).reshape(3, 4)
+    mask = np.zeros((3, 4), bool)
+    mask[:, 1] = True
+    assert np.array_equal(extended(image, mask), np.repeat(image[:, 1:2], 4, axis=1))
+
+
+def test_phantoms_keep_their_tissue(data):
+    sample = datasets.read_c3vd(data / "c3vd_trans_t1_a", 1)
+    assert find_highlights(sample.frame.image, sample.frame.mask)[sample.frame.mask].mean() < 0.005
+    sample = datasets.read_simcol3d(data / "simcol3d", 0)
+    assert find_highlights(sample.frame.image, sample.frame.mask).mean() < 0.005

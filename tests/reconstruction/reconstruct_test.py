@@ -1,0 +1,410 @@
+"""Frame and calibration in, surface out: against scenes whose distance and normals are exact."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab import datasets
+from endolab.depth.energy import energy_terms
+from endolab.depth.solvers import DEFAULT_SOLVER, SOLVERS, solve
+from endolab.metrics.depth_errors import compare
+from endolab.reconstruction import problem_setup as posing
+from endolab.reconstruction.problem_setup import pose
+
+CALIBRATION = datasets.load_calibration("simple")
+
+
+class Shot:
+    """A rendered frame, the calibration that explains it, and the one that lacks the gain."""
+
+    def __init__(self, scene, calibration=CALIBRATION, photometry=None):
+        self.truth = el.render(
+            el.SCENES[scene], calibration.camera, photometry or calibration.photometry, bits=None
+        )
+        self.frame = el.Frame(self.truth.image, self.truth.mask)
+        self.calibration = replace(calibration, photometry=self.truth.photometry)
+        self.up_to_scale = replace(self.calibration, photometry=replace(self.truth.photometry, gain=None))
+
+    def reconstruct(self, **options):
+        return el.reconstruct(self.frame, self.calibration, **options)
+
+    def errors(self, result):
+        return compare(
+            result.distance,
+            self.truth.distance,
+            self.truth.camera.field.cos_alpha,
+            normals=result.normals,
+            true_normals=self.truth.normals,
+        )
+
+
+@pytest.fixture(scope="module")
+def shots():
+    return {scene: Shot(scene) for scene in ("plane", "curved", "tube")}
+
+
+@pytest.fixture(scope="module")
+def ball(shots):
+    return shots["curved"]
+
+
+@pytest.fixture(scope="module")
+def small():
+    return Shot("curved", datasets.load_calibration("simple", 80))
+
+
+# How good --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("scene", "percent", "degrees"),
+    [("plane", (0, 0.06), (0, 0.15)), ("curved", (0, 0.06), (0, 0.15)), ("tube", (3, 8), (5, 13))],
+)
+def test_one_pass_finds_the_simple_scenes(shots, scene, percent, degrees):
+    """About 0.001 %; the tube's walls meet the picture's border, where the truth is not in it."""
+    result = shots[scene].reconstruct(solver="fast_marching")
+    errors = shots[scene].errors(result)
+    assert errors.pixels > 0.97 * result.mask.size
+    assert percent[0] <= errors.mean_percent <= percent[1]
+    assert degrees[0] <= errors.mean_degrees <= degrees[1]
+    assert result.status is el.Status.CONVERGED
+    assert result.metric
+
+
+@pytest.mark.parametrize(("scene", "percent", "degrees"), [("plane", 0.01, 0.05), ("tube", 2, 4)])
+def test_the_default_finds_the_simple_scenes_and_the_tube(shots, scene, percent, degrees):
+    """Measured 0.003 %, 0.02° and 1.3 %, 2.4°: what is smooth tells what comes in over the border."""
+    result = shots[scene].reconstruct()
+    errors = shots[scene].errors(result)
+    assert result.problem.settings["solver"] == DEFAULT_SOLVER == "gauss_newton"
+    assert errors.mean_percent < percent
+    assert errors.mean_degrees < degrees
+    assert result.status is el.Status.CONVERGED
+    assert result.iterate.terms["data"] < result.iterate.terms["regulariser"]
+
+
+def test_noise_blurs_and_the_answer_stays_close(ball, rng):
+    """The march needs the blur, Gauss-Newton does not: 0.02 % with and without."""
+    noisy = np.clip(ball.frame.image + rng.normal(scale=1 / 255, size=ball.frame.image.shape), 0, 1)
+    frame = el.Frame(noisy, ball.frame.mask)
+    percent = {}
+    for solver in ("fast_marching", "gauss_newton"):
+        for smooth in (None, 0.0):
+            result = el.reconstruct(frame, ball.calibration, solver=solver, smooth=smooth)
+            percent[solver, smooth] = ball.errors(result).mean_percent
+            used = result.problem.settings["smooth"]
+            assert used == (0 if smooth == 0 else pytest.approx(2.0, rel=0.1))
+    assert percent["fast_marching", None] < 1.0
+    assert percent["fast_marching", 0.0] > 3 * percent["fast_marching", None]
+    assert percent["gauss_newton", None] < 0.05
+    assert percent["gauss_newton", 0.0] < 0.05
+
+
+@pytest.mark.parametrize("channel", ["red", "green", "blue", "grey", None])
+def test_facing_is_the_canonical_intensity_to_the_minus_one_half(small, channel):
+    result = small.reconstruct(solver="facing", channel=channel)
+    name, image = small.frame.channel(channel)
+    photometry, cosine = small.calibration.photometry.channel(name), result.problem.field.cos_alpha
+    expected = photometry.canonical(image, cosine) ** -0.5
+    np.testing.assert_allclose(result.distance[result.mask], expected[result.mask], rtol=1e-12)
+    assert (result.status, result.iterations) == (el.Status.CONVERGED, 0)
+    assert np.all((result.distance >= small.truth.distance * (1 - 1e-12))[result.mask])
+
+
+@pytest.mark.parametrize("channel", ["green", "blue", "grey"])
+def test_every_channel_shows_the_same_surface(shots, channel):
+    for shot in shots.values():
+        red, other = (shot.reconstruct(channel=one, solver="fast_marching") for one in ("red", channel))
+        np.testing.assert_allclose(other.distance, red.distance, rtol=1e-9)
+        assert other.problem.settings["channel"] == channel
+
+
+def test_a_darker_channel_is_a_little_smoother(ball):
+    """Residuals and edges are measured in stored values, so that λ weighs more where they are small."""
+    red, blue = ball.reconstruct(channel="red"), ball.reconstruct(channel="blue")
+    assert 0 < np.nanmax(np.abs(blue.distance / red.distance - 1)) < 5e-3
+    assert ball.errors(blue).mean_percent < 0.01
+
+
+def test_a_grey_frame(small):
+    """The grey value of a colour frame, under the albedo that the grey value has."""
+    grey = el.Frame(small.frame.channel("grey")[1], small.frame.mask)
+    result = el.reconstruct(grey, small.calibration)
+    np.testing.assert_array_equal(result.distance, small.reconstruct(channel="grey").distance)
+
+
+# Scale -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", sorted(SOLVERS))
+def test_without_a_gain_the_shape_is_the_same(ball, solver):
+    known = ball.reconstruct(solver=solver)
+    result = el.reconstruct(ball.frame, ball.up_to_scale, solver=solver)
+    assert not result.metric
+    assert result.problem.unit == "relative units"
+    assert np.median(np.exp(result.problem.log_facing[result.mask])) == pytest.approx(1.0, rel=1e-12)
+    ratio = (result.distance / known.distance)[known.mask]
+    assert np.ptp(ratio) < 1e-9 * ratio[0]
+    np.testing.assert_allclose(result.normals, known.normals, atol=1e-9)
+
+
+@pytest.mark.parametrize("gain", ["known", "unknown"])
+@pytest.mark.parametrize("solver", sorted(SOLVERS))
+def test_the_median_distance_can_be_given(small, solver, gain):
+    calibration = small.calibration if gain == "known" else small.up_to_scale
+    free = el.reconstruct(small.frame, calibration, solver=solver)
+    result = el.reconstruct(small.frame, calibration, solver=solver, median_distance=42.0)
+    assert result.metric
+    assert np.median(result.distance[result.mask]) == pytest.approx(42.0, rel=1e-12)
+    ratio = (result.distance / free.distance)[free.mask]
+    assert np.ptp(ratio) < 1e-9 * ratio[0]
+    assert result.iterate.terms["data"] == pytest.approx(free.iterate.terms["data"], rel=1e-6)
+
+
+# Size ------------------------------------------------------------------------------------
+
+
+def test_a_frame_can_be_shrunk_first(ball):
+    """640 px shrunk to 320 agree with the truth at 320."""
+    large = Shot("curved", CALIBRATION.resize(640, 480))
+    result = large.reconstruct(width=320)
+    camera = result.problem.camera
+    expected = CALIBRATION.camera
+    assert (camera.width, camera.height, result.distance.shape) == (320, 240, (240, 320))
+    for name in ("fx", "fy", "cx", "cy"):
+        assert getattr(camera, name) == pytest.approx(getattr(expected, name))
+    errors = ball.errors(result)
+    assert errors.mean_percent < 0.01
+    assert errors.mean_degrees < 0.06
+    assert result.problem.picture.shape == (240, 320, 3)
+
+
+def test_the_height_follows_the_width(small):
+    result = small.reconstruct(width=33)
+    assert result.distance.shape == (25, 33)
+    assert (result.problem.settings["width"], result.problem.settings["height"]) == (33, 25)
+
+
+# Light and surface -----------------------------------------------------------------------
+
+
+def test_offset_lights_are_replaced_by_one(shots):
+    """Three lights 3 mm off the centre look like one from 60 mm; without them it is exact."""
+    lights = tuple(el.SpotLight((x, y, 0), exponent=1.0) for x, y in ((3, 0), (-3, 1), (0, -3)))
+    shot = Shot("curved", photometry=replace(CALIBRATION.photometry, k=1.5, lights=lights))
+    assert shot.calibration.photometry.lights == lights
+    result = shot.reconstruct()
+    used = result.problem.photometry
+    assert (used.lights, used.k, result.metric) == ((), 2.5, True)
+    assert used.gain == pytest.approx(3 * shot.calibration.photometry.gain)
+    assert shot.errors(result).mean_percent < 0.7
+    assert shot.errors(result).mean_degrees < 1.0
+
+
+def test_a_tabulated_brdf():
+    theta = np.linspace(0, np.pi / 2, 15)
+    brdf = el.TabulatedBRDF(tuple(theta), tuple(0.2 + 0.1 * np.cos(theta)))
+    shot = Shot("curved", photometry=replace(CALIBRATION.photometry, brdf=brdf))
+    assert shot.frame.image.ndim == 2
+    assert shot.errors(shot.reconstruct()).mean_percent < 0.01
+    matt = replace(shot.calibration.photometry, brdf=el.Lambertian(0.3 * np.pi))
+    result = el.reconstruct(shot.frame, replace(shot.calibration, photometry=matt))
+    assert shot.errors(result).mean_percent > 1.0
+
+
+# Masks -----------------------------------------------------------------------------------
+
+
+def test_maps_have_the_frames_shape_and_are_nan_outside_the_mask(small):
+    mask = small.frame.mask.copy()
+    mask[20:30, 30:50] = False
+    image = np.where(mask[..., None], small.frame.image, np.nan)
+    result = el.reconstruct(el.Frame(image, mask), small.calibration)
+    assert result.mask.shape == (60, 80)
+    assert not np.any(result.mask & ~mask)
+    assert result.mask.sum() > 0.97 * mask.sum()
+    for array, shape in (
+        (result.distance, (60, 80)),
+        (result.z, (60, 80)),
+        (result.normals, (60, 80, 3)),
+        (result.points, (60, 80, 3)),
+    ):
+        assert array.shape == shape
+        assert np.all(np.isfinite(array[result.mask]))
+        assert np.all(np.isnan(array[~result.mask]))
+    np.testing.assert_allclose(result.z, result.points[..., 2], rtol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(result.points, axis=-1), result.distance, rtol=1e-12)
+    towards = np.einsum("hwi,hwi->hw", result.normals, result.points)
+    assert np.all(towards[result.mask] < 0)
+    assert np.all(np.isfinite([result.energy, result.seconds]))
+
+
+@pytest.mark.parametrize(("solver", "tolerance"), [("fast_marching", 0), ("gauss_newton", 1e-2)])
+def test_islands_of_the_mask_do_not_know_of_each_other(small, solver, tolerance):
+    """In the energy they share ξ̃, the median of ξ, and the end of the iterations: measured 0.3 %."""
+    options = {"solver": solver, "smooth": 0.0}
+    left, right = np.zeros((2, 60, 80), bool)
+    left[5:50, 5:40], right[10:55, 40:75] = True, True
+    right[:, 40] = False
+    alone = [
+        el.reconstruct(el.Frame(small.frame.image, mask), small.calibration, **options)
+        for mask in (left, right)
+    ]
+    both = el.reconstruct(el.Frame(small.frame.image, left | right), small.calibration, **options)
+    for mask, one in zip((left, right), alone, strict=True):
+        np.testing.assert_allclose(both.distance[mask], one.distance[mask], rtol=tolerance)
+
+
+def test_the_black_frame_of_an_endoscope_is_left_out(small):
+    rows, columns = np.indices((60, 80))
+    shown = np.hypot(rows - 29.5, columns - 39.5) < 28
+    image = np.where(shown[..., None], small.frame.image, 6 / 255)  # not quite black
+    result = el.reconstruct(el.Frame(image, np.ones((60, 80), bool)), small.calibration)
+    assert not np.any(result.mask & ~shown)
+    assert small.errors(result).median_percent < 0.5
+
+
+# Watching --------------------------------------------------------------------------------
+
+
+def test_observers_see_the_front_advance(small):
+    seen = []
+    result = small.reconstruct(solver="fast_marching", observers=[seen.append], snapshots=5)
+    assert [iterate.k for iterate in seen] == list(range(6))
+    assert seen[-1] is result.iterate
+    arrived = [iterate.maps["arrived"].sum() for iterate in seen]
+    assert arrived == sorted(arrived)
+    assert (arrived[0], arrived[-1]) == (0, result.mask.sum())
+    assert result.problem.settings["solver"] == "fast_marching"
+
+
+@pytest.mark.parametrize("wish", [True, KeyboardInterrupt])
+@pytest.mark.parametrize("options", [{"solver": "fast_marching", "snapshots": 5}, {}])
+def test_a_run_can_be_stopped(small, wish, options):
+    def observer(iterate):
+        if iterate.k == 2:
+            if wish is True:
+                return True
+            raise wish
+        return None
+
+    result = small.reconstruct(observers=[observer], **options)
+    assert (result.status, result.iterations) == (el.Status.STOPPED, 2)
+    assert np.all(np.isfinite(result.distance[result.mask]))
+
+
+@pytest.mark.parametrize("options", [{"solver": "fast_marching", "snapshots": 5}, {}])
+def test_the_most_steps_to_take(small, options):
+    result = small.reconstruct(max_iterations=1, **options)
+    assert (result.status, result.iterations) == (el.Status.MAX_ITERATIONS, 1)
+
+
+@pytest.mark.parametrize("solver", sorted(SOLVERS))
+def test_iterates_one_by_one(small, solver):
+    steps = list(el.iterate(small.frame, small.calibration, solver=solver, channel="blue", xi="d", smooth=0))
+    problem = pose(small.frame, small.calibration, channel="blue", xi="d", smooth=0)
+    result = el.run(solve(problem, solver))
+    assert [step.k for step in steps] == [entry["k"] for entry in result.history]
+    np.testing.assert_array_equal(steps[-1].log_distance, result.iterate.log_distance)
+    assert (steps[0].problem.xi, result.problem.settings["channel"]) == ("d", "blue")
+    whole = small.reconstruct(solver=solver, channel="blue", xi="d", smooth=0)
+    assert whole.energy == result.energy
+
+
+# An earlier result to start from -----------------------------------------------------------
+
+
+def test_an_earlier_result_is_a_good_start(small):
+    first = small.reconstruct()
+    again = small.reconstruct(start=first, lam=1.1)
+    assert (again.status, again.iterations <= 2) == (el.Status.CONVERGED, True)
+    assert again.energy < energy_at(again.problem, first)
+    np.testing.assert_allclose(again.distance, first.distance, rtol=1e-3)
+
+
+def energy_at(problem, result):
+    return sum(energy_terms(problem, result.iterate.log_distance).values())
+
+
+@pytest.mark.parametrize("median_distance", [None, 42.0])
+def test_a_start_takes_the_scale_of_the_new_gain(small, median_distance):
+    first = small.reconstruct()
+    again = el.reconstruct(small.frame, small.up_to_scale, start=first, median_distance=median_distance)
+    assert (again.iterations <= 1, again.metric) == (True, median_distance is not None)
+    ratio = (again.distance / first.distance)[first.mask]
+    np.testing.assert_allclose(ratio, np.median(ratio), rtol=1e-3)
+    if median_distance:
+        assert np.median(again.distance[again.mask]) == pytest.approx(42.0, rel=1e-9)
+
+
+def test_a_start_of_a_smaller_mask_is_filled(small):
+    mask = small.frame.mask.copy()
+    mask[20:30, 30:50] = False
+    first = el.reconstruct(el.Frame(small.frame.image, mask), small.calibration)
+    again = small.reconstruct(start=first)
+    assert np.all(np.isfinite(again.distance[again.mask]))
+    assert small.errors(again).mean_percent < 0.05
+
+
+# What is refused ---------------------------------------------------------------------------
+
+
+def test_a_start_must_be_of_the_frames_size(small, ball):
+    with pytest.raises(ValueError, match=r"start has shape \(240, 320\), the frame \(60, 80\)"):
+        small.reconstruct(start=ball.reconstruct(solver="facing"))
+    with pytest.raises(ValueError, match="solver 'facing' has no option 'start'"):
+        small.reconstruct(solver="facing", start=small.reconstruct(solver="facing"))
+
+
+def test_a_frame_too_large_for_the_memory_is_refused_at_once(small, monkeypatch):
+    monkeypatch.setattr(posing, "BYTES_PER_PIXEL", 10**15)
+    with pytest.raises(MemoryError, match=r"a frame of 80x60 px needs about .* make it smaller with width="):
+        small.reconstruct()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"solver": "magic"}, f"unknown solver 'magic'; choose {', '.join(SOLVERS)}$"),
+        ({"snapshots": 3}, "solver 'gauss_newton' has no option 'snapshots'; it takes start, inflow"),
+        ({"solver": "facing", "inflow": None}, "solver 'facing' has no option 'inflow'; it takes none"),
+        ({"cuts": np.zeros((2, 3, 3), bool)}, r"cuts must be a bool array of shape \(2, 60, 80\)"),
+        ({"xi": "z"}, "unknown xi 'z'"),
+        ({"regulariser": "third"}, "unknown regulariser 'third'"),
+        ({"channel": "pink"}, "unknown channel 'pink'"),
+        ({"lam": -1.0}, "lam must be finite and at least 0"),
+        ({"lam": np.nan}, "lam must be finite"),
+        ({"epsilon": 0.0}, "epsilon must be positive"),
+        ({"threshold": -1.0}, "threshold must be positive"),
+        ({"smooth": -1.0}, "smooth must be finite and at least 0"),
+        ({"smooth": np.nan}, "smooth must be finite"),
+        ({"median_distance": 0.0}, "median_distance must be positive and finite"),
+        ({"median_distance": np.inf}, "median_distance must be positive and finite"),
+        ({"width": 0}, "cannot shrink 80x60 px to 0x1 px"),
+        ({"width": 81}, "cannot shrink 80x60 px to 81x61 px"),
+        ({"inflow": np.zeros((3, 3))}, r"inflow has shape \(3, 3\)"),
+    ],
+)
+def test_bad_options(small, options, message):
+    with pytest.raises(ValueError, match=message):
+        small.reconstruct(**options)
+
+
+def test_the_calibration_must_be_of_the_frames_size(small):
+    with pytest.raises(ValueError, match="frame is 80x60 px, but the calibration is for 320x240 px"):
+        el.reconstruct(small.frame, CALIBRATION)
+
+
+def test_a_grey_frame_has_no_colours(small):
+    frame = el.Frame(small.frame.image[..., 1], small.frame.mask)
+    with pytest.raises(ValueError, match="the picture is grey and has no red channel"):
+        el.reconstruct(frame, small.calibration, channel="red")
+
+
+def test_a_picture_with_nan_never_gets_that_far(small):
+    image = small.frame.image.copy()
+    image[30, 40, 2] = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        el.Frame(image, small.frame.mask)

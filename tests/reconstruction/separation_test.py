@@ -1,0 +1,228 @@
+"""Separation: three colours of one wall, bounced light out of them, on path-traced frames with truth."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab.depth.problem import AT_LEAST, NONE
+from endolab.metrics.depth_errors import compare
+from endolab.model.brdf import Lambertian
+from endolab.reconstruction.problem_setup import posed
+from endolab.reconstruction.separation import NoColour, estimated_albedo, merged, separate
+
+ALBEDO = np.array([0.75, 0.38, 0.30])
+WIDTH = 240  # for speed
+
+
+@pytest.fixture(scope="module")
+def dry():
+    return el.load_traced("diffuse-1")
+
+
+@pytest.fixture(scope="module")
+def separated(dry):
+    return el.reconstruct(dry.frame, dry.calibration, channel="separated", width=WIDTH)
+
+
+def error(result, sample, scale="none"):
+    field = result.problem.field
+    return compare(
+        result.distance, sample.scene.distance(field.rays), field.cos_alpha, scale=scale
+    ).mean_percent
+
+
+def without(calibration, **changes):
+    return replace(calibration, photometry=replace(calibration.photometry, **changes))
+
+
+def colours(frame, calibration, width=WIDTH, **options):
+    return [
+        posed(frame, calibration, channel=name, width=width, **options)[0]
+        for name in ("red", "green", "blue")
+    ]
+
+
+def test_a_third_of_the_error_is_left(dry, separated):
+    plain = el.reconstruct(dry.frame, dry.calibration, width=WIDTH)
+    assert error(separated, dry) < 9
+    assert error(plain, dry) > 14
+    settings = separated.problem.settings
+    assert settings["channel"] == "separated"
+    assert settings["albedo"] == ALBEDO.tolist()
+    assert settings["contours"] is True
+    assert "Bounced light was taken out" in settings["notes"][0]
+    assert separated.metric
+
+
+def test_the_computed_share_is_the_renderers(dry):
+    found = separate(colours(dry.frame, dry.calibration, 320), ALBEDO)
+    true = np.log1p(dry.indirect / dry.direct)
+    made = np.log1p(found.inflation)
+    for index, tolerance in enumerate((0.2, 0.08, 0.06)):
+        assert np.median(made[..., index]) == pytest.approx(np.median(true[..., index]), abs=tolerance)
+
+
+def test_albedos_are_found_in_the_colours(dry, separated):
+    """Whatever the calibration says of one albedo: the ratios and the level come from the picture."""
+    grey = without(dry.calibration, brdf=Lambertian(0.38))
+    result = el.reconstruct(dry.frame, grey, channel="separated", width=WIDTH)
+    found = np.array(result.problem.settings["albedo"])
+    np.testing.assert_allclose(found / found[0], ALBEDO / ALBEDO[0], rtol=0.25)
+    assert found[0] == pytest.approx(ALBEDO[0], abs=0.25)
+    assert error(result, dry) < 12.5
+    assert "estimated albedos" in result.problem.settings["notes"][0]
+
+
+def test_with_an_unknown_gain_the_shape_is_the_same(dry):
+    unknown = without(dry.calibration, gain=None)
+    known, relative = (
+        el.reconstruct(dry.frame, calibration, channel="separated", width=WIDTH, contours=False)
+        for calibration in (dry.calibration, unknown)
+    )
+    assert known.metric
+    assert not relative.metric
+    assert np.std(np.log(relative.distance / known.distance)[known.mask]) < 1e-6
+
+
+def test_a_known_distance_fixes_the_scale(dry):
+    unknown, place = without(dry.calibration, gain=None), (60, 150)
+    result = el.reconstruct(
+        dry.frame, unknown, channel="separated", width=WIDTH, known_distance=(dry.distance[150, 60], *place)
+    )
+    assert result.metric
+    assert result.distance[112, 45] == pytest.approx(dry.distance[150, 60], rel=0.02)
+    assert error(result, dry) < 12
+
+
+def test_from_a_result_it_is_one_round(dry, separated):
+    again = el.reconstruct(dry.frame, dry.calibration, channel="separated", width=WIDTH, start=separated)
+    assert error(again, dry) < error(separated, dry) + 2.5
+    assert again.problem.settings["contours"] is True
+
+
+def test_wider_frames_are_separated_small_and_solved_whole(dry):
+    camera = dry.calibration.camera.resize(480, 360)
+    image = cv2.resize(dry.frame.image, (480, 360), interpolation=cv2.INTER_LINEAR)
+    frame = el.Frame(image, np.ones((360, 480), bool), "wide")
+    wide = replace(dry.calibration, camera=camera)
+    result = el.reconstruct(frame, wide, channel="separated", contours=False)
+    assert result.distance.shape == (360, 480)
+    truth = dry.scene.distance(camera.field.rays)
+    assert compare(result.distance, truth, camera.field.cos_alpha, scale="none").mean_percent < 12
+
+
+def test_every_solver_takes_it(dry):
+    for solver in ("facing", "fast_marching", "primal_dual"):
+        result = el.reconstruct(
+            dry.frame,
+            dry.calibration,
+            channel="separated",
+            contours=False,
+            width=80,
+            solver=solver,
+            max_iterations=20 if solver == "primal_dual" else None,
+        )
+        assert np.isfinite(result.distance[result.mask]).all()
+
+
+def test_highlights_are_no_evidence():
+    wet = el.load_traced("wet-1")
+    results = {
+        how: el.reconstruct(wet.frame, wet.calibration, channel="separated", width=160, highlights=how)
+        for how in ("ignore", "keep")
+    }
+    errors = {how: error(result, wet) for how, result in results.items()}
+    assert errors["ignore"] < 12
+    assert errors["ignore"] < errors["keep"]
+    assert np.any(results["ignore"].problem.evidence == NONE)
+    assert results["keep"].problem.evidence is None or not np.any(results["keep"].problem.evidence == NONE)
+
+
+# Merging --------------------------------------------------------------------------------
+
+
+def test_merging_undoes_what_bounced(dry):
+    three = colours(dry.frame, dry.calibration, smooth=0.0)
+    inflation = np.full((*three[1].mask.shape, 3), 0.5)
+    direct = np.random.default_rng(0).uniform(0.1, 0.4, three[1].mask.shape)
+    lit = [
+        replace(one, image=(direct * (1 + 0.5) * rho / ALBEDO[1]) ** (1 / 2.2), mask=np.ones_like(one.mask))
+        for one, rho in zip(three, ALBEDO, strict=True)
+    ]
+    np.testing.assert_allclose(merged(lit, inflation, ALBEDO).image ** 2.2, direct, rtol=1e-9)
+
+
+def test_a_saturated_colour_does_not_count(dry):
+    three = colours(dry.frame, dry.calibration)
+    shape = three[1].mask.shape
+    clipped = np.zeros(shape, np.int8)
+    clipped[:60] = AT_LEAST
+    spoilt = [replace(three[0], image=np.where(clipped == AT_LEAST, 0.05, three[0].image), evidence=clipped)]
+    inflation = np.full((*shape, 3), 0.2)
+    result = merged(spoilt + three[1:], inflation, ALBEDO)
+    assert result.evidence is None
+    expected = merged(three, inflation, ALBEDO).image[:60]
+    assert np.median(result.image[:60] / expected) == pytest.approx(1, abs=0.2)
+    everywhere = [replace(one, evidence=clipped) for one in three]
+    assert np.all(merged(everywhere, inflation, ALBEDO).evidence == clipped)
+
+
+def test_estimated_albedos_are_exact_where_the_model_is(dry):
+    three = colours(dry.frame, dry.calibration)
+    f = np.random.default_rng(1).uniform(0.2, 0.8, three[1].mask.shape)
+    direct = np.random.default_rng(2).uniform(0.02, 0.1, f.shape)
+    made = [
+        replace(one, image=(direct * rho / (1 - f * rho)) ** (1 / 2.2), mask=np.ones_like(one.mask))
+        for one, rho in zip(three, ALBEDO, strict=True)
+    ]
+    found = estimated_albedo(made, lambda rho: f[..., None] * rho / (1 - f[..., None] * rho))
+    np.testing.assert_allclose(found, ALBEDO, rtol=0.01)
+
+
+# Bad input ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("brdf", [Lambertian(0.38), Lambertian(tuple(ALBEDO))])
+def test_without_colour_one_channel_is_taken(dry, brdf):
+    grey = el.Frame(np.repeat(dry.frame.image[..., 1:2], 3, axis=-1), dry.frame.mask, "grey")
+    result = el.reconstruct(grey, without(dry.calibration, brdf=brdf), channel="separated", width=WIDTH)
+    assert result.problem.settings["channel"] == "green"
+    assert (
+        "tell nothing of bounced light (red, green and blue are one)" in result.problem.settings["notes"][0]
+    )
+
+
+def test_colours_of_one_ratio_tell_nothing(dry):
+    """A white wall: noise differs, albedos do not."""
+    rng = np.random.default_rng(3)
+    white = np.clip(dry.frame.image[..., 1:2] + rng.normal(scale=0.02, size=dry.frame.image.shape), 0, 1)
+    plain = without(dry.calibration, brdf=Lambertian(0.38))
+    result = el.reconstruct(
+        el.Frame(white, dry.frame.mask, "w"), plain, channel="separated", width=160, smooth=0.0
+    )
+    assert "colours tell nothing of bounced light" in result.problem.settings["notes"][0]
+    with pytest.raises(NoColour, match="as good as equal"):
+        estimated_albedo([result.problem] * 3, lambda rho: np.zeros((*result.mask.shape, 3)))
+
+
+@pytest.mark.parametrize(
+    ("albedo", "sentence"),
+    [
+        ((0.5, 0.5, 0.5), "needs albedos that differ between colours, got"),
+        ((1.0, 0.4, 0.3), "needs albedos between 0 and 1, got"),
+    ],
+)
+def test_albedos_that_cannot_be_used(dry, albedo, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        el.reconstruct(dry.frame, without(dry.calibration, brdf=Lambertian(albedo)), channel="separated")
+
+
+def test_a_grey_frame_and_an_unknown_way_with_highlights(dry):
+    grey = el.Frame(dry.frame.image[..., 1], dry.frame.mask, "old.png")
+    with pytest.raises(ValueError, match=r"old.png is grey, and channel='separated' needs its three colours"):
+        el.reconstruct(grey, dry.calibration, channel="separated")
+    with pytest.raises(ValueError, match="unknown way with highlights 'melt'; choose keep, ignore, inpaint"):
+        el.reconstruct(dry.frame, dry.calibration, highlights="melt")

@@ -1,0 +1,219 @@
+"""Recordings of a calibration: what was logged, read back, and what becomes of the file."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import rerun as rr
+
+from endolab.calibration.photometric.fit import calibrate_light
+from endolab.calibration.summary import brdf_of, mean_distances
+from endolab.plots.calibration import samples_of
+from endolab.recording.calibration import LightRecorder, record_calibration
+from tests.tools.simulated_session import COUNT, LOST, NOISE, refused, simulated
+
+
+def flat(values):
+    while str(values.type).startswith(("fixed_size_list", "list")):
+        values = values.flatten()
+    return values.to_numpy(zero_copy_only=False)
+
+
+class Recorded:
+    """A recording, read back: values of a component by frame or iteration, None where static."""
+
+    def __init__(self, path):
+        self.rows = {}
+        for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
+            batch = chunk.to_record_batch()
+            entity = batch.schema.metadata[b"rerun:entity_path"].decode()
+            times = [name for name in ("frame", "iteration") if name in batch.schema.names]
+            at = batch.column(times[0]).to_pylist() if times else [None] * len(batch)
+            for name in batch.schema.names:
+                if ":" not in name:
+                    continue
+                column = batch.column(name)
+                found = self.rows.setdefault(entity, {}).setdefault(name.split(":")[1], {})
+                found |= {k: column[i].values for i, k in enumerate(at) if column[i].is_valid}
+
+    def numbers(self, entity, component):
+        return {k: flat(values) for k, values in sorted(self.rows[entity][component].items(), key=str)}
+
+    def at(self, entity, component, k):
+        return flat(self.rows[entity][component][k])
+
+
+@pytest.fixture(scope="module", params=["vicalib_small", "vicalib_folded"])
+def recorded(request, tmp_path_factory):
+    session, frames, steps = simulated(request.param)
+    path = tmp_path_factory.mktemp("recording") / "calibration.rrd"
+    record_calibration(session, frames, path, light_steps=steps)
+    assert [file.name for file in path.parent.iterdir()] == ["calibration.rrd"]
+    return session, frames, steps, Recorded(path)
+
+
+def test_every_entity_is_there(recorded):
+    session, _, _, file = recorded
+    entities = {name for name in file.rows if not name.startswith("/__")}
+    picture = {"/picture", "/picture/detected", "/picture/reprojection", "/picture/samples"}
+    sheets = {f"/world/sheet/{panel}" for panel in range(session.target.panels)}
+    plots = {"/plots/gain", "/plots/distance", "/plots/residual"}
+    fit = {"/fit/k", "/fit/gamma", "/fit/sigma", "/fit/cost", "/fit/change", "/residuals"}
+    brdf = {"/brdf/now", "/brdf/fitted", "/brdf/grid", "/brdf/ticks"}
+    assert entities == picture | sheets | plots | fit | brdf | {"/account", "/world", "/world/camera"}
+
+
+def test_every_frame_has_its_picture_and_its_features(recorded):
+    session, frames, _, file = recorded
+    names = list(session.detections)
+    pictures = file.numbers("/picture", "blob")
+    assert sorted(pictures) == list(range(len(names)))
+    shown = cv2.imdecode(pictures[4].astype(np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert np.abs(shown / 255 - frames[4][1]).mean() < 0.1  # JPEG of noise
+    for number, name in enumerate(names):
+        pixels = file.at("/picture/detected", "positions", number).reshape(-1, 2)
+        assert np.allclose(pixels, session.detections[name].pixels + 0.5, atol=1e-3)
+
+
+def test_the_sheet_stands_where_its_poses_say(recorded):
+    session, _, _, file = recorded
+    target = session.target
+    left, top, width, height = target.sheet
+    names = list(session.detections)
+    for number, name in enumerate(names):
+        corners = [
+            file.at(f"/world/sheet/{panel}", "vertex_positions", number).reshape(-1, 3)
+            for panel in range(target.panels)
+        ]
+        if name in LOST:
+            assert all(len(points) == 0 for points in corners)
+            continue
+        first, last = session.poses[name][0], session.poses[name][-1]
+        assert np.allclose(corners[0][0], first.transform([left, top, 0]), atol=1e-3)
+        assert np.allclose(corners[-1][2], last.transform([left + width, top + height, 0]), atol=1e-3)
+        if target.fold_x is not None:
+            assert np.allclose(corners[0][[1, 2]], corners[1][[0, 3]], atol=1e-3)  # one fold
+    texture = file.at("/world/sheet/0", "albedo_texture_buffer", None)
+    assert texture.size % (640 * 3) == 0
+    assert {0.04, 1.0} == set(np.round((texture / 255.0) ** 2, 2))
+
+
+def test_arrows_are_the_residuals_of_the_frame(recorded):
+    session, _, _, file = recorded
+    geometry, number = session.geometry, 6
+    name = list(session.detections)[number]
+    here = [i for i, view in enumerate(geometry.views) if view.name == name]
+    pixels = np.concatenate([geometry.views[i].pixels for i in here])
+    residuals = np.concatenate([geometry.residuals[i] for i in here])
+    good = np.concatenate([geometry.inliers[i] for i in here])
+    origins = file.at("/picture/reprojection", "origins", number).reshape(-1, 2)
+    vectors = file.at("/picture/reprojection", "vectors", number).reshape(-1, 2)
+    assert np.allclose(origins, pixels + 0.5, atol=1e-3)
+    magnify = 0.015 * 160 / NOISE
+    short = np.linalg.norm(residuals, axis=1) < 4 * NOISE
+    assert np.allclose(vectors[short], magnify * residuals[short], rtol=1e-5)
+    assert np.linalg.norm(vectors, axis=1).max() <= magnify * 4 * NOISE * 1.001
+    colours = file.at("/picture/reprojection", "colors", number)
+    assert len(set(colours[good])) == 1
+    assert not set(colours[good]) & set(colours[~good])
+
+
+def test_samples_are_coloured_by_their_residual(recorded):
+    session, _, _, file = recorded
+    number, light = 7, session.light
+    here = samples_of(session, list(session.detections)[number])
+    places = file.at("/picture/samples", "positions", number).reshape(-1, 2)
+    assert np.allclose(places, session.camera.project(session.samples.points[here]) + 0.5, atol=1e-3)
+    packed = file.at("/picture/samples", "colors", number)
+    red, blue = (packed >> 24) & 255, (packed >> 8) & 255
+    residual, used = light.residuals[here], light.used[here]
+    bright, dark = used & (residual > light.sigma), used & (residual < -light.sigma)
+    assert bright.any()
+    assert dark.any()
+    assert (red[bright] > blue[bright]).all()
+    assert (red[dark] < blue[dark]).all()
+    assert np.all(red[~used] == 160)
+
+
+def test_curves_are_on_the_frames_of_the_video(recorded):
+    session, _, _, file = recorded
+    names = list(session.detections)
+    located = [names.index(name) for name in session.poses]
+    gains = {k: value.item() for k, value in file.numbers("/plots/gain", "scalars").items()}
+    assert gains == dict(zip(located, session.light.gains.tolist(), strict=True))
+    distances = file.numbers("/plots/distance", "scalars")
+    expected = mean_distances(session.samples, np.arange(COUNT))
+    assert [distances[k].item() for k in located] == pytest.approx(expected.tolist())
+
+
+def test_iterations_are_those_of_the_fit(recorded):
+    session, _, steps, file = recorded
+    for name, values in (
+        ("k", [step.unknowns.k for step in steps]),
+        ("gamma", [step.unknowns.gamma for step in steps]),
+        ("sigma", [step.sigma for step in steps]),
+        ("cost", [step.cost for step in steps]),
+    ):
+        found = {k: value.item() for k, value in file.numbers(f"/fit/{name}", "scalars").items()}
+        # A new round begins with the last step of the one before.
+        assert found == {step.k: value for step, value in zip(steps, values, strict=True)}
+    theta, relative, _ = brdf_of(session.light)
+    line = file.at("/brdf/now", "strips", steps[-1].k).reshape(-1, 2)
+    assert np.allclose(line, np.column_stack([np.rad2deg(theta), -100 * relative]), rtol=1e-3)
+    assert not np.allclose(file.at("/brdf/now", "strips", 0).reshape(-1, 2), line, rtol=1e-5)
+
+
+def test_a_recorder_keeps_the_steps_of_a_fit():
+    session, _, steps = simulated()
+    recorder = LightRecorder()
+    calibrate_light(session.samples, observers=[recorder])
+    assert [step.k for step in recorder.steps] == [step.k for step in steps]
+
+
+def test_large_pictures_are_thinned(tmp_path):
+    session, frames, _ = simulated()
+    record_calibration(session, frames, tmp_path / "calibration.rrd", max_width=50)
+    file = Recorded(tmp_path / "calibration.rrd")
+    shown = cv2.imdecode(file.at("/picture", "blob", 0).astype(np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert shown.shape == (30, 40)
+    pixels = file.at("/picture/detected", "positions", 0).reshape(-1, 2)
+    assert np.allclose(pixels, session.detections["frame_0"].pixels / 4 + 0.5, atol=1e-3)
+
+
+def test_a_session_without_light_camera_or_picture_is_recorded(tmp_path):
+    session, frames, steps = simulated("vicalib_folded")
+    poses = session.poses | {"frame_0": (None, session.poses["frame_0"][1])}
+    session = replace(refused(session), geometry=None, poses=poses)
+    frames = [(name, None if name == "frame_2" else image) for name, image in frames]
+    record_calibration(session, frames, tmp_path / "calibration.rrd", light_steps=steps)
+    file = Recorded(tmp_path / "calibration.rrd")
+    assert 2 not in file.numbers("/picture", "blob")
+    assert file.at("/world/sheet/0", "vertex_positions", 0).size == 0
+    assert file.at("/world/sheet/1", "vertex_positions", 0).size == 12
+    assert "/brdf/now" not in file.rows
+    assert "/plots/gain" not in file.rows
+    assert "/fit/k" in file.rows
+
+
+def test_a_matt_sheet_has_a_level_brdf(tmp_path):
+    session, frames, steps = simulated(brdf="lambertian")
+    record_calibration(session, frames, tmp_path / "calibration.rrd", light_steps=steps)
+    line = Recorded(tmp_path / "calibration.rrd").at("/brdf/now", "strips", 0).reshape(-1, 2)
+    assert np.allclose(line[:, 1], -100)
+
+
+def test_wrong_names_and_failures_leave_nothing(tmp_path):
+    session, frames, _ = simulated()
+    with pytest.raises(ValueError, match=r"ends in \.rrd, got .*run\.txt"):
+        record_calibration(session, frames, tmp_path / "run.txt")
+    with pytest.raises(OSError, match="cannot write"):
+        record_calibration(session, frames, tmp_path / "missing" / "run.rrd")
+
+    def broken():
+        yield frames[0]
+        raise OSError("the disk is gone")
+
+    with pytest.raises(OSError, match="the disk is gone"):
+        record_calibration(session, broken(), tmp_path / "run.rrd")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,146 @@
+"""Recordings read back: what was solved is what is read, and files that are none are named."""
+
+import numpy as np
+import pytest
+import rerun as rr
+
+import endolab as el
+from endolab import datasets
+from endolab.depth.result import Iterate
+from endolab.recording.reader import Recording, read_recording
+from endolab.recording.recorder import Comparison, record
+
+
+@pytest.fixture(scope="module")
+def seen() -> tuple[el.Frame, el.Calibration]:
+    calibration = datasets.load_calibration("paper", width=64)
+    scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)
+    return el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
+
+
+@pytest.fixture(scope="module")
+def solved(seen, tmp_path_factory) -> tuple[list[Iterate], Recording]:
+    path = tmp_path_factory.mktemp("recordings") / "run.rrd"
+    kept: list[Iterate] = []
+    el.reconstruct(*seen, solver="primal_dual", max_iterations=60, observers=[record(path), kept.append])
+    return kept, read_recording(path)
+
+
+def test_curves_are_those_of_the_run(solved):
+    iterates, recording = solved
+    k, energy = recording.scalars["energy"]
+    assert list(k) == [step.k for step in iterates]
+    assert list(energy) == [step.energy for step in iterates]
+    assert next(iter(recording.scalars)) == "energy"
+    assert {"data", "regulariser", "change", *iterates[-1].scalars} < set(recording.scalars)
+
+
+def test_the_table_has_a_row_per_iteration(solved):
+    iterates, recording = solved
+    table = recording.table()
+    assert list(table["iteration"]) == [step.k for step in iterates]
+    assert np.isnan(table["change"][0])  # the start has none
+    assert table["change"][-1] == iterates[-1].change
+    assert np.allclose(table["energy"], table["data"] + table["regulariser"], rtol=1e-12)
+
+
+def test_depth_and_normals_are_those_of_the_iterates(solved):
+    iterates, recording = solved
+    assert recording.unit == "mm"
+    assert np.array_equal(recording.mask, iterates[0].mask)
+    assert recording.picture.shape == (48, 64, 3)
+    assert "| solver | primal_dual |" in recording.settings
+    for step in (iterates[0], iterates[-1]):
+        assert np.allclose(recording.depth(step.k), step.distance, rtol=1e-6, equal_nan=True)
+        cosine = np.sum(recording.normals(step.k) * step.normals, axis=-1)[step.mask]
+        assert np.rad2deg(np.arccos(np.clip(cosine, -1, 1))).max() < 0.5
+        assert np.isnan(recording.normals(step.k)[~step.mask]).all()
+    assert np.array_equal(recording.depth(), recording.depth(iterates[-1].k), equal_nan=True)
+
+
+def test_an_iteration_without_a_picture_says_which_is_the_nearest(solved):
+    recording = solved[1]
+    missing = next(k for k in range(200) if k not in recording.pictured)
+    with pytest.raises(ValueError, match=f"iteration {missing} has no picture; the nearest that has is"):
+        recording.depth(missing)
+
+
+def test_two_runs_share_a_recording_and_a_timeline(seen, tmp_path):
+    with Comparison(tmp_path / "both.rrd") as both:
+        newton = el.reconstruct(*seen, observers=[both.run("gauss_newton")])
+        assert list(tmp_path.iterdir()) == []  # not before it is whole
+        paper = el.reconstruct(
+            *seen, solver="primal_dual", max_iterations=40, observers=[both.run("primal_dual")]
+        )
+        with pytest.raises(ValueError, match="'primal_dual': there is one already"):
+            both.run("primal_dual")
+        with pytest.raises(ValueError, match="expected a word"):
+            both.run("a/b")
+    both.close()
+    recording = read_recording(both.path)
+    assert list(recording.runs) == ["gauss_newton", "primal_dual"]
+    for name, result in (("gauss_newton", newton), ("primal_dual", paper)):
+        run = recording.runs[name]
+        assert list(run.runs) == [name]
+        assert run.table()["energy"][-1] == result.history[-1]["energy"]
+        assert run.pictured[-1] == result.iterations
+    assert np.allclose(recording.runs["gauss_newton"].depth(), newton.distance, rtol=1e-6, equal_nan=True)
+    for ask in (lambda: recording.scalars, recording.depth, recording.table):
+        with pytest.raises(ValueError, match="holds several runs: choose one"):
+            ask()
+
+
+def test_a_comparison_of_nothing_leaves_no_file(tmp_path):
+    with Comparison(tmp_path / "both.rrd") as both:
+        both.run("never_started")
+    assert list(tmp_path.iterdir()) == []
+
+
+def spoiled(content: bytes) -> dict[str, tuple[bytes, str]]:
+    """Files that are no recordings of ours, and what is said about them."""
+    middle = len(content) // 2
+    return {
+        "empty": (b"", "is empty"),
+        "text": (b"hello, world\n" * 99, "is no Rerun recording"),
+        "start": (content[:6], "is truncated"),
+        "half": (content[:middle], "is truncated"),
+        "last byte": (content[:-1], "is truncated"),
+        "hole": (content[:600] + bytes(400) + content[1000:], "is damaged"),
+        "older": (content[:4] + bytes([0, 5, 0, 0]) + content[8:], "another version: Rerun 0.5, and here is"),
+        "newer": (content[:4] + bytes([0, 99, 0, 0]) + content[8:], "another version: Rerun 0.99, and here"),
+    }
+
+
+def test_a_file_that_is_no_recording_is_named(solved, tmp_path):
+    for name, (content, message) in spoiled(solved[1].path.read_bytes()).items():
+        (tmp_path / f"{name}.rrd").write_bytes(content)
+        with pytest.raises(ValueError, match=message) as error:
+            read_recording(tmp_path / f"{name}.rrd")
+        assert "\n" not in str(error.value)
+        assert f"{name}.rrd" in str(error.value)
+    with pytest.raises(FileNotFoundError, match=r"there is no recording .*missing\.rrd"):
+        read_recording(tmp_path / "missing.rrd")
+
+
+def test_a_recording_of_something_else_holds_no_reconstruction(tmp_path):
+    stream = rr.RecordingStream("another")
+    memory = rr.binary_stream(stream)
+    stream.log("words", rr.TextDocument("hello"))
+    (tmp_path / "other.rrd").write_bytes(memory.read() or b"")
+    recording = read_recording(tmp_path / "other.rrd")
+    assert recording.runs == {}
+    for ask in (lambda: recording.scalars, recording.depth):
+        with pytest.raises(ValueError, match="holds no reconstruction"):
+            ask()
+
+
+def test_a_long_recording_stays_small(tmp_path):
+    """A hundred iterations that are all shown, at 320 x 240, take less than 20 MB."""
+    calibration = datasets.load_calibration("paper", width=320)
+    scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry, noise=1, bits=8)
+    frame, known = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
+    steps = el.iterate(frame, known, solver="primal_dual", every=1)
+    el.run(steps, observers=[record(tmp_path / "run.rrd")], max_iterations=100)
+    recording = read_recording(tmp_path / "run.rrd")
+    assert list(recording.scalars["energy"][0]) == list(range(101))
+    assert (tmp_path / "run.rrd").stat().st_size < 20e6

@@ -1,0 +1,329 @@
+"""Recordings: what was logged, read back from the file, and what becomes of the file when things go wrong."""
+
+import contextlib
+import resource
+import socket
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rerun as rr
+
+from endolab.depth.energy import model_image
+from endolab.depth.problem import Problem
+from endolab.depth.result import Iterate, run
+from endolab.model.brdf import Lambertian
+from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
+from endolab.model.photometry import Photometry
+from endolab.numerics.iteration import Status
+from endolab.recording import viewer
+from endolab.recording.recorder import record
+from endolab.synthetic.rendering import Rendered, render
+from endolab.synthetic.scenes import SCENES
+
+PAPER = KannalaBrandt(
+    1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -0.0012396, 0.00091258, -0.000040716)
+)
+
+
+def frame(camera: Camera, metric: bool = True) -> tuple[Rendered, Problem]:
+    seen = render(SCENES["colon"], camera, Photometry(brdf=Lambertian((0.75, 0.38, 0.30))))
+    green = seen.image[..., 1]
+    problem = Problem(
+        image=green,
+        mask=seen.mask & (green > 1.5 / 255),
+        camera=seen.camera,
+        photometry=seen.photometry.channel("green"),
+        metric=metric,
+        picture=seen.image,
+        settings={"solver": "by hand"},
+    )
+    return seen, problem
+
+
+def towards(seen: Rendered, problem: Problem, count: int) -> Iterator[Iterate]:
+    """Give iterates that go from the start to the truth, and the status that `run` expects."""
+    goal = np.where(problem.mask, np.log(seen.distance), np.nan)
+    current = None
+    for k in range(count):
+        v = problem.log_facing + (1 - 0.7**k) * (goal - problem.log_facing)
+        arrived = problem.mask & (seen.distance < 20 + 10 * k)
+        current = Iterate.of(problem, v, current, maps={"arrived": arrived}, scalars={"step": 0.5**k})
+        yield current
+    return Status.CONVERGED
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[Rendered, Problem]:
+    return frame(PAPER.resize(80, 60))
+
+
+class Recorded:
+    """A recording, read back."""
+
+    def __init__(self, path: Path) -> None:
+        self.rows: dict[str, dict[str, list[tuple[int | None, list]]]] = {}
+        for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
+            batch = chunk.to_record_batch()
+            entity = batch.schema.metadata[b"rerun:entity_path"].decode()
+            at = (
+                batch.column("iteration").to_pylist()
+                if "iteration" in batch.schema.names
+                else [None] * len(batch)
+            )
+            for name in batch.schema.names:
+                if ":" in name:
+                    values = batch.column(name)
+                    rows = [(k, values[i].values) for i, k in enumerate(at) if values[i].is_valid]
+                    self.rows.setdefault(entity, {}).setdefault(name.split(":")[1], []).extend(rows)
+
+    def numbers(self, entity: str, component: str) -> dict[int | None, np.ndarray]:
+        """Values of a component, by iteration (None if static)."""
+        found = {}
+        for k, values in self.rows[entity][component]:
+            while hasattr(values, "flatten") and str(values.type).startswith(("fixed_size_list", "list")):
+                values = values.flatten()
+            found[k] = values.to_numpy(zero_copy_only=False)
+        return found
+
+    def text(self, entity: str, component: str) -> str:
+        return self.rows[entity][component][0][1][0].as_py()
+
+    def picture(self, entity: str, k: int | None) -> np.ndarray:
+        png = self.numbers(entity, "blob")[k].astype(np.uint8)
+        return cv2.imdecode(png, cv2.IMREAD_COLOR)[..., ::-1]
+
+
+@pytest.fixture(scope="module")
+def recorded(small, tmp_path_factory) -> tuple[list[Iterate], Recorded]:
+    seen, problem = small
+    path = tmp_path_factory.mktemp("recording") / "run.rrd"
+    kept: list[Iterate] = []
+    result = run(towards(seen, problem, 4), observers=[record(path, truth=seen.distance), kept.append])
+    assert result.status is Status.CONVERGED
+    assert [file.name for file in path.parent.iterdir()] == ["run.rrd"]
+    return kept, Recorded(path)
+
+
+def test_every_entity_is_there(recorded):
+    entities = {name for name in recorded[1].rows if not name.startswith("/__")}
+    plots = {f"/plots/{name}" for name in ("energy", "data", "regulariser", "change", "step")}
+    section = {f"/section/{name}" for name in ("now", "start", "truth", "scale")}
+    world = {"/world", "/world/camera", "/world/cloud", "/world/truth"}
+    pictures = {"/input", "/mask", "/depth", "/normals", "/residual", "/front/arrived"}
+    assert entities == pictures | plots | section | world | {"/settings"}
+
+
+def test_scalars_are_those_of_the_iterates(recorded):
+    iterates, file = recorded
+    for name in ("energy", "data", "regulariser", "step"):
+        found = file.numbers(f"/plots/{name}", "scalars")
+        expected = [{"energy": i.energy, **i.terms, **i.scalars}[name] for i in iterates]
+        assert list(found) == [0, 1, 2, 3]
+        assert [value.item() for value in found.values()] == expected
+    change = file.numbers("/plots/change", "scalars")
+    assert list(change) == [1, 2, 3]  # the start has none
+    assert change[3].item() == iterates[3].change
+
+
+def test_depth_is_the_distance_in_millimetres(recorded):
+    iterates, file = recorded
+    depth = file.numbers("/depth", "buffer")
+    assert list(depth) == [0, 1, 2, 3]
+    values = depth[3].astype(np.uint8).tobytes()
+    assert np.array_equal(
+        np.frombuffer(values, np.float32).reshape(60, 80),
+        iterates[3].distance.astype(np.float32),
+        equal_nan=True,
+    )
+    assert file.numbers("/depth", "meter")[0] == 1000
+
+
+def test_the_cloud_has_the_points_and_colours_of_the_mask(recorded):
+    iterates, file = recorded
+    mask = iterates[2].mask
+    positions = file.numbers("/world/cloud", "positions")
+    assert list(positions) == [0, 1, 2, 3]
+    assert np.allclose(positions[2].reshape(-1, 3), iterates[2].points[mask], rtol=1e-6)
+    packed = file.numbers("/world/cloud", "colors")[None]
+    red = (packed >> 24) & 255
+    assert np.array_equal(red, np.round(255 * iterates[2].problem.picture[mask][:, 0]))
+    assert file.numbers("/world/truth", "positions")[None].size == 3 * mask.sum()
+
+
+def test_pictures_show_what_they_say(recorded, small):
+    iterates, file = recorded
+    problem = small[1]
+    assert np.array_equal(file.picture("/input", None), np.round(255 * problem.picture))
+    normals = file.picture("/normals", 1)
+    expected = np.round(255 * (iterates[1].normals + 1) / 2)
+    assert np.array_equal(normals[problem.mask], expected[problem.mask])
+    assert not normals[~problem.mask].any()
+    arrived = file.picture("/front/arrived", 2)[..., 0]
+    assert np.array_equal(arrived == 255, iterates[2].maps["arrived"])
+    residual = file.picture("/residual", 0).astype(int)
+    error = model_image(problem, iterates[0].log_distance) - problem.image
+    bright, dark = error > 0.02, error < -0.02
+    assert (residual[bright][:, 0] >= residual[bright][:, 2]).all()
+    assert (residual[dark][:, 0] <= residual[dark][:, 2]).all()
+    assert not residual[~problem.mask].any()
+    mask = file.numbers("/mask", "buffer")[None].astype(bool)
+    assert np.array_equal(mask.reshape(60, 80), problem.mask)
+
+
+def test_the_section_is_the_middle_column(recorded):
+    iterates, file = recorded
+    now = file.numbers("/section/now", "strips")
+    assert list(now) == [0, 1, 2, 3]
+    line = iterates[3].points[:, 40][:, [2, 1]]
+    inside = iterates[3].mask[:, 40]
+    assert np.allclose(now[3].reshape(-1, 2), line[inside], rtol=1e-6)
+
+
+def test_settings_are_legible(recorded, small):
+    text = recorded[1].text("/settings", "text")
+    photometry = small[1].photometry
+    assert recorded[1].text("/settings", "media_type") == "text/markdown"
+    for part in ("| distances | mm |", "| k | 2.5 |", "| γ | 2.2 |", "| solver | by hand |", "λ = 1,"):
+        assert part in text
+    assert f"| gain | {photometry.gain:.6g} |" in text
+
+
+def test_without_a_gain_it_says_relative(tmp_path):
+    seen, problem = frame(PAPER.resize(40, 30), metric=False)
+    recorder = record(tmp_path / "run.rrd", truth=10 * seen.distance)
+    recorder(next(towards(seen, problem, 1)))
+    recorder.close()
+    file = Recorded(tmp_path / "run.rrd")
+    assert "**relative units**" in file.text("/settings", "text")
+    truth = file.numbers("/world/truth", "positions")[None].reshape(-1, 3)
+    cloud = file.numbers("/world/cloud", "positions")[0].reshape(-1, 3)
+    assert np.median(np.linalg.norm(cloud, axis=1) / np.linalg.norm(truth, axis=1)) == pytest.approx(
+        1, abs=1e-3
+    )
+
+
+def test_a_pinhole_keeps_its_numbers_and_a_fisheye_its_rim(tmp_path, recorded):
+    seen, problem = frame(Pinhole(40, 30, 30.0, 31.0, 19.0, 15.0))
+    with contextlib.closing(record(tmp_path / "run.rrd")) as recorder:
+        recorder(next(towards(seen, problem, 1)))
+    camera = Recorded(tmp_path / "run.rrd")
+    matrix = camera.numbers("/world/camera", "image_from_camera")[None].reshape(3, 3).T
+    assert np.allclose(matrix, [[30, 0, 19], [0, 31, 15], [0, 0, 1]])
+
+    strips = recorded[1].numbers("/world/camera", "strips")[None].reshape(-1, 3)
+    rim = strips[:97] / np.linalg.norm(strips[:97], axis=1, keepdims=True)
+    pixels = PAPER.resize(80, 60).project(rim)
+    to_edge = np.minimum(pixels + 0.5, [79.5, 59.5] - pixels).min(axis=1)
+    angle = np.arccos(rim[:, 2])
+    assert (to_edge > -1e-3).all()
+    assert ((to_edge < 0.5) | (angle > PAPER.max_angle - 0.2)).all()
+
+
+def test_a_truth_of_another_size_is_named(tmp_path, small):
+    recorder = record(tmp_path / "run.rrd", truth=np.ones((3, 4)))
+    with pytest.raises(ValueError, match=r"truth has shape \(3, 4\), the frame \(60, 80\)"):
+        recorder(next(towards(*small, 1)))
+    recorder.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_large_pictures_are_thinned(tmp_path):
+    seen, problem = frame(PAPER.resize(80, 60))
+    recorder = record(tmp_path / "run.rrd", max_width=30)
+    recorder(next(towards(seen, problem, 1)))
+    recorder.close()
+    file = Recorded(tmp_path / "run.rrd")
+    assert file.picture("/input", None).shape == (20, 27, 3)
+    assert file.numbers("/world/cloud", "positions")[0].size == 3 * problem.mask[::3, ::3].sum()
+
+
+def test_a_long_run_keeps_all_scalars_and_some_pictures(tmp_path):
+    seen, problem = frame(PAPER.resize(32, 24))
+    recorder = record(tmp_path / "run.rrd")
+    run(towards(seen, problem, 60), observers=[recorder])
+    file = Recorded(tmp_path / "run.rrd")
+    assert list(file.numbers("/plots/energy", "scalars")) == list(range(60))
+    shown = list(file.numbers("/depth", "buffer"))
+    assert shown[:21] == list(range(21))
+    assert shown[-1] == 59
+    assert len(shown) < 45
+    assert list(file.numbers("/world/cloud", "positions")) == shown
+
+
+def test_an_interrupt_leaves_a_whole_file(tmp_path, small):
+    def interrupted() -> Iterator[Iterate]:
+        yield from towards(*small, 2)
+        raise KeyboardInterrupt
+
+    (tmp_path / "run.rrd").write_bytes(b"an old recording")
+    result = run(interrupted(), observers=[record(tmp_path / "run.rrd")])
+    assert result.status is Status.STOPPED
+    assert list(Recorded(tmp_path / "run.rrd").numbers("/plots/energy", "scalars")) == [0, 1]
+
+
+def test_without_an_iterate_there_is_no_file(tmp_path):
+    recorder = record(tmp_path / "run.rrd")
+    recorder.close()
+    recorder.close()
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ValueError, match="closed"):
+        recorder(None)
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "folder.rrd").mkdir()
+    for path in (tmp_path / "missing" / "run.rrd", tmp_path / "folder.rrd"):
+        with pytest.raises(OSError, match=r"cannot write the recording .*") as error:
+            record(path)
+        assert str(path) in str(error.value)
+    assert [file.name for file in tmp_path.iterdir()] == ["folder.rrd"]
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="cannot write the recording"):
+        record(tmp_path / "file" / "run.rrd")
+
+
+@contextlib.contextmanager
+def file_limit(size: int) -> Iterator[None]:
+    """Let no file grow beyond a size: writes fail as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_full_disk_leaves_nothing(tmp_path, small):
+    (tmp_path / "run.rrd").write_bytes(b"an old recording")
+    recorder = record(tmp_path / "run.rrd")
+    with file_limit(50_000), pytest.raises(OSError, match=r"cannot write .*run\.rrd: File too large"):
+        run(towards(*small, 3), observers=[recorder])
+    recorder.close()
+    assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
+    assert (tmp_path / "run.rrd").read_bytes() == b"an old recording"
+
+
+def test_a_path_or_a_viewer_and_a_sensible_width(tmp_path):
+    for wrong in ({}, {"path": tmp_path / "run.rrd", "spawn": True}):
+        with pytest.raises(ValueError, match="either a path or spawn"):
+            record(**wrong)
+    with pytest.raises(ValueError, match=r"ends in \.rrd, got .*run\.txt"):
+        record(tmp_path / "run.txt")
+    with pytest.raises(ValueError, match="max_width"):
+        record(tmp_path / "run.rrd", max_width=0)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a screen")
+def test_a_viewer_without_a_screen_says_so(monkeypatch):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        monkeypatch.setattr(viewer, "PORT", free.getsockname()[1])
+    for variable in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(variable, raising=False)
+    with pytest.raises(OSError, match="needs a screen"):
+        record(spawn=True)

@@ -1,0 +1,155 @@
+"""Showing recordings where there is no front end, no screen, or no recording."""
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab import datasets
+from endolab.recording import show as embed
+from endolab.recording import viewer
+from endolab.recording.reader import read_recording
+from endolab.recording.recorder import Comparison, record
+from tests.recording.reader_test import spoiled
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory) -> Path:
+    """A recording of two runs."""
+    calibration = datasets.load_calibration("paper", width=64)
+    scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)
+    frame, known = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
+    with Comparison(tmp_path_factory.mktemp("embed") / "both.rrd") as both:
+        el.reconstruct(frame, known, solver="facing", observers=[both.run("facing")])
+        el.reconstruct(frame, known, max_iterations=3, observers=[both.run("gauss_newton")])
+    assert both.path is not None
+    return both.path
+
+
+@pytest.fixture
+def nobody(monkeypatch):
+    """Take away every sign of a front end and of a screen."""
+    for variable in (*viewer.FRONT_ENDS, "DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(variable, raising=False)
+
+
+def test_without_a_front_end_there_is_a_sentence_and_a_picture(path, nobody, capsys, monkeypatch):
+    shown = []
+    monkeypatch.setattr(embed, "_display", shown.append)
+    embed.show(path)
+    said = capsys.readouterr().out
+    assert said.startswith("Nobody is there to show the viewer to: here is how the run ended.")
+    assert "`rerun both.rrd`" in said
+    assert said.count("\n") == 1
+    (figure,) = shown
+    content = io.BytesIO()
+    figure.savefig(content, format="png")
+    content.seek(0)
+    picture = matplotlib.image.imread(content)
+    assert picture.shape[:2] == (720, 1300)
+    assert len(np.unique(picture.reshape(-1, picture.shape[-1]), axis=0)) > 500
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a screen")
+def test_without_a_screen_the_native_viewer_gives_way_to_a_picture(path, nobody, capsys, monkeypatch):
+    shown = []
+    monkeypatch.setattr(embed, "_display", shown.append)
+    monkeypatch.setattr(viewer, "PORT", 9877)
+    embed.show(path, native=True)
+    assert capsys.readouterr().out.startswith("The native viewer needs a screen, and there is none: here is")
+    assert len(shown) == 1
+
+
+def test_the_picture_has_a_row_per_run_on_one_scale(path):
+    figure = embed.picture_of(read_recording(path))
+    titles = [axes.get_title() for axes in figure.axes]
+    assert "facing, iteration 0" in titles
+    assert "gauss newton, iteration 3" in titles
+    limits = [axes.images[0].get_clim() for axes in figure.axes if "iteration" in axes.get_title()]
+    assert limits[0] == limits[1]
+
+
+def test_a_closed_recorder_can_be_shown(tmp_path, path, nobody, monkeypatch):
+    monkeypatch.setattr(embed, "_display", lambda figure: None)
+    recorder = record(tmp_path / "run.rrd")
+    with pytest.raises(FileNotFoundError, match="there is no recording"):
+        embed.show(recorder)  # nothing was written yet
+    recorder.close()
+    (tmp_path / "run.rrd").write_bytes(path.read_bytes())
+    embed.show(recorder)
+
+
+def test_what_cannot_be_read_is_named_before_anything_is_shown(path, tmp_path, monkeypatch):
+    monkeypatch.setattr(embed, "front_end", lambda: True)
+    monkeypatch.setattr(embed, "_embed", lambda *_: pytest.fail("it was shown"))
+    for name, (content, message) in spoiled(path.read_bytes()).items():
+        (tmp_path / f"{name}.rrd").write_bytes(content)
+        for native in (False, True):
+            with pytest.raises(ValueError, match=message):
+                embed.show(tmp_path / f"{name}.rrd", native=native)
+    with pytest.raises(ValueError, match="height must be at least 100 px, got 10"):
+        embed.show(path, height=10)
+
+
+def test_following_a_run_needs_a_front_end(nobody):
+    with pytest.raises(OSError, match="needs JupyterLab; record to a file instead"):
+        record(live=True)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there programs are ended otherwise")
+def test_the_server_of_a_live_viewer_ends_with_its_program():
+    """It passes on what is logged, listens to no network, and leaves nobody listening."""
+    code = """
+import socket
+import rerun as rr
+from endolab.recording import viewer
+address = viewer.start_server()
+stream = rr.RecordingStream("endolab")
+stream.connect_grpc(address)
+stream.log("words", rr.TextDocument("hello"))
+stream.flush(timeout_sec=30)
+port = int(address.split(":")[-1].split("/")[0])
+with socket.socket() as other:
+    other.bind(("127.0.0.2", port))  # taken, if it listened to all addresses
+print(port)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert not viewer._listening(int(done.stdout))
+
+
+def test_the_viewer_comes_from_this_machine(path):
+    """With a front end, a widget with the recording is displayed whose program is served locally."""
+    code = f"""
+import IPython.display
+from endolab.recording import show as embed
+shown = []
+IPython.display.display = shown.append
+embed.front_end = lambda: True
+embed.show({str(path)!r}, height=300)
+widget, hint = shown[0].children
+assert "localhost" in str(type(widget)._esm) or "localhost" in str(widget._esm), widget._esm
+assert widget._height == 300
+(event, buffers), = widget._event_queue
+assert event == {{"type": "rrd"}} and buffers == [open({str(path)!r}, "rb").read()]
+assert "WebGL" in hint.value
+"""
+    environment = {key: value for key, value in os.environ.items() if key != "RERUN_NOTEBOOK_ASSET"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+
+
+def test_blueprints_are_chosen_by_name(tmp_path):
+    for name in ("reconstruction", "convergence"):
+        record(tmp_path / "run.rrd", blueprint=name).close()
+    with pytest.raises(ValueError, match="unknown blueprint 'nice'; choose reconstruction, convergence"):
+        record(tmp_path / "run.rrd", blueprint="nice")

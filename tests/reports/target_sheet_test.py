@@ -1,0 +1,295 @@
+"""Sheets: what is printed is where the target says, in millimetres, and descriptions come back."""
+
+import json
+import re
+
+import cv2
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid, DotGrid
+from endolab.io.descriptions import read_target, write_target
+from endolab.reports.target_sheet import A4, draw_sheet, write_sheet
+
+DOTS = {"endolab_target": 1, "kind": "dots", "columns": 5, "rows": 4, "spacing": 6, "small": 1, "large": 2}
+BIG = DotGrid(40, 30, 9.0, small=1.5, large=2.2)
+OTHERS = [
+    DotGrid(7, 5, 3.25, margin=4.5, fold=3, small=0.5, large=0.9, seed=5, greys=0.25),
+    CircleGrid(3, 7, 4.0, radius=1.5),
+    Chessboard(9, 6, 5.5),
+    Charuco(9, 6, 5.5, fold=4, marker=4.0, dictionary="DICT_4X4_50"),
+]
+
+
+def written(tmp_path, **changes):
+    """A description with some of its keys changed, or left out for None."""
+    content = {key: value for key, value in (DOTS | changes).items() if value is not None}
+    path = tmp_path / "sheet.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+def size_of(path):
+    """Width and height of a page, mm."""
+    content = path.read_bytes()
+    if path.suffix == ".pdf":
+        box = re.search(rb"/MediaBox \[ *([\d. ]+)\]", content).group(1).split()
+        assert [float(value) for value in box[:2]] == [0, 0]
+        points = [float(value) for value in box[2:]]
+    else:
+        found = re.search(rb'width="([\d.]+)pt" height="([\d.]+)pt"', content)
+        points = [float(value) for value in found.groups()]
+    return np.array(points) / 72 * 25.4
+
+
+def picture(target, dpi=300):
+    """The page as a printer of so many dots an inch prints it: values, and (x, y) in mm to pixel."""
+    figure = draw_sheet(target)
+    figure.set_dpi(dpi)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    image = np.asarray(canvas.buffer_rgba())[..., 0] / 255
+    axes = figure.axes[0]
+
+    def pixel(xy):
+        found = axes.transData.transform(xy)
+        return np.column_stack([found[:, 0] - 0.5, image.shape[0] - 0.5 - found[:, 1]])
+
+    return image, pixel
+
+
+# Pages ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".svg"])
+@pytest.mark.parametrize("name", TARGETS)
+def test_every_target_fits_an_a4_page_of_true_size(name, suffix, tmp_path):
+    path = tmp_path / f"sheet{suffix}"
+    write_sheet(TARGETS[name], path)
+    np.testing.assert_allclose(size_of(path), A4, atol=0.01)
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".svg"])
+def test_a_large_sheet_gets_a_page_of_its_own_size(suffix, tmp_path):
+    path = tmp_path / f"sheet{suffix}"
+    write_sheet(BIG, path)
+    size, (_, _, width, height) = size_of(path), BIG.sheet
+    assert np.all(size >= [width, height])
+    assert np.all(size <= [width + 20, height + 45])
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".svg"])
+def test_the_same_target_makes_the_same_bytes(suffix, tmp_path):
+    for name in ("a", "b"):
+        write_sheet(TARGETS["charuco"], tmp_path / f"{name}{suffix}")
+    content = (tmp_path / f"a{suffix}").read_bytes()
+    assert content == (tmp_path / f"b{suffix}").read_bytes()
+    assert b"CreationDate" not in content
+    assert b"dc:date" not in content
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".svg"])
+def test_a_sheet_holds_no_pixels(suffix, tmp_path):
+    path = tmp_path / f"sheet{suffix}"
+    write_sheet(TARGETS["vicalib_grey"], path)
+    assert not re.search(rb"/Subtype */Image|<image", path.read_bytes())
+
+
+@pytest.mark.parametrize("name", ["vicalib_big", "vicalib_folded", "vicalib_grey", "circles"])
+def test_printed_discs_are_where_the_target_says(name):
+    target = TARGETS[name]
+    image, pixel = picture(target)
+    per_mm = 300 / 25.4
+    for (x, y), radius in zip(pixel(target.points[:, :2]), target.radii, strict=True):
+        half = int(np.ceil((radius + 0.3) * per_mm))
+        left, top = int(x) - half, int(y) - half
+        dark = 1 - image[top : top + 2 * half + 2, left : left + 2 * half + 2]
+        rows, columns = np.indices(dark.shape)
+        dark = np.where(np.hypot(columns + left - x, rows + top - y) < (radius + 0.2) * per_mm, dark, 0)
+        centre = np.array([(dark * columns).sum(), (dark * rows).sum()]) / dark.sum() + [left, top]
+        assert np.hypot(*(centre - [x, y])) / per_mm < 0.02
+        assert np.sqrt(dark.sum() / np.pi) / per_mm == pytest.approx(radius, abs=0.02)
+
+
+def test_a_millimetre_of_the_axes_is_a_millimetre_of_the_page():
+    for target in (TARGETS["vicalib_big"], BIG):
+        figure = draw_sheet(target)
+        corners = figure.axes[0].transData.transform([[0, 0], [10, 0], [0, 10]])
+        inches = (corners[1:] - corners[0]) / figure.dpi
+        np.testing.assert_allclose(inches * 25.4, [[10, 0], [0, -10]], atol=1e-9)
+
+
+@pytest.mark.parametrize("target", [*TARGETS.values(), *OTHERS])
+def test_the_page_shows_the_reflectance(target):
+    image, pixel = picture(target)
+    left, top, width, height = target.sheet
+    rng = np.random.default_rng(0)
+    places = rng.uniform([left + 0.5, top + 4], [left + width - 0.5, top + height - 4], (2000, 2))
+    around = places[:, None] + 0.2 * np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
+    value = target.reflectance(around, black=0.0)
+    clear = np.ptp(value, axis=1) == 0  # off the rims
+    column, row = np.round(pixel(places[clear])).astype(int).T
+    shown = image[row, column]
+    linear = np.where(shown > 0.04045, ((shown + 0.055) / 1.055) ** 2.4, shown / 12.92)  # sRGB
+    assert clear.mean() > 0.5
+    np.testing.assert_allclose(linear, value[clear, 4], atol=0.01)
+
+
+def test_the_markers_of_a_printed_board_are_read():
+    target = TARGETS["charuco"]
+    image, pixel = picture(target)
+    found = cv2.aruco.CharucoDetector(target.board).detectBoard((image * 255).astype(np.uint8))
+    corners, ids = found[0].reshape(-1, 2), found[1].ravel()
+    assert sorted(ids) == list(range(len(target.points)))
+    np.testing.assert_allclose(corners, pixel(target.points[ids, :2]), atol=0.6)
+
+
+def test_fold_marks_stay_off_the_dots():
+    target, flat = TARGETS["vicalib_folded"], TARGETS["vicalib_small"]
+    folded, plain = (draw_sheet(each).axes[0] for each in (target, flat))
+    assert "fold here" in " ".join(text.get_text() for text in folded.texts)
+    assert "fold" not in " ".join(text.get_text() for text in plain.texts)
+    marks = [line.get_ydata() for line in folded.lines if np.all(line.get_xdata() == target.fold_x)]
+    assert len(marks) == 2
+    _, top, _, height = target.sheet
+    for mark in marks:
+        assert min(mark) >= top
+        assert max(mark) <= top + height
+        assert np.all((mark < -2.5) | (mark > target.points[:, 1].max() + 2.5))
+
+
+@pytest.mark.parametrize("target", [*TARGETS.values(), *OTHERS, BIG, CircleGrid(2, 60, 4.0, radius=1.0)])
+def test_words_lie_on_the_page_and_off_the_sheet(target):
+    figure = draw_sheet(target)
+    axes, renderer = figure.axes[0], FigureCanvasAgg(figure).get_renderer()
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    _x, y, _width, height = target.sheet
+    boxes = []
+    for text in axes.texts:
+        (x0, y0), (x1, y1) = axes.transData.inverted().transform(text.get_window_extent(renderer))
+        boxes.append((x0, x1, y1, y0))
+        assert left + 2 < x0 < x1 < right - 2
+        assert top + 2 < y1 < y0 < bottom - 2
+        assert y0 < y or y1 > y + height
+    for index, (a0, a1, b0, b1) in enumerate(boxes):
+        assert all(a1 < c0 or c1 < a0 or b1 < d0 or d1 < b0 for c0, c1, d0, d1 in boxes[index + 1 :])
+
+
+def test_the_ruler_measures_what_it_says():
+    axes = draw_sheet(TARGETS["vicalib_small"]).axes[0]
+    lengths = [np.ptp(line.get_xdata()) for line in axes.lines]
+    assert max(lengths) == pytest.approx(50, abs=1e-9)
+    assert "50 mm" in " ".join(text.get_text() for text in axes.texts)
+
+
+def test_a_title_is_printed():
+    texts = [text.get_text() for text in draw_sheet(BIG, "ward 7").axes[0].texts]
+    assert "ward 7: 40 × 30 dots 9 mm apart" in texts[0]
+
+
+@pytest.mark.parametrize("name", ["sheet.png", "sheet", "sheet.PDFX"])
+def test_other_kinds_of_file_are_refused(name, tmp_path):
+    with pytest.raises(ValueError, match=r"\.pdf or \.svg"):
+        write_sheet(BIG, tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(OSError, match="cannot write"):
+        write_sheet(TARGETS["circles"], tmp_path / "none" / "sheet.pdf")
+
+
+# Descriptions ---------------------------------------------------------------------------
+
+
+def test_known_names_need_no_file():
+    assert read_target("vicalib_big") is TARGETS["vicalib_big"]
+
+
+@pytest.mark.parametrize("target", [*TARGETS.values(), *OTHERS])
+def test_a_written_target_comes_back(target, tmp_path):
+    path = tmp_path / "sheet.json"
+    write_target(target, path)
+    assert read_target(path) == read_target(str(path)) == target
+
+
+def test_the_least_description_takes_the_defaults(tmp_path):
+    assert read_target(written(tmp_path)) == DotGrid(5, 4, 6.0, small=1.0, large=2.0)
+
+
+def test_null_means_absent(tmp_path):
+    path = tmp_path / "sheet.json"
+    path.write_text(json.dumps(DOTS | {"fold": None, "greys": None}), encoding="utf-8")
+    assert read_target(path) == DotGrid(5, 4, 6.0, small=1.0, large=2.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"spacing": None}, "spacing: missing"),
+        ({"small": None}, "small: missing"),
+        ({"endolab_target": None}, "endolab_target: missing"),
+        ({"endolab_target": 2}, "endolab_target: expected version 1, found 2"),
+        ({"endolab_target": True}, "endolab_target: expected version 1"),
+        ({"kind": None}, "kind: missing"),
+        ({"kind": "hexagons"}, "kind: expected one of dots, circles, chessboard, charuco"),
+        ({"kind": ["dots"]}, "kind: expected one of"),
+        ({"colour": "red"}, "colour: unknown key"),
+        ({"radius": 1.0}, "radius: unknown key"),
+        ({"columns": 5.5}, "columns: expected a whole number, found 5.5"),
+        ({"columns": "5"}, "columns: expected a finite number"),
+        ({"columns": 1}, "columns must be a whole number from 2 to 100, got 1"),
+        ({"rows": True}, "rows: expected a finite number"),
+        ({"spacing": -1}, "spacing: expected a positive number"),
+        ({"margin": 0}, "margin: expected a positive number"),
+        ({"large": 9}, "the radii must be"),
+        ({"seed": 2**40}, "seed must be a whole number"),
+        ({"seed": -1}, "seed: expected at least 0"),
+        ({"fold": 1}, "fold must leave two columns"),
+        ({"fold": "middle"}, "fold: expected a finite number"),
+        ({"greys": 1.5}, "greys must lie between 0 and 1"),
+        ({"kind": "circles"}, "radius: missing"),
+        (
+            {"kind": "charuco", "small": None, "large": None, "marker": 4, "dictionary": 3},
+            "dictionary: expected",
+        ),
+        (
+            {"kind": "charuco", "small": None, "large": None, "marker": 4, "dictionary": "DICT_9X9"},
+            "dictionary must be one of OpenCV's",
+        ),
+        ({"kind": "charuco", "small": None, "large": None, "marker": 8}, "marker must be positive and below"),
+    ],
+)
+def test_what_is_wrong_with_a_description_is_said_with_file_and_key(changes, complaint, tmp_path):
+    path = written(tmp_path, **changes)
+    with pytest.raises(ValueError, match=re.escape(complaint)) as caught:
+        read_target(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"{", "not valid JSON"),
+        (b"[1]", "expected an object"),
+        (b"\xff\xfe", "not UTF-8"),
+        (b"", "not valid"),
+    ],
+)
+def test_a_file_that_is_no_description_is_refused(content, complaint, tmp_path):
+    path = tmp_path / "sheet.json"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=complaint):
+        read_target(path)
+
+
+def test_an_unknown_name_lists_those_that_are_known():
+    with pytest.raises(ValueError, match="unknown target 'vicalib': choose vicalib_big, vicalib_small"):
+        read_target("vicalib")
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such target file"):
+        read_target(tmp_path / "none.json")

@@ -1,0 +1,209 @@
+"""Rendered frames: true to the model, and each imperfection does what it says and no more."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from endolab.model.brdf import Lambertian, TabulatedBRDF
+from endolab.model.cameras import KannalaBrandt, Pinhole
+from endolab.model.lights import SpotLight
+from endolab.model.photometry import Photometry
+from endolab.synthetic.rendering import VEIL, render
+from endolab.synthetic.scenes import SCENES, Plane
+
+CAMERA = Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
+WIDE = KannalaBrandt(101, 101, 25.0, 25.0, 50.0, 50.0, (0.01, 0.0, 0.0, 0.0))
+GREY = Photometry(k=2.5, gamma=2.2, gain=700.0, brdf=Lambertian(0.5))
+COLOUR = replace(GREY, brdf=Lambertian((0.75, 0.38, 0.30)))
+LIGHTS = (SpotLight((3.0, 0.0, 0.0), exponent=1.0), SpotLight((-1.0, 2.0, 0.0), (0.1, 0.0, 1.0)))
+TABLE = TabulatedBRDF((0.0, 0.5, 1.5), (0.3, 0.25, 0.1))
+SCENE = SCENES["curved"]
+
+
+def truth(frame):
+    """Points and normals of the pixels that see the surface."""
+    return (frame.distance[..., None] * frame.camera.field.rays)[frame.mask], frame.normals[frame.mask]
+
+
+# The clean frame -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "photometry",
+    [GREY, replace(GREY, lights=LIGHTS), replace(GREY, brdf=TABLE), replace(GREY, gamma=1.0, gain=100.0)],
+    ids=["centred", "two lights", "table", "linear"],
+)
+def test_a_clean_frame_is_the_model_at_the_truth(name, photometry):
+    frame = render(SCENES[name], CAMERA, photometry)
+    expected = np.minimum(photometry.intensity(*truth(frame)), 1.0)
+    assert frame.image.shape == frame.distance.shape == frame.mask.shape == (120, 160)
+    assert frame.photometry == photometry
+    assert frame.mask.all()
+    np.testing.assert_allclose(frame.image[frame.mask], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_truth_is_the_scenes(name):
+    frame = render(SCENES[name], CAMERA, GREY, noise=5.0, texture=0.3, fog=0.01, highlights=0.02)
+    distance = SCENES[name].distance(CAMERA.field.rays)
+    np.testing.assert_array_equal(frame.distance, distance)
+    np.testing.assert_array_equal(frame.z, distance * CAMERA.field.rays[..., 2])
+    np.testing.assert_array_equal(
+        frame.normals, SCENES[name].normals(distance[..., None] * CAMERA.field.rays)
+    )
+
+
+def test_three_albedos_make_a_colour_picture():
+    frame = render(SCENE, CAMERA, COLOUR)
+    assert frame.image.shape == (120, 160, 3)
+    points, normals = truth(frame)
+    for index, name in enumerate(("red", "green", "blue")):
+        expected = np.minimum(COLOUR.channel(name).intensity(points, normals), 1)
+        np.testing.assert_allclose(frame.image[frame.mask][:, index], expected, rtol=1e-12)
+
+
+def test_a_fisheye_sees_to_its_side_but_no_light_falls_behind():
+    """Beyond 90° off the axis the model is dark: such pixels are not in the mask."""
+    frame = render(SCENES["tube"], WIDE, COLOUR)
+    assert 0.3 < frame.mask.mean() < 0.7
+    np.testing.assert_array_equal(frame.mask, WIDE.field.cos_alpha > 0)
+    assert np.all(frame.image[~frame.mask] == 0)
+    assert np.isnan(frame.distance[~frame.mask]).all()
+    assert np.isnan(frame.normals[~frame.mask]).all()
+    assert np.isfinite(frame.distance[frame.mask]).all()
+    assert frame.image[frame.mask].min() > 0
+
+
+def test_a_frame_of_nothing_in_part():
+    """A plane seen at a slant ends at its horizon."""
+    scene = Plane(40.0, 70.0)
+    frame = render(scene, CAMERA, GREY)
+    assert 0.2 < frame.mask.mean() < 0.99
+    np.testing.assert_array_equal(frame.mask, np.isfinite(scene.distance(CAMERA.field.rays)))
+
+
+# Gain ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("brdf", [Lambertian(0.5), Lambertian((0.3, 0.75, 0.38))], ids=["grey", "colour"])
+@pytest.mark.parametrize("options", [{}, {"texture": 0.2, "highlights": 0.02}], ids=["clean", "wet"])
+def test_an_unknown_gain_exposes_the_frame_well(brdf, options):
+    """The 99th percentile of the brightest channel is at 0.9, and the gain is told."""
+    unknown = replace(GREY, brdf=brdf, gain=None)
+    frame = render(SCENE, CAMERA, unknown, **options)
+    brightest = frame.image.reshape(120, 160, -1).max(axis=-1)
+    assert np.percentile(brightest[frame.mask], 99) == pytest.approx(0.9, rel=1e-3)
+    assert unknown.gain is None
+    assert frame.photometry.gain > 0
+    again = render(SCENE, CAMERA, frame.photometry, **options)
+    np.testing.assert_allclose(again.image, frame.image, rtol=1e-12)
+
+
+def test_a_bright_frame_saturates():
+    frame = render(SCENE, CAMERA, replace(GREY, gain=1e5), noise=3.0)
+    assert frame.image.max() == 1.0
+    assert np.mean(frame.image == 1.0) > 0.3
+
+
+# Imperfections -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("noise", [1.0, 4.0])
+@pytest.mark.parametrize("photometry", [GREY, COLOUR], ids=["grey", "colour"])
+def test_noise_has_the_asked_for_strength(noise, photometry):
+    clean = render(SCENE, CAMERA, photometry)
+    noisy = render(SCENE, CAMERA, photometry, noise=noise)
+    calm = (clean.image > 0.1) & (clean.image < 0.9)
+    grey = 255 * (noisy.image - clean.image)[calm]
+    assert grey.size > 15000
+    assert grey.std() == pytest.approx(noise, rel=0.015)
+    assert abs(grey.mean()) < 4 * noise / np.sqrt(grey.size)
+    assert noisy.image.min() >= 0
+    if photometry is COLOUR:
+        channels = 255 * (noisy.image - clean.image)[calm.all(axis=-1)]
+        assert np.abs(np.corrcoef(channels.T) - np.eye(3)).max() < 0.05
+
+
+@pytest.mark.parametrize("bits", [1, 8, 16])
+def test_values_are_on_the_grid(bits):
+    clean = render(SCENE, CAMERA, GREY, noise=2.0).image
+    coarse = render(SCENE, CAMERA, GREY, noise=2.0, bits=bits).image
+    levels = coarse * (2**bits - 1)
+    np.testing.assert_allclose(levels, np.round(levels), rtol=0, atol=1e-9)
+    assert np.abs(coarse - clean).max() <= 0.5 / (2**bits - 1) + 1e-12
+
+
+def test_texture_is_a_mottled_albedo():
+    """The logarithm of the light changes smoothly, alike in all channels, in proportion."""
+    clean = render(SCENE, CAMERA, COLOUR).image ** 2.2
+    ratio = np.log(render(SCENE, CAMERA, COLOUR, texture=0.1).image ** 2.2 / clean)
+    np.testing.assert_allclose(ratio[..., 1:], ratio[..., :1].repeat(2, axis=-1), rtol=0, atol=1e-12)
+    # Mottles are millimetres wide: neighbouring pixels, half a millimetre apart, are nearly alike.
+    assert np.diff(ratio[..., 0], axis=1).std() < 0.3 * ratio.std()
+    doubled = np.log(render(SCENE, CAMERA, COLOUR, texture=0.2).image ** 2.2 / clean)
+    np.testing.assert_allclose(doubled, 2 * ratio, rtol=0, atol=1e-12)
+
+
+def test_texture_has_the_asked_for_strength():
+    """Standard deviation of the logarithm of the albedo, over 20 textures; the mean stays."""
+    camera = CAMERA.resize(40, 30)
+    clean = render(SCENE, camera, GREY).image ** 2.2
+    frames = [render(SCENE, camera, GREY, texture=0.1, seed=seed).image for seed in range(20)]
+    ratio = np.log(np.array(frames) ** 2.2 / clean)
+    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(0.1, rel=0.05)
+    assert abs(ratio.mean()) < 0.02
+
+
+@pytest.mark.parametrize("photometry", [GREY, COLOUR], ids=["grey", "colour"])
+def test_fog_takes_light_away_and_adds_a_veil(photometry):
+    clear = render(SCENE, CAMERA, photometry)
+    foggy = render(SCENE, CAMERA, photometry, fog=0.01)
+    distance = clear.distance if clear.image.ndim == 2 else clear.distance[..., None]
+    left = np.exp(-0.01 * distance)
+    expected = (clear.image**2.2 * left**2 + VEIL * (1 - left)) ** (1 / 2.2)
+    np.testing.assert_allclose(foggy.image, expected, rtol=1e-12)
+
+
+def test_thick_fog_is_all_that_is_seen():
+    foggy = render(SCENE, CAMERA, COLOUR, fog=10.0)
+    np.testing.assert_allclose(foggy.image, VEIL ** (1 / 2.2), rtol=1e-9)
+
+
+def test_highlights_are_white_few_and_near_the_mirror_direction():
+    clean = render(SCENE, CAMERA, COLOUR)
+    wet = render(SCENE, CAMERA, COLOUR, highlights=0.02)
+    added = wet.image**2.2 - clean.image**2.2
+    assert added.min() > -1e-12
+    unclipped = wet.image.max(axis=-1) < 1
+    assert unclipped.mean() > 0.5
+    np.testing.assert_allclose(
+        added[unclipped], added[unclipped][:, :1].repeat(3, axis=-1), rtol=1e-6, atol=1e-12
+    )
+    facing = -np.einsum("hwi,hwi->hw", clean.normals, CAMERA.field.rays)
+    glint = added[..., 2] > 0.02
+    assert 0.001 < glint.mean() < 0.3
+    assert facing[glint].min() > 0.85
+    twice = render(SCENE, CAMERA, COLOUR, highlights=0.04)
+    both = unclipped & (twice.image.max(axis=-1) < 1)
+    np.testing.assert_allclose(
+        (twice.image**2.2 - clean.image**2.2)[both], 2 * added[both], rtol=1e-6, atol=1e-12
+    )
+
+
+# Seeds ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "option", [{"noise": 2.0}, {"texture": 0.2}, {"highlights": 0.02}], ids=lambda o: next(iter(o))
+)
+def test_the_seed_decides(option):
+    first, same, other = (render(SCENE, CAMERA, COLOUR, seed=seed, **option).image for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, same)
+    assert np.abs(first - other).max() > 1e-3
+
+
+def test_the_seed_does_nothing_to_a_clean_frame():
+    frames = [render(SCENE, CAMERA, COLOUR, fog=0.01, bits=8, seed=seed).image for seed in (1, 2)]
+    np.testing.assert_array_equal(*frames)

@@ -1,0 +1,258 @@
+"""Exact scenes against their equations, finite differences and an independent ray caster."""
+
+import numpy as np
+import pytest
+
+from endolab.model.cameras import KannalaBrandt, Pinhole
+from endolab.synthetic.scenes import SCENES, Bowl, Colon, Plane, Tube
+
+CAMERAS = {
+    "pinhole": Pinhole(80, 60, 50.0, 50.0, 39.5, 29.5),
+    "fisheye": KannalaBrandt(
+        81, 81, 22.0, 22.0, 40.0, 40.0, (0.01, 0.0, 0.0, 0.0)
+    ),  # the axis, and 125° off it
+}
+every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+every_scene = pytest.mark.parametrize("name", SCENES)
+TILTED_TUBE = Tube(radius=14.0, length=90.0, tilt=12.0, offset=(3.0, -5.0))
+STEEP_COLON = Colon(
+    radius=18.0, fold_height=0.6, fold_spacing=20.0, sharpness=15.0, winding=5.0, length=120.0
+)
+
+
+def turned(x, degrees):
+    """Coordinates in a frame whose z axis leans to the camera's right."""
+    a = np.deg2rad(degrees)
+    right, ahead = np.array([np.cos(a), 0, -np.sin(a)]), np.array([np.sin(a), 0, np.cos(a)])
+    return x @ right, x[..., 1], x @ ahead
+
+
+def plane_equation(scene, x):
+    return turned(x - [0, 0, scene.depth], scene.tilt)[2]
+
+
+def bowl_equation(scene, x):
+    return scene.radius - np.linalg.norm(x - np.asarray(scene.centre), axis=-1)
+
+
+def tube_equation(scene, x):
+    right, down, ahead = turned(x, scene.tilt)
+    side = scene.radius - np.hypot(right + scene.offset[0], down + scene.offset[1])
+    return np.minimum(side, scene.length - ahead)
+
+
+def colon_equation(scene, x):
+    """The docstring's, from the camera's place, the phase and the twist of the folds."""
+    s = x[..., 2] + scene._camera[2]
+    swing = scene.winding * (1 - np.cos(2 * np.pi * s / scene._period))
+    right, down = x[..., 0] + scene._camera[0] - swing, x[..., 1] + scene._camera[1] - 0.3 * swing
+    phi = np.arctan2(down, right) + scene._twist * s
+    wave = np.cos(2 * np.pi * (s - scene._phase) / scene.fold_spacing)
+    folds = np.exp(scene.sharpness * (wave - 1)) * (0.6 + 0.4 * np.cos(3 * phi))
+    side = scene.radius * (1 - scene.fold_height * folds) - np.hypot(right, down)
+    return np.minimum(side, scene.length - s)
+
+
+EQUATIONS = {Plane: plane_equation, Bowl: bowl_equation, Tube: tube_equation, Colon: colon_equation}
+every_shape = pytest.mark.parametrize(
+    "scene",
+    [*SCENES.values(), Plane(60.0, -35.0), Bowl(50.0, (-30.0, 20.0, 10.0)), TILTED_TUBE, STEEP_COLON],
+    ids=[*SCENES, "plane 2", "bowl 2", "tube 2", "colon 2"],
+)
+
+
+def inside(scene, x):
+    """Positive inside the lumen, zero on the wall, mm; negative behind it."""
+    value = EQUATIONS[type(scene)](scene, x)
+    return -value if isinstance(scene, Plane) else value
+
+
+def seen(scene, camera):
+    """Rays that meet the surface, their distances, points and normals."""
+    rays = camera.field.rays[camera.field.valid]
+    distance = scene.distance(rays)
+    hit = np.isfinite(distance)
+    points = distance[hit, None] * rays[hit]
+    return rays[hit], distance[hit], points, scene.normals(points)
+
+
+# Equations -----------------------------------------------------------------------------
+
+
+@every_camera
+@every_shape
+def test_points_satisfy_the_equation(scene, camera):
+    _, distance, points, _ = seen(scene, camera)
+    assert np.abs(inside(scene, points) / distance).max() < 1e-12
+
+
+@every_camera
+@every_shape
+def test_the_wall_is_the_first_that_a_ray_meets(scene, camera):
+    """Nowhere on the way from the camera is there anything else, checked at 1000 places a ray."""
+    rays, distance, _, _ = seen(scene, camera)
+    rays, distance = rays[::3], distance[::3]
+    t = np.linspace(0, 1, 1001)[:-1, None] * (distance - 1e-6)
+    assert inside(scene, t[..., None] * rays).min() > 0
+
+
+@pytest.mark.parametrize("scene", [SCENES["colon"], STEEP_COLON], ids=["colon", "colon 2"])
+def test_a_colon_hides_some_of_itself(scene):
+    """Its frame has depth edges, or the test above would test little."""
+    distance = scene.distance(Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5).field.rays)
+    assert np.sum(np.abs(np.diff(np.log(distance), axis=1)) > 0.1) > 50
+
+
+@every_camera
+@every_scene
+def test_what_a_camera_sees(name, camera):
+    """All of it but for a plane, which ends at its horizon."""
+    field = camera.field
+    hit = np.isfinite(SCENES[name].distance(field.rays))
+    expected = field.valid
+    if name == "plane":
+        expected = expected & (turned(field.rays, SCENES[name].tilt)[2] > 0)
+    np.testing.assert_array_equal(hit, expected)
+    assert hit[field.cos_alpha < -0.1].any() == (camera is CAMERAS["fisheye"])
+
+
+@every_shape
+def test_rays_that_are_not_there(scene):
+    rays = np.array([[np.nan, np.nan, np.nan], [0.0, 0.0, 1.0]])
+    with np.errstate(invalid="raise"):
+        distance = scene.distance(rays)
+    assert np.isnan(distance[0])
+    assert np.isfinite(distance[1])
+    assert scene.distance(rays[1]).shape == ()
+
+
+# Normals -------------------------------------------------------------------------------
+
+
+@every_camera
+@every_shape
+def test_normals_are_unit_and_face_the_camera(scene, camera):
+    rays, _, _, normals = seen(scene, camera)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=0, atol=1e-12)
+    assert np.einsum("ni,ni->n", rays, normals).max() < 0
+
+
+@every_camera
+@every_shape
+def test_normals_are_across_the_tangents(scene, camera):
+    """Finite differences of the points, a thousandth of a pixel apart."""
+    h = 5e-4
+    pixels = np.moveaxis(np.indices((camera.height, camera.width))[::-1], 0, -1) + np.array([0.013, 0.021])
+    point = {}
+    for step in [(0, 0), (h, 0), (-h, 0), (0, h), (0, -h)]:
+        rays = camera.unproject(pixels + step)
+        point[step] = scene.distance(rays)[..., None] * rays
+    across = np.cross(point[h, 0] - point[-h, 0], point[0, h] - point[0, -h])
+    across /= -np.linalg.norm(across, axis=-1, keepdims=True)
+    sine = np.linalg.norm(np.cross(across, scene.normals(point[0, 0])), axis=-1)
+    met = np.isfinite(sine)
+    assert met.mean() > 0.4
+    assert np.rad2deg(np.percentile(sine[met], 99)) < 1e-3
+    # What is left are pixels that an edge crosses.
+    assert np.mean(np.rad2deg(sine[met]) > 0.1) < 2e-3
+
+
+# The picture as a whole ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "mean"), [("plane", 110), ("curved", 60), ("tube", 40)])
+def test_mean_distances_are_about_the_papers(name, mean):
+    camera = Pinhole(320, 240, 200.0, 200.0, 159.5, 119.5)
+    assert SCENES[name].distance(camera.field.rays).mean() == pytest.approx(mean, rel=0.2)
+
+
+def test_known_distances():
+    axis = np.array([0.0, 0.0, 1.0])
+    assert Plane(80.0, 33.0).distance(axis) == pytest.approx(80.0)
+    assert Bowl(50.0, (0.0, 0.0, 10.0)).distance(axis) == pytest.approx(60.0)
+    assert Bowl(50.0, (0.0, 0.0, 10.0)).distance(-axis) == pytest.approx(40.0)
+    assert Tube(16.0, 120.0).distance(axis) == pytest.approx(120.0)
+    assert Tube(16.0, 120.0, offset=(4.0, 0.0)).distance(np.array([1.0, 0.0, 0.0])) == pytest.approx(12.0)
+    assert Colon(length=150.0).distance(axis) <= 150.0
+
+
+# An independent ray caster -------------------------------------------------------------
+
+
+@pytest.fixture(params=SCENES)
+def cast(request, open3d):
+    """A scene and Open3D's function from rays to distances and normals of its mesh."""
+    scene = SCENES[request.param]
+    vertices, triangles = scene.mesh(300)
+    caster = open3d.t.geometry.RaycastingScene()
+    caster.add_triangles(
+        open3d.core.Tensor(vertices.astype(np.float32)), open3d.core.Tensor(triangles.astype(np.uint32))
+    )
+
+    def shoot(rays):
+        answer = caster.cast_rays(
+            open3d.core.Tensor(np.concatenate([np.zeros_like(rays), rays], axis=-1).astype(np.float32))
+        )
+        return answer["t_hit"].numpy(), answer["primitive_normals"].numpy()
+
+    return scene, shoot
+
+
+@every_camera
+def test_open3d_sees_the_same(cast, camera):
+    scene, shoot = cast
+    rays = camera.field.rays
+    distance = scene.distance(rays)
+    hit, facets = shoot(rays)
+    near = np.isfinite(distance) & (distance < 1000)
+    # Pixels beside an occluding contour see now the near side, now the far one.
+    rough = np.zeros(near.shape, dtype=bool)
+    for axis in (0, 1):
+        jump = np.abs(np.diff(np.log(distance), axis=axis)) > 0.15
+        rough |= np.pad(jump, [(0, int(a == axis)) for a in (0, 1)])
+        rough |= np.pad(jump, [(int(a == axis), 0) for a in (0, 1)])
+    calm = near & ~rough
+    assert calm.mean() > 0.4
+    error = np.abs(hit / distance - 1)[calm]
+    assert np.median(error) < 1e-4
+    assert np.percentile(error, 99) < 2e-3
+    normals = scene.normals(distance[..., None] * rays)[calm]
+    angle = np.rad2deg(np.arccos(np.clip(np.abs(np.einsum("ni,ni->n", normals, facets[calm])), 0, 1)))
+    assert np.median(angle) < 0.5
+    assert np.percentile(angle, 98) < 6.0
+
+
+@every_scene
+def test_meshes_are_made_of_the_surface(name):
+    """Vertices lie on the wall but for the middle of a closing one; triangles index them all."""
+    scene = SCENES[name]
+    vertices, triangles = scene.mesh(60)
+    assert triangles.min() == 0
+    assert triangles.max() == len(vertices) - 1
+    assert np.abs(inside(scene, vertices)).max() < 1e-9 * np.abs(vertices).max()
+    corners = vertices[triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
+    assert np.mean(area > 0) > 0.95
+
+
+@pytest.mark.parametrize("name", ["curved", "tube"])
+def test_finer_meshes_come_closer(name):
+    """Twice the steps, a quarter of the sagitta."""
+    scene = SCENES[name]
+    sag = []
+    for size in (40, 80):
+        vertices, triangles = scene.mesh(size)
+        sag.append(np.median(inside(scene, vertices[triangles].mean(axis=1))))
+    assert sag[0] / sag[1] == pytest.approx(4, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Bowl(10.0, (20.0, 0.0, 0.0)), "inside the ball"),
+        (lambda: Tube(10.0, offset=(8.0, 8.0)), "inside the tube"),
+    ],
+)
+def test_the_camera_must_be_inside(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

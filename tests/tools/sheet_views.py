@@ -1,0 +1,83 @@
+"""Views of a target with exact centroids, made without rendering and without the code under test."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from endolab.calibration.geometric.pose import Pose
+from endolab.calibration.geometric.reprojection import View
+from endolab.model.cameras import KannalaBrandt
+
+PAPER = KannalaBrandt(
+    1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -1.2396e-3, 9.1258e-4, -4.0716e-5)
+)
+WIDE = KannalaBrandt(1280, 1024, 400.0, 401.0, 645.0, 505.0, (-0.02, 0.004, -0.002, 0.0003))  # 190° and more
+
+
+def exact_centroids(camera, pose, points, radii, rings=8, spokes=32):
+    """Centroids of the discs' images: the pixel averaged over the disc with the image's area as weight."""
+    if not np.any(radii):
+        return camera.project(pose.transform(points))
+    node, weight = np.polynomial.legendre.leggauss(rings)
+    node, weight = (node + 1) / 2, weight / 2
+    phi = 2 * np.pi * np.arange(spokes) / spokes
+    disc = np.stack([np.outer(node, np.cos(phi)), np.outer(node, np.sin(phi)), np.zeros((rings, spokes))], -1)
+    places = points[:, None] + np.asarray(radii)[:, None, None] * disc.reshape(-1, 3)
+
+    def image(shift=(0.0, 0.0, 0.0)):
+        return camera.project(pose.transform(places + shift))
+
+    h = 1e-4
+    right, down = image((h, 0, 0)) - image((-h, 0, 0)), image((0, h, 0)) - image((0, -h, 0))
+    area = np.abs(right[..., 0] * down[..., 1] - right[..., 1] * down[..., 0])
+    area = area * np.repeat(weight * node, spokes)
+    return (image() * area[..., None]).sum(axis=1) / area.sum(axis=1)[:, None]
+
+
+def random_pose(camera, target, rng, near=25.0, far=100.0, tilt=60.0):
+    """Pose of a sheet whose middle is seen in the inner part of the picture, facing the camera."""
+    size = np.array([camera.width, camera.height])
+    while True:
+        ray = camera.unproject(rng.uniform(0.2 * size, 0.8 * size))
+        lean, about, spin = np.radians(tilt) * np.sqrt(rng.random()), *rng.uniform(0, 2 * np.pi, 2)
+        leaning = Rotation.from_rotvec(lean * np.array([np.cos(about), np.sin(about), 0.0]))
+        rotation = (leaning * Rotation.from_rotvec([0, 0, spin])).as_matrix()
+        distance = np.exp(rng.uniform(np.log(near), np.log(far)))
+        pose = Pose(rotation, ray * distance - rotation @ target.points.mean(axis=0))
+        if rotation[:, 2] @ pose.translation > 5:
+            return pose
+
+
+def view_of(camera, target, pose, rng, name="frame", noise=0.08, wrong=0.01):
+    """View of what falls into the picture, with noise, px, and a share of points with a wrong id."""
+    at = pose.transform(target.points)
+    angle = np.arctan2(np.hypot(at[:, 0], at[:, 1]), at[:, 2])
+    pixels = exact_centroids(camera, pose, target.points, target.radii)
+    size = np.array([camera.width, camera.height])
+    inside = (angle < camera.max_angle - 0.1) & np.all((pixels > 8) & (pixels < size - 9), axis=1)
+    ids = np.flatnonzero(inside)
+    pixels = pixels[ids] + rng.normal(0, noise, (len(ids), 2))
+    mixed = rng.random(len(ids)) < wrong
+    ids[mixed] = (ids[mixed] + rng.choice([-1, 1], mixed.sum())) % len(target.points)
+    return View(name, 0, ids, pixels)
+
+
+def make_views(camera, target, count, rng, least=20, **options):
+    """Views of `least` points or more, and their true poses."""
+    kept = {key: options.pop(key) for key in ("noise", "wrong") if key in options}
+    views, poses = [], []
+    while len(views) < count:
+        pose = random_pose(camera, target, rng, **options)
+        view = view_of(camera, target, pose, rng, f"frame_{len(views):03d}", **kept)
+        if len(view.ids) >= least:
+            views.append(view)
+            poses.append(pose)
+    return views, poses
+
+
+def map_error(found, camera, angle):
+    """Distances between where two cameras see the same rays, out to an angle off the axis (rad), px."""
+    rows, columns = np.mgrid[0 : camera.height : 20, 0 : camera.width : 20]
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)
+    rays = camera.unproject(pixels)
+    near = np.arccos(np.clip(rays[:, 2], -1, 1)) < angle
+    return np.linalg.norm(found.project(rays[near]) - pixels[near], axis=1)

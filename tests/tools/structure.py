@@ -1,0 +1,163 @@
+"""Measure the house: files, lines, folders, levels, arrows that run back up, circles.
+
+``python tests/tools/structure.py [FOLDER]`` prints the figures of the package in a folder, by default
+this checkout's. Imports are read from the code, those inside functions and under ``TYPE_CHECKING``
+included; nothing is run.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+Graph = Mapping[str, set[str]]  # who imports whom
+
+
+def modules(package: Path) -> dict[str, Path]:
+    """Dotted names, below the package, of its modules; its own faces (``__init__``) left out."""
+    paths = sorted(package.rglob("*.py"))
+    return {".".join(p.relative_to(package).with_suffix("").parts): p for p in paths if p.stem != "__init__"}
+
+
+def imports(package: Path) -> dict[str, set[str]]:
+    """Which modules of the package each of its modules imports.
+
+    A name that is taken from a folder's face counts as all that the face offers under that name.
+    """
+    known = modules(package)
+    graph: dict[str, set[str]] = {}
+    for module, path in known.items():
+        graph[module] = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for name in _imported(node, package.name):
+                parts = name.split(".")
+                # The longest part of the name that is a module; a folder's face is the folder itself.
+                ends = [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
+                found = next((end for end in ends if end in known), None)
+                if found is None:
+                    found = next((end for end in ends if (package / end.replace(".", "/")).is_dir()), None)
+                if found is not None and found != module:
+                    graph[module].add(found)
+    return graph
+
+
+def _imported(node: ast.AST, package: str) -> Iterable[str]:
+    if isinstance(node, ast.Import):
+        names = [alias.name for alias in node.names]
+    elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+        names = [f"{node.module}.{alias.name}" for alias in node.names]
+    else:
+        return []
+    return [name.removeprefix(f"{package}.") for name in names if name.startswith(f"{package}.")]
+
+
+def folder_of(module: str) -> str:
+    """The room of a module: the first part of its name."""
+    return module.split(".")[0]
+
+
+def by_folder(graph: Graph) -> dict[str, set[str]]:
+    """The same arrows between folders; a module at the top stands for itself."""
+    folders: dict[str, set[str]] = {}
+    for module, others in graph.items():
+        here = folders.setdefault(folder_of(module), set())
+        here |= {folder_of(other) for other in others} - {folder_of(module)}
+    return folders
+
+
+def circles(graph: Graph) -> list[list[str]]:
+    """Groups that import one another, directly or not (Tarjan's strongly connected components)."""
+    number: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(node: str) -> None:
+        number[node] = low[node] = len(number)
+        stack.append(node)
+        for other in sorted(graph.get(node, ())):
+            if other not in number:
+                visit(other)
+                low[node] = min(low[node], low[other])
+            elif other in stack:
+                low[node] = min(low[node], number[other])
+        if low[node] == number[node]:
+            group = stack[stack.index(node) :]
+            del stack[stack.index(node) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for node in sorted(graph):
+        if node not in number:
+            visit(node)
+    return found
+
+
+def levels(graph: Graph) -> dict[str, int]:
+    """Longest way down from each, from 1; those in one circle share a level."""
+    group = {name: name for name in {*graph, *(other for others in graph.values() for other in others)}}
+    for circle in circles(graph):
+        group.update(dict.fromkeys(circle, circle[0]))
+    below: dict[str, set[str]] = {}
+    for name, others in graph.items():
+        below.setdefault(group[name], set()).update(group[other] for other in others)
+    depth: dict[str, int] = {}
+
+    def level(name: str) -> int:
+        if name not in depth:
+            depth[name] = 1 + max((level(o) for o in below.get(name, ()) if o != name), default=0)
+        return depth[name]
+
+    return {name: level(group[name]) for name in group}
+
+
+def upward(graph: Graph, order: list[str]) -> list[tuple[str, str]]:
+    """Arrows from a lower folder to a higher one, in an order given from the bottom up."""
+    rank = {folder: place for place, folder in enumerate(order)}
+    return sorted(
+        (module, other)
+        for module, others in graph.items()
+        for other in others
+        if rank.get(folder_of(other), -1) > rank.get(folder_of(module), len(order))
+    )
+
+
+def lines(paths: Iterable[Path]) -> tuple[int, int]:
+    """Lines in all, and those of docstrings."""
+    total = words = 0
+    for path in paths:
+        text = path.read_text(encoding="utf-8")
+        total += len(text.splitlines())
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node):
+                words += (node.body[0].end_lineno or 0) - node.body[0].lineno + 1
+    return total, words
+
+
+def main(root: Path = ROOT) -> None:
+    """Print the figures."""
+    package = root / "endolab"
+    graph = imports(package)
+    folders = by_folder(graph)
+    deep, wide = levels(graph), levels(folders)
+    code, words = lines(package.rglob("*.py"))
+    tests, _ = lines((root / "tests").rglob("*.py"))
+    print(f"files             {len(graph)}")
+    print(f"folders           {sum((package / name).is_dir() for name in folders)}")
+    print(f"lines             {code}, of them docstrings {words}")
+    print(f"lines of tests    {tests}")
+    print(f"levels of files   {max(deep.values())}")
+    print(f"levels of folders {max(wide.values())}")
+    print(f"arrows            {sum(map(len, graph.values()))} between files")
+    print(f"circles           {len(circles(graph))} of files, {len(circles(folders))} of folders")
+    for circle in (*circles(graph), *circles(folders)):
+        print("   ", " - ".join(circle))
+    for level in sorted(set(wide.values())):
+        print(f"{level:>3}  {' '.join(sorted(name for name in folders if wide[name] == level))}")
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:2]))

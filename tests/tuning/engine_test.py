@@ -1,0 +1,305 @@
+"""The tuner's engine: the latest wish wins, nothing stale comes last, errors are sentences."""
+
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab import datasets
+from endolab.depth.result import Iterate, run
+from endolab.numerics.iteration import Status
+from endolab.reconstruction.problem_setup import pose
+from endolab.tuning import engine as tuning
+from endolab.tuning.engine import Tuner, sentence_of
+from endolab.tuning.source import Settings, Source
+
+PAPER = datasets.load_calibration("paper")
+SMALL = Settings(scene="tube", width=160)
+
+
+@pytest.fixture
+def start():
+    """Function that starts a tuner on the paper's endoscope; all are closed at the end."""
+    made = []
+
+    def start(on_outcome=None, **options):
+        made.append(Tuner(options.pop("calibration", PAPER), on_outcome, **options))
+        return made[-1]
+
+    yield start
+    for tuner in made:
+        tuner.close()
+
+
+class Slow:
+    """A solver of 40 steps of 5 ms, which counts how often it ran to its end and what it was given."""
+
+    def __init__(self):
+        self.ended, self.begun, self.starts = 0, [], []
+
+    def __call__(self, frame, calibration, *, observers=(), start=None, max_iterations=None, lam=1.0, **_):
+        if lam == 13:
+            raise ArithmeticError("thirteen\nand a traceback")
+        self.begun.append(lam)
+        self.starts.append(None if start is None else start.problem.lam)
+        problem = replace(pose(frame, calibration), lam=lam)
+
+        def iterates():
+            iterate = Iterate.of(problem, problem.log_facing)
+            for _ in range(40):
+                yield iterate
+                time.sleep(0.005)
+                iterate = Iterate.of(problem, problem.log_facing, iterate)
+            self.ended += 1
+            return Status.CONVERGED
+
+        return run(iterates(), observers, max_iterations)
+
+
+def test_a_coarse_answer_comes_before_the_fine_one_and_both_are_near_the_truth(start):
+    told = []
+    tuner = start(told.append)
+    serial = tuner.ask(Settings(scene="tube"))
+    final = tuner.wait(60)
+    told = [one for one in told if one.stage != "refining"]  # of a slow machine
+    assert [(one.stage, one.serial) for one in told] == [("coarse", serial), ("fine", serial)]
+    assert told[-1] is final
+    assert [one.result.mask.shape for one in told] == [(120, 160), (240, 320)]
+    assert final.median_error < 0.5
+    assert told[0].median_error < 1.5
+
+
+def test_the_next_answer_starts_from_the_last_on_the_same_grid(start):
+    solver = Slow()
+    tuner = start(solve=solver)
+    for lam, width in ((1.0, 160), (2.0, 160), (3.0, 200)):
+        tuner.ask(replace(SMALL, lam=lam, width=width))
+        tuner.wait(30)
+    assert solver.begun == [1, 1, 2, 2, 3, 3]
+    assert solver.starts == [None, None, 1, 1, None, None]
+
+
+def test_a_warm_result_costs_no_more_energy_than_a_cold_one(start):
+    tuner = start()
+    for lam in (1.0, 0.3, 3.0):
+        tuner.ask(replace(SMALL, lam=lam))
+        warm = tuner.wait(30)
+        assert warm.result.energy < 1.05 * tuner.cold(replace(SMALL, lam=lam)).result.energy
+
+
+def test_after_a_burst_only_the_last_wish_is_answered_in_full(start):
+    told, solver = [], Slow()
+    tuner = start(told.append, solve=solver)
+    for i in range(50):
+        last = tuner.ask(replace(SMALL, lam=1.0 + i))
+        time.sleep(0.004)
+    final = tuner.wait(30)
+    assert final.serial == last
+    assert final.settings.lam == 50
+    time.sleep(0.1)
+    assert told[-1] is final
+    assert [one.serial for one in told if one.stage == "fine"] == [last]
+    assert [one.serial for one in told] == sorted(one.serial for one in told)
+    assert solver.ended == 1  # the coarse ones stop early, and every other fine one was cancelled
+
+
+def test_a_long_solve_shows_what_it_has_so_far(start, monkeypatch):
+    monkeypatch.setattr(tuning, "PATIENCE", 0.05)
+    told = []
+    tuner = start(told.append, solve=Slow())
+    tuner.ask(SMALL)
+    final = tuner.wait(30)
+    stages = [one.stage for one in told]
+    between = told[1:-1]
+    assert (stages[0], stages[-1]) == ("coarse", "fine")
+    assert {one.stage for one in between} == {"refining"}
+    assert 1 <= len(between) <= 20
+    steps = [one.result.iterations for one in between]
+    assert steps == sorted(steps)
+    assert all(len(one.result.history) == one.result.iterations + 1 for one in between)
+    assert all(one.median_error is not None for one in between)
+    assert told[-1] is final
+
+
+def test_a_wish_stops_the_solve_in_flight_at_its_next_iterate(start):
+    begun, stopped = threading.Event(), threading.Event()
+
+    def endless(frame, calibration, *, observers=(), lam=1.0, **_):
+        problem = pose(frame, calibration)
+        if lam == 2:
+            return run(iter_once(problem), observers)
+        begun.set()
+        try:
+            start = Iterate.of(problem, problem.log_facing)
+            while True:
+                time.sleep(0.002)
+                if any(observer(start) for observer in observers):
+                    break
+        finally:
+            stopped.set()
+        return run(iter_once(problem))
+
+    def iter_once(problem):
+        yield Iterate.of(problem, problem.log_facing)
+        return Status.CONVERGED
+
+    tuner = start(solve=endless)
+    tuner.ask(replace(SMALL, lam=1.0))
+    assert begun.wait(10)
+    tuner.ask(replace(SMALL, lam=2.0))
+    assert stopped.wait(5)
+    assert tuner.wait(10).settings.lam == 2
+
+
+def test_an_error_is_one_line_and_the_next_wish_works(start):
+    tuner = start(solve=Slow())
+    tuner.ask(replace(SMALL, lam=13))
+    failed = tuner.wait(10)
+    assert failed.error == "thirteen"
+    assert failed.result is None
+    assert failed.median_error is None
+    tuner.ask(SMALL)
+    assert tuner.wait(10).error is None
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (Settings(scene="moon"), "unknown scene 'moon'; choose plane"),
+        (Settings(scene=None), "there is no frame to look at"),
+        (replace(SMALL, lam=-1), "lam must be finite and at least 0, got -1"),
+        (replace(SMALL, epsilon=0), "epsilon must be positive"),
+        (replace(SMALL, noise=-1), "noise must be finite"),
+        (replace(SMALL, gamma=0.0), "gamma must be positive"),
+        (replace(SMALL, solver="magic"), "unknown solver 'magic'"),
+        (replace(SMALL, width=0), "width must be at least 1 px, got 0"),
+    ],
+)
+def test_what_cannot_be_solved_is_said(start, settings, words):
+    tuner = start()
+    tuner.ask(settings)
+    assert words in tuner.wait(10).error
+
+
+def test_a_watcher_that_fails_stops_nothing(start):
+    def fail(outcome):
+        raise OSError("no screen")
+
+    tuner = start(fail)
+    tuner.ask(SMALL)
+    assert tuner.wait(30).error is None
+    assert tuner.complaint == "no screen"
+
+
+def test_close_ends_the_thread_and_the_solve(start):
+    before, solver = threading.active_count(), Slow()
+    tuner = start(solve=solver)
+    assert threading.active_count() == before + 1
+    tuner.ask(SMALL)
+    while not solver.begun:
+        time.sleep(0.01)
+    tuner.close()
+    tuner.close()
+    assert threading.active_count() == before
+    assert solver.ended == 0
+    with pytest.raises(ValueError, match="closed"):
+        tuner.ask(SMALL)
+    with pytest.raises(TimeoutError, match="closed"):
+        tuner.wait(1)
+
+
+def test_waiting_ends(start):
+    tuner = start(solve=Slow())
+    with pytest.raises(ValueError, match="nothing was asked for"):
+        tuner.wait(1)
+    tuner.ask(SMALL)
+    with pytest.raises(TimeoutError, match="no answer in 0"):
+        tuner.wait(0.001)
+
+
+# What the knobs mean --------------------------------------------------------------------
+
+
+def frame_of(width=200):
+    small = PAPER.resize(width, 150)
+    view = el.render(el.SCENES["tube"], small.camera, small.photometry, noise=1, bits=8)
+    return el.Frame(view.image, view.mask), el.Calibration(view.camera, view.photometry), view.distance
+
+
+KNOBS = [
+    Settings(scene="tube", width=160, noise=2.0, lam=0.3),
+    Settings(scene="plane", width=160, k=2.0, gamma=2.0, gain=1.5, xi="d", regulariser="first"),
+    Settings(scene="colon", width=128, channel="red", solver="fast_marching", epsilon=1e-2),
+    Settings(scene=None, width=160),
+    Settings(scene=None, width=400, k=2.2, gain=0.5),
+]
+
+
+@pytest.mark.parametrize("settings", KNOBS)
+def test_the_code_makes_the_same_result(start, settings):
+    frame, calibration, _ = frame_of()
+    known = PAPER if settings.scene else calibration
+    code = settings.code(known)
+    assert len(code.splitlines()) <= 3
+    names = {"el": el, "replace": replace, "calibration": known, "frame": frame}
+    exec(code, names)
+    tuner = start(calibration=known, frame=None if settings.scene else frame)
+    cold = tuner.cold(settings).result
+    assert np.array_equal(names["result"].distance, cold.distance, equal_nan=True)
+    tuner.ask(settings)  # the first answer is cold too
+    assert np.array_equal(tuner.wait(30).result.distance, cold.distance, equal_nan=True)
+
+
+def test_a_gain_believed_to_be_four_times_as_high_doubles_distances(start):
+    tuner = start()
+    near, far = (tuner.cold(replace(SMALL, gain=gain)).result.distance for gain in (1.0, 4.0))
+    assert np.nanmax(np.abs(far / near - 2)) < 1e-3
+
+
+def test_a_frame_without_gain_has_an_error_up_to_scale(start):
+    frame, calibration, truth = frame_of()
+    unknown = replace(calibration, photometry=replace(calibration.photometry, gain=None))
+    tuner = start(calibration=unknown, frame=frame, truth=truth)
+    outcome = tuner.cold(Settings(scene=None, width=160))
+    assert not outcome.result.metric
+    assert outcome.median_error < 3
+    assert tuner.cold(Settings(scene=None, width=160, gain=4)).median_error == outcome.median_error
+
+
+def test_noise_does_not_meet_the_surface_again():
+    source = Source(PAPER)
+    views = [source.view(replace(SMALL, noise=noise)) for noise in (0.0, 1.0)]
+    assert views[0].truth is not views[1].truth
+    assert np.array_equal(views[0].truth, views[1].truth, equal_nan=True)
+    assert views[0].calibration.camera is views[1].calibration.camera
+    difference = (views[1].frame.image - views[0].frame.image)[views[0].frame.mask]
+    assert 0.8 < 255 * difference.std() < 1.05
+
+
+def test_memory_is_bounded():
+    source = Source(PAPER)
+    for noise in range(40):
+        source.coarse_view(Settings(scene="plane", width=80, noise=noise / 10))
+    assert len(source._memory) <= 12
+
+
+def test_frame_truth_and_calibration_must_fit(start):
+    frame, calibration, truth = frame_of()
+    tuner = start(calibration=calibration)
+    with pytest.raises(ValueError, match="200x150 px, but the calibration is for 1440x1080 px"):
+        tuner.use(PAPER, frame)
+    with pytest.raises(ValueError, match="truth has shape"):
+        tuner.use(calibration, frame, truth[1:])
+    with pytest.raises(ValueError, match="there is no frame"):
+        tuner.use(calibration, None, truth)
+    tuner.use(calibration, frame, truth)
+    tuner.ask(Settings(scene=None, width=160))
+    assert tuner.wait(30).median_error < 5
+
+
+def test_a_sentence_is_one_line():
+    assert sentence_of(ValueError("a\nb")) == "a"
+    assert sentence_of(KeyError()) == "KeyError"

@@ -1,0 +1,350 @@
+"""The tuner's widget without a browser: knobs, picture, status line, export, what cannot be read."""
+
+import threading
+import time
+from dataclasses import replace
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab import datasets
+from endolab.io.atomic import as_json
+from endolab.tuning.engine import Tuner
+from endolab.tuning.panels import Cut, contrast, limits_of, outcome_board, spots, summary
+from endolab.tuning.pictures import board, coloured, curve_panel, grey_or_colour, map_panel, panel, ticks
+from endolab.tuning.source import Settings
+from endolab.tuning.widget import tune
+
+
+@pytest.fixture
+def make():
+    """Function that makes a tuner of few pixels; all are closed at the end."""
+    made = []
+
+    def make(*given, **options):
+        made.append(tune(*given, **{"scene": "tube", "width": 160} | options))
+        return made[-1]
+
+    yield make
+    for box in made:
+        box.close()
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """A frame of a tube, its calibration and its true distance."""
+    small = datasets.load_calibration("paper").resize(160, 120)
+    view = el.render(el.SCENES["tube"], small.camera, small.photometry, noise=1, bits=8)
+    return el.Frame(view.image, view.mask), el.Calibration(view.camera, view.photometry), view.distance
+
+
+def decoded(image):
+    return cv2.imdecode(np.frombuffer(image.value, np.uint8), cv2.IMREAD_COLOR)
+
+
+def until(condition, seconds=20):
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.02)
+    assert condition()
+
+
+def test_a_moved_knob_changes_the_picture_and_the_line(make):
+    box = make()
+    box.engine.wait(30)
+    first, line = box.pair.picture.value, box.status.value
+    assert decoded(box.pair.picture).shape == (548, 1176, 3)
+    assert "median error" in line
+    assert "fine" in line
+    for name, value in (("lam", 0.1), ("xi", "d"), ("noise", 2.0), ("k", 3.0), ("solver", "fast_marching")):
+        box.knobs[name].value = value
+        assert getattr(box.engine.wait(30).settings, name) == value
+        assert box.pair.picture.value != first
+        first = box.pair.picture.value
+    assert box.engine.complaint == ""
+
+
+def test_the_section_moves_without_a_solve(make):
+    box = make()
+    final = box.engine.wait(30)
+    before = box.pair.picture.value
+    box.knobs["section"].value = 30
+    box.knobs["across"].value = "row"
+    assert box.pair.picture.value != before
+    assert box.engine.wait(1) is final
+
+
+def test_sliders_at_their_ends_say_a_sentence_at_most(make):
+    box = make()
+    for name in ("lam", "epsilon", "noise", "k", "gamma", "gain", "section"):
+        for end in ("min", "max"):
+            knob = box.knobs[name]
+            before = knob.value
+            limit = getattr(knob, end)
+            knob.value = 10.0**limit if name in ("lam", "epsilon", "gain") else limit
+            outcome = box.engine.wait(30)
+            assert outcome.error is None or "\n" not in outcome.error
+            knob.value = before
+    assert box.engine.wait(30).error is None
+    assert box.engine.complaint == ""
+
+
+def test_an_error_is_a_line_and_the_picture_stays(make, seen):
+    frame, calibration, _ = seen
+    box = make(el.Frame(frame.image[..., 1], frame.mask), calibration)
+    box.engine.wait(30)
+    before = box.pair.picture.value
+    box.knobs["channel"].value = "red"
+    box.engine.wait(30)
+    assert "grey and has no red channel" in box.status.value
+    assert box.pair.picture.value == before
+    box.knobs["channel"].value = ""
+    box.engine.wait(30)
+    assert "energy" in box.status.value
+
+
+def test_a_frame_with_truth_shows_its_error(make, seen):
+    frame, calibration, truth = seen
+    box = make(frame, calibration, truth)
+    assert box.settings().scene is None
+    assert box.engine.wait(30).median_error < 5
+    assert box.knobs["noise"].disabled
+    box.knobs["scene"].value = "plane"
+    assert box.engine.wait(30).settings.scene == "plane"
+    assert not box.knobs["noise"].disabled
+
+
+def test_a_is_kept_beside_with_the_same_colours_and_dropped_again(make):
+    box = make()
+    box.engine.wait(30)
+    pair = box.pair
+    box.keeper.click()
+    kept = pair.picture_kept.value
+    assert kept == pair.picture.value
+    assert decoded(pair.picture).shape == (822, 784, 3)
+    box.knobs["gain"].value = 3.0
+    outcome = box.engine.wait(30)
+    assert pair.picture_kept.value == kept
+    assert pair.picture.value != kept
+    assert pair.limits(outcome) == limits_of(pair.kept)
+    assert limits_of(outcome) != pair.limits(outcome)
+    assert pair.children[0].layout.display is None
+    assert pair.children[0].layout.flex == pair.children[1].layout.flex
+    assert pair.picture_kept.caption.startswith("A: λ = 1, gain × 1 · median error")
+    assert pair.picture.caption.startswith("B (now): λ = 1, gain × 3 · median error")
+    box.keeper.click()
+    assert pair.kept is None
+    assert pair.children[0].layout.display == "none"
+    assert pair.picture.caption == ""
+    assert decoded(pair.picture).shape == (548, 1176, 3)
+    assert box.keeper.description == "keep as A"
+
+
+def test_a_without_a_truth_has_the_same_axes_of_the_section(outcome):
+    blind = replace(outcome, view=replace(outcome.view, truth=None))
+    iterate = blind.result.iterate
+    twice = replace(blind.result, iterate=replace(iterate, log_distance=iterate.log_distance + 0.7))
+    other = replace(blind, result=twice)
+    panels = [outcome_board(one, Cut(), limits)[274:, 392:784] for one, limits in (
+        (blind, None), (other, None), (other, limits_of(blind)))]  # fmt: skip
+    numbers = [panel[-38:-12].astype(int) for panel in panels]  # below the axis
+    assert (numbers[0] != numbers[1]).any()
+    assert (numbers[0] == numbers[2]).all()
+
+
+def test_what_differs_is_said():
+    one, other = Settings(scene=None, k=None, solver="primal_dual"), Settings(scene=None, k=3.0)
+    assert contrast(one, other) == "λ = 1, k = as calibrated, solver = primal-dual"
+    assert contrast(other, one) == "λ = 1, k = 3, solver = Gauss-Newton"
+
+
+def test_one_iteration_is_not_many(outcome):
+    assert summary(outcome).count(f"{outcome.result.iterations} iterations") == 1
+    once = replace(outcome, result=replace(outcome.result, history=[{"k": 1}]))
+    assert "1 iteration ·" in summary(once)
+
+
+def test_the_pointer_moves_the_section(make):
+    box = make()
+    final = box.engine.wait(30)
+    before = box.pair.picture.value
+    box.pair.picture.point = [0.301, 0.9, 1.0]
+    assert box.knobs["section"].value == 30
+    assert box.pair.picture.value != before
+    box.knobs["across"].value = "row"
+    box.keep()
+    kept = box.pair.picture_kept.value
+    box.pair.picture_kept.point = [0.301, 1.0, 2.0]
+    assert box.knobs["section"].value == 100
+    assert box.pair.picture_kept.value != kept
+    assert box.engine.wait(1) is final
+
+
+@pytest.mark.parametrize("columns", [3, 2])
+@pytest.mark.parametrize("shape", [(120, 160), (100, 300), (300, 100)])
+def test_spots_are_where_the_maps_are(outcome, columns, shape):
+    result = outcome.result
+    mask = np.zeros(shape, bool)
+    like = SimpleNamespace(result=SimpleNamespace(mask=mask))
+    for at, (left, top, right, bottom) in enumerate(spots(like, columns)):
+        rows = -(-6 // columns)
+        panels = [panel("")] * 6
+        panels[at] = map_panel("", np.zeros((*shape, 3), np.uint8))
+        black = board([panels[first : first + columns] for first in range(0, 6, columns)]).max(axis=-1) == 0
+        height, width = black.shape
+        ys, xs = np.nonzero(black)
+        assert (height, width) == (274 * rows, 392 * columns)
+        assert [left * width, right * width] == pytest.approx([xs.min(), xs.max() + 1])
+        assert [top * height, bottom * height] == pytest.approx([ys.min(), ys.max() + 1])
+    assert spots(outcome, columns)[0][2] == pytest.approx(328 / (392 * columns))
+    assert result.mask.shape == (120, 160)
+
+
+def test_the_code_is_shown_and_runs(make):
+    box = make()
+    box.knobs["lam"].value = 0.5
+    box.show_code()
+    assert box.code.layout.display is None
+    names = {}
+    exec(box.code.value, names)
+    cold = box.engine.cold(box.settings()).result
+    assert np.array_equal(names["result"].distance, cold.distance, equal_nan=True)
+    box.show_code()
+    assert box.code.layout.display == "none"
+
+
+def test_export_writes_everything_or_nothing(make, tmp_path):
+    box = make()
+    box.export(tmp_path / "out")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {
+        *("board.png", "result.py", "recording.rrd", "depth.npz", "cloud.ply", "overview.png", "report.json")
+    }
+    with np.load(tmp_path / "out" / "depth.npz") as stored:
+        cold = box.engine.cold(box.settings()).result
+        assert np.allclose(stored["distance"], cold.distance, equal_nan=True, rtol=1e-6)
+    (tmp_path / "file").write_text("here")
+    box.folder.value = str(tmp_path / "file" / "out")
+    box._export_aside()
+    until(lambda: "cannot write to the folder" in box.status.value)
+    box.knobs["lam"].value = 2.0
+    box.engine.wait(30)
+    assert "energy" in box.status.value
+
+
+def png(picture):
+    return cv2.imencode(".png", np.round(255 * picture[..., ::-1]).astype(np.uint8))[1].tobytes()
+
+
+def test_a_dropped_frame_and_calibration_are_looked_at(make, seen):
+    frame, calibration, _ = seen
+    box = make()
+    box.take({"mine.png": png(frame.image), "endoscope.json": as_json(calibration.to_dict())})
+    assert box.engine.wait(30).view.frame.name == "mine.png"
+    assert "truth unknown" in box.status.value
+    assert 'el.read_frame("mine.png"' in box.python().replace("'", '"')
+    box.take({"endoscope.json": as_json(calibration.to_dict())})
+    assert box.engine.wait(30).settings.scene == "colon"
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ({"a.png": b"not a picture"}, "a.png: not a picture that can be read"),
+        ({"a.json": b"{"}, "a.json"),
+        ({"a.json": b'{"endolab": 2}'}, "expected version 1, found 2"),
+        ({"a.png": png(np.ones((4, 5, 3)))}, "a.png is 5x4 px, but the calibration is for 1440x1080 px"),
+    ],
+)
+def test_what_cannot_be_read_is_said_and_changes_nothing(make, files, words):
+    box = make()
+    before = box.engine.wait(30)
+    entries = [{"name": name, "content": memoryview(content)} for name, content in files.items()]
+    box._guarded(lambda: box.take({one["name"]: one["content"] for one in entries}))()
+    assert words in box.status.value
+    assert "/tmp" not in box.status.value
+    assert box.engine.wait(1) is before
+
+
+def test_a_solve_under_way_does_not_wipe_off_what_a_button_said(make):
+    box = make()
+    box.engine.wait(30)
+    before = box.pair.picture.value
+    box.knobs["lam"].value = 0.01
+    box._guarded(lambda: box.take({"a.json": b"{"}))()
+    box.engine.wait(30)
+    assert box.pair.picture.value != before
+    assert "a.json" in box.status.value
+    box.knobs["lam"].value = 1.0
+    box.engine.wait(30)
+    assert "energy" in box.status.value
+
+
+def test_wrong_arguments_are_refused(seen):
+    threads = threading.active_count()
+    with pytest.raises(ValueError, match="unknown scene 'moon'"):
+        tune(scene="moon")
+    with pytest.raises(ValueError, match="but the calibration is for 1440x1080"):
+        tune(seen[0])
+    assert threading.active_count() == threads
+
+
+def test_close_ends_the_thread(make):
+    threads = threading.active_count()
+    box = make()
+    assert threading.active_count() == threads + 1
+    box.close()
+    assert threading.active_count() == threads
+
+
+# Boards ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def outcome():
+    engine = Tuner(datasets.load_calibration("simple", 160))
+    yield engine.cold(Settings(scene="tube", width=160))
+    engine.close()
+
+
+def test_a_board_shows_what_is_known(outcome):
+    whole = outcome_board(outcome, Cut())
+    assert whole.shape == (548, 1176, 3)
+    blind = outcome_board(replace(outcome, view=replace(outcome.view, truth=None)), Cut(0.0, True))
+    assert blind.shape == whole.shape
+    assert (blind != whole).any()
+
+
+def test_a_cut_stays_in_the_picture():
+    assert [Cut(share).index((3, 4)) for share in (0, 0.5, 1)] == [0, 2, 3]
+    assert [Cut(share, True).index((3, 4)) for share in (0, 0.5, 1)] == [0, 1, 2]
+
+
+def test_colours_span_their_limits_and_leave_out_what_is_unknown():
+    values = np.array([[0.0, 1.0, 5.0, np.nan]])
+    assert coloured(values, (0, 1)).tolist()[0] == [[68, 1, 84], [253, 231, 37], [253, 231, 37], [184] * 3]
+    middle = coloured(np.zeros((1, 1)), (-1, 1), "diverging")[0, 0]
+    assert middle.min() > 250
+    assert grey_or_colour(np.array([[0.5, np.nan]])).tolist()[0] == [[128] * 3, [184] * 3]
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 1), (-3.2, 170), (1e-5, 2e-5), (2, 2)])
+def test_ticks_are_round_and_within(low, high):
+    marks = ticks(low, high)
+    assert 1 <= len(marks) <= 8
+    assert all(low - 1e-12 <= mark <= high + 1e-12 for mark in marks)
+
+
+def test_a_panel_takes_any_shape():
+    shapes = {map_panel("", np.zeros((h, w, 3), np.uint8)).shape for h, w in ((1, 1), (900, 3), (480, 640))}
+    assert len(shapes) == 1
+
+
+def test_a_curve_of_one_point_is_a_dot():
+    one = [("data", np.zeros(1), np.ones(1))]
+    none = [("data", np.zeros(1), np.full(1, np.nan))]
+    drawn, blank = (curve_panel("", curves, "x", "y", y_limits=(0, 2)) for curves in (one, none))
+    assert (drawn != blank).any()
