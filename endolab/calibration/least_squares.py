@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import chdtri, gammainc
 
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, frozen
-from endolab.numerics.iteration import Status
+from endolab.numerics.iteration import Status, drive
 from endolab.numerics.penalties import huber
 
 GONE = 1e-13  # eigenvalue, relative to the diagonal, of a direction that the data do not tell
@@ -443,24 +443,15 @@ def fit(
     Fit
         Also after a keyboard interrupt: the last iterate, of status STOPPED.
     """
-    steps = iterate_fit(model, start, max_iterations, smallest)
-    watching, history = list(observers), []
+    history: list[dict[str, float]] = []
     last: FitIterate | None = None
-    status = Status.STOPPED
-    try:
-        while True:
-            try:
-                last = next(steps)
-            except StopIteration as stop:
-                status = stop.value
-                break
-            history.append({"k": last.k, "cost": last.cost, "sigma": last.sigma, "change": last.change})
-            wishes = [observer(last) for observer in watching]  # all see it, whatever one says
-            if any(wishes):
-                break
-    except KeyboardInterrupt:
-        if last is None:
-            raise
+
+    def keep(step: FitIterate, _: float) -> None:
+        nonlocal last
+        last = step
+        history.append({"k": step.k, "cost": step.cost, "sigma": step.sigma, "change": step.change})
+
+    status = drive(iterate_fit(model, start, max_iterations, smallest), observers, keep)
     assert last is not None
     lin = model.linearise(last.unknowns)
     choice = _Round(last.stage, last.round, last.used, last.sigma)

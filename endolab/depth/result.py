@@ -1,16 +1,15 @@
 """Running a solver: what an iterate is, when to stop, and what comes out.
 
-A solver is a generator that yields `Iterate`s and returns the `Status` with which it ended.
-`run` drives it, keeps the history and tells the observers, which are any callables
+A solver is a generator that yields `Iterate`s and returns the `Status` with which it ended. A
+reconstruction is one too, of several stages: iterates say which stage and round they are of.
+`run` drives either, keeps the history and tells the observers, which are any callables
 ``Iterate -> bool | None``; one that returns True stops the run.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Generator, Iterable, Mapping
-from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +18,9 @@ from endolab.depth.energy import energy_terms
 from endolab.depth.problem import Problem
 from endolab.model.surface import normals, points
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
-from endolab.numerics.iteration import Status
+from endolab.numerics.iteration import Status, closing, drive
+
+SOLUTION, SCALED = "solution", "scaled"  # the stage whose answer counts, and the same in a known unit
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,10 @@ class Iterate:
         Whatever else the solver has to show.
     scalars : mapping of str to float
         Likewise: step, damping, inner iterations.
+    stage : str
+        Of a reconstruction: "bounced light", "contours", "solution", "scaled".
+    round : int
+        Of that stage, from 1 where there are several.
     """
 
     problem: Problem
@@ -53,6 +58,8 @@ class Iterate:
     change: float = float("nan")
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
     scalars: Mapping[str, float] = field(default_factory=dict)
+    stage: str = SOLUTION
+    round: int = 0
 
     @classmethod
     def of(
@@ -109,6 +116,17 @@ Solver = Generator[Iterate, None, Status]
 
 
 @dataclass(frozen=True)
+class Stage:
+    """What came of one stage of a run."""
+
+    name: str
+    round: int
+    iterations: int
+    energy: float  # the least
+    seconds: float  # observers apart
+
+
+@dataclass(frozen=True)
 class Result:
     """What a run found.
 
@@ -122,15 +140,19 @@ class Result:
     status : Status
         Why the run ended.
     history : list of dict
-        Per iterate: k, energy, its terms, change, seconds and the solver's scalars.
+        Per iterate of the last stage that solved: k, energy, its terms, change, seconds and the
+        solver's scalars.
     seconds : float
-        What the solver took, observers apart.
+        What all stages took, observers apart.
+    stages : tuple of Stage
+        All stages, in order.
     """
 
     iterate: Iterate
     status: Status
     history: list[dict[str, float]]
     seconds: float
+    stages: tuple[Stage, ...] = ()
 
     @property
     def problem(self) -> Problem:
@@ -178,7 +200,66 @@ class Result:
         return self.iterate.points
 
 
-def run(iterates: Solver, observers: Iterable[Observer] = (), max_iterations: int | None = None) -> Result:
+class _Kept:
+    """What is kept of one stage: its history, its last iterate and the one of least energy."""
+
+    def __init__(self, first: Iterate) -> None:
+        self.last = self.best = first
+        self.history: list[dict[str, float]] = []
+
+    def add(self, iterate: Iterate, seconds: float) -> None:
+        self.last = iterate
+        self.best = iterate if iterate.energy < self.best.energy else self.best
+        row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms, "change": iterate.change}
+        self.history.append(row | {"seconds": seconds, **iterate.scalars})
+
+    def answer(self, status: Status) -> Iterate:
+        return self.last if status is Status.CONVERGED else self.best
+
+
+def _bounded(steps: Solver, max_iterations: int | None) -> Solver:
+    """Pass iterates on as long as they are finite and not too many."""
+    try:
+        while True:
+            try:
+                iterate = next(steps)
+            except StopIteration as end:
+                status: Status = end.value
+                return status
+            if not np.all(np.isfinite(iterate.log_distance[iterate.mask])):
+                return Status.NON_FINITE
+            yield iterate
+            if max_iterations is not None and iterate.stage == SOLUTION and iterate.k >= max_iterations:
+                return Status.MAX_ITERATIONS
+    finally:
+        steps.close()
+
+
+def staged(steps: Solver, stage: str, round: int = 0) -> Generator[Iterate, None, Iterate]:
+    """Pass a solver's iterates on as those of a stage, and return the answer."""
+    kept: _Kept | None = None
+    steps = _bounded(steps, None)
+    try:
+        while True:
+            try:
+                iterate = replace(next(steps), stage=stage, round=round)
+            except StopIteration as end:
+                if kept is None:
+                    raise ValueError("the solver produced no depth map that is finite") from None
+                return kept.answer(end.value)
+            kept = _Kept(iterate) if kept is None else kept
+            kept.add(iterate, 0.0)
+            yield iterate
+    finally:
+        steps.close()
+
+
+def run(
+    iterates: Solver,
+    observers: Iterable[Observer] = (),
+    max_iterations: int | None = None,
+    last: Callable[[Iterate], Iterate] | None = None,
+) -> Result:
     """Drive a solver to its end.
 
     Parameters
@@ -190,51 +271,35 @@ def run(iterates: Solver, observers: Iterable[Observer] = (), max_iterations: in
         closed at the end, however the run ends.
     max_iterations : int, optional
         The most steps to take after the start.
+    last : callable, optional
+        What is made of the answer, such as the same in mm; observers are shown it too.
 
     Returns
     -------
     Result
         Also after a keyboard interrupt, if there is an iterate to return.
     """
+    kept: list[_Kept] = []
+    stages: list[Stage] = []
+
+    def keep(iterate: Iterate, seconds: float) -> None:
+        if not kept or (kept[-1].last.stage, kept[-1].last.round) != (iterate.stage, iterate.round):
+            kept.append(_Kept(iterate))
+        kept[-1].add(iterate, seconds)
+
     watching = list(observers)
-    history: list[dict[str, float]] = []
-    best: Iterate | None = None
-    last: Iterate | None = None
-    seconds = 0.0
-    try:
-        while True:
-            started = time.perf_counter()
-            try:
-                current = next(iterates)
-            except StopIteration as stop:
-                status = stop.value
-                break
-            finally:
-                seconds += time.perf_counter() - started
-            if not np.all(np.isfinite(current.log_distance[current.mask])):
-                status = Status.NON_FINITE
-                break
-            last = current
-            best = current if best is None or current.energy < best.energy else best
-            summary = {"k": current.k, "energy": current.energy, **current.terms}
-            history.append(summary | {"change": current.change, "seconds": seconds, **current.scalars})
-            wishes = [observer(current) for observer in watching]  # all see it, whatever one says
-            if any(wishes):
-                status = Status.STOPPED
-                break
-            if max_iterations is not None and current.k >= max_iterations:
-                status = Status.MAX_ITERATIONS
-                break
-    except KeyboardInterrupt:
-        if best is None:
-            raise
-        status = Status.STOPPED
-    finally:
-        with ExitStack() as ending:  # closes every observer, even if another fails to
-            ending.callback(iterates.close)
+    with closing(watching):
+        status = drive(_bounded(iterates, max_iterations), watching, keep)
+        if not kept:
+            raise ValueError("the solver produced no depth map that is finite")
+        before = 0.0
+        for one in kept:
+            shown, after = one.last, one.history[-1]["seconds"]
+            stages.append(Stage(shown.stage, shown.round, shown.k, one.best.energy, after - before))
+            before = after
+        answer = kept[-1].answer(status)
+        if last is not None:
+            answer = last(answer)
             for observer in watching:
-                if hasattr(observer, "close"):
-                    ending.callback(observer.close)
-    if best is None or last is None:
-        raise ValueError("the solver produced no depth map that is finite")
-    return Result(last if status is Status.CONVERGED else best, status, history, seconds)
+                observer(answer)
+    return Result(answer, status, kept[-1].history, before, tuple(stages))

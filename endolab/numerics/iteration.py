@@ -1,8 +1,19 @@
-"""Why an iteration ended."""
+"""One driver for everything that comes nearer step by step: depth solvers and calibration fits alike.
+
+They are generators that yield their steps and return the `Status` with which they ended. Who wants
+to see the steps is an observer: any callable ``step -> bool | None``, whose True ends the run.
+"""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from enum import Enum
+from typing import TypeVar
+
+Step = TypeVar("Step")
+Value = TypeVar("Value")
 
 
 class Status(Enum):
@@ -13,3 +24,57 @@ class Status(Enum):
     STOPPED = "An observer or the user stopped the run."
     STALLED = "The solver could not improve the result any more, short of its goal."
     NON_FINITE = "The solver produced a value that is not finite."
+
+
+def drive(
+    steps: Generator[Step, None, Status],
+    observers: Iterable[Callable[[Step], bool | None]],
+    keep: Callable[[Step, float], None],
+) -> Status:
+    """Take steps to the end, or until an observer or the user stops.
+
+    `keep` is given every step, and the seconds that the steps took so far, before the observers see
+    it. An interrupt after the first step counts as a stop; one before it is passed on.
+    """
+    watching, seconds, begun = list(observers), 0.0, False
+    try:
+        while True:
+            started = time.perf_counter()
+            try:
+                step = next(steps)
+            except StopIteration as end:
+                status: Status = end.value
+                return status
+            finally:
+                seconds += time.perf_counter() - started
+            keep(step, seconds)
+            begun = True
+            wishes = [observer(step) for observer in watching]  # all see it, whatever one says
+            if any(wishes):
+                return Status.STOPPED
+    except KeyboardInterrupt:
+        if not begun:
+            raise
+        return Status.STOPPED
+    finally:
+        steps.close()
+
+
+@contextmanager
+def closing(observers: Iterable[object]) -> Iterator[None]:
+    """Close every observer that can be closed at the end, even if another fails to."""
+    with ExitStack() as ending:
+        for observer in observers:
+            if hasattr(observer, "close"):
+                ending.callback(observer.close)
+        yield
+
+
+def finish(steps: Generator[object, None, Value]) -> Value:
+    """Run a generator to its end, unwatched, and return what it returns."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            value: Value = end.value
+            return value
