@@ -18,21 +18,12 @@ is missing: then the normal equations couple no pixels further apart than the He
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from endolab.depth.problem import AT_LEAST, EXACT, Problem
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.derivatives import (
-    forward_gradient,
-    forward_gradient_adjoint,
-    gradient,
-    gradient_adjoint,
-    hessian,
-    hessian_adjoint,
-)
+from endolab.numerics.derivatives import forward_gradient, gradient, hessian
 from endolab.numerics.penalties import huber
 
 
@@ -99,97 +90,3 @@ def energy_terms(problem: Problem, log_distance: FloatArray) -> dict[str, float]
         "data": float(huber(residual, problem.threshold).sum() / count),
         "regulariser": float(problem.lam * roughness[mask].sum() / count),
     }
-
-
-@dataclass(frozen=True)
-class GaussNewtonModel:
-    """The energy around a depth map, as a quadratic: what one Gauss-Newton step minimises.
-
-    Both Huber penalties are replaced by the parabolas that touch them (iteratively reweighted
-    least squares), the model image by its linearisation
-
-        I_model(v + δ) ≈ I_model(v) + a δ + b·∇δ,    a = ∂I/∂v = -2 I/γ,   b = 2 ∂I/∂P G⁻¹ ∇v.
-
-    All arrays are (H, W) and 0 outside the mask; the first five are 0, too, where the picture is no
-    evidence against the model.
-
-    Attributes
-    ----------
-    residual : array
-        I_model - I.
-    by_v, by_v_u, by_v_v : arrays
-        a and the two components of b.
-    data_weight : array
-        IRLS weight of the residual.
-    xi, xi_slope : arrays
-        ξ/ξ̃ and its derivative by v.
-    smoothness : array
-        Weight of |D ξ|² per pixel: λ g s² / max(‖D ξ‖, ε), s the energy's derivative scale.
-    """
-
-    problem: Problem
-    residual: FloatArray
-    by_v: FloatArray
-    by_v_u: FloatArray
-    by_v_v: FloatArray
-    data_weight: FloatArray
-    xi: FloatArray
-    xi_slope: FloatArray
-    smoothness: FloatArray
-
-    @classmethod
-    def at(cls, problem: Problem, log_distance: FloatArray) -> GaussNewtonModel:
-        """Linearise around v = log d, (H, W)."""
-        mask, field = problem.mask, problem.field
-        guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
-        f_u, f_v = gradient(log_distance, mask, problem.cuts, edge_order=1)
-        shade = problem.photometry.shade(log_distance, slant(f_u, f_v, field), field.cos_alpha)
-        intensity, by_v, by_slant = shade
-        residual = intensity - problem.image
-        xi = _scaled_xi(problem, log_distance)
-        size = _roughness(problem, xi)[1]
-        smoothness = problem.lam * problem.edge_weight * problem.derivative_scale**2
-        pieces = (
-            residual,
-            by_v,
-            2 * by_slant * (guu * f_u + guv * f_v),
-            2 * by_slant * (guv * f_u + gvv * f_v),
-            1 / np.maximum(np.abs(residual) / problem.threshold, 1.0),
-            xi,
-            xi if problem.xi == "d" else -xi,
-            smoothness / np.maximum(size, problem.epsilon),
-        )
-        counts = contradicted(problem, residual)
-        places = (*[counts] * 5, mask, mask, mask)
-        return cls(problem, *(np.where(at, piece, 0.0) for at, piece in zip(places, pieces, strict=True)))
-
-    @property
-    def gradient(self) -> FloatArray:
-        """Derivative of the energy by v, (H, W)."""
-        smooth = self.xi_slope * self._smooth(self.xi)
-        return (self._data_adjoint(self.data_weight * self.residual) + smooth) / self._count
-
-    def multiply(self, delta: FloatArray) -> FloatArray:
-        """Matrix of the quadratic times a change of v, (H, W) to (H, W)."""
-        problem = self.problem
-        delta_u, delta_v = gradient(delta, problem.mask, problem.cuts, edge_order=1)
-        change = self.by_v * delta + self.by_v_u * delta_u + self.by_v_v * delta_v
-        data = self._data_adjoint(self.data_weight * np.where(problem.mask, change, 0.0))
-        return (data + self.xi_slope * self._smooth(self.xi_slope * delta)) / self._count
-
-    @property
-    def _count(self) -> int:
-        return int(self.problem.mask.sum())
-
-    def _data_adjoint(self, residual: FloatArray) -> FloatArray:
-        around = (self.by_v_u * residual, self.by_v_v * residual)
-        return self.by_v * residual + gradient_adjoint(*around, self.problem.mask, self.problem.cuts)
-
-    def _smooth(self, xi: FloatArray) -> FloatArray:
-        """Dᵀ (smoothness · D ξ)."""
-        first = self.problem.regulariser == "first"
-        operator, adjoint = (
-            (forward_gradient, forward_gradient_adjoint) if first else (hessian, hessian_adjoint)
-        )
-        where = (self.problem.mask, self.problem.cuts)
-        return adjoint(self.smoothness * operator(xi, *where), *where)

@@ -1,9 +1,9 @@
 """Gauss-Newton on the energy: the default solver.
 
 Each step replaces both Huber penalties by the parabolas that touch them and the model by its
-linearisation, normals included, and solves the quadratic that results (`energy.GaussNewtonModel`)
-by conjugate gradients with a multigrid preconditioner. A step is halved until the energy falls,
-so the energies of the iterates fall, always.
+linearisation, normals included, and solves the quadratic that results (readably in
+tests/depth/gauss_newton_model.py) by conjugate gradients with a multigrid preconditioner. A step
+is halved until the energy falls, so the energies of the iterates fall, always.
 
 A fast march explains the frame, but takes the surface to face the camera where it enters the
 picture, at the border and behind contours. The true values there are whatever makes the surface

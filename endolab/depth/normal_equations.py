@@ -2,7 +2,7 @@
 
 It couples a pixel to the twelve that the squared central differences and the squared Hessian
 reach: two steps along rows and columns, one along diagonals. It is symmetric, so seven numbers
-a pixel hold it. `energy.GaussNewtonModel.multiply` is the same matrix, readably.
+a pixel hold it. The same matrix, readably: tests/depth/gauss_newton_model.py.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ import numpy as np
 import endolab as el
 from endolab import datasets
 from endolab.depth import multigrid
-from endolab.depth.energy import GaussNewtonModel, energy_terms
+from endolab.depth.energy import energy_terms
 from endolab.depth.grid import Grid
 from endolab.depth.primal_dual import _Path
 from endolab.depth.problem import Problem
@@ -29,7 +29,8 @@ from endolab.numerics.compiled import inner
 from endolab.reconstruction.problem_setup import pose
 from endolab.synthetic.scenes import Colon
 from tests.benchmarks.speed import _bandwidth, errors_of, table
-from tests.depth import primal_dual_test
+from tests.depth import primal_dual_model
+from tests.depth.gauss_newton_model import GaussNewtonModel
 
 SIZES = (80, 160, 320, 640, 1440)
 PRIMAL_DUAL_SIZES = (80, 160, 320)  # its iterations grow with the pixels
@@ -262,8 +263,8 @@ def primal_dual_steps() -> None:
         ours = _seconds(lambda path=path: path.advance(10, 1.0, 1.0), 5) / 10
         rows.append([f"{radius} px", f"{1e3 * ours:.2f}", ""])
     # Patches and s are written there for reading, in loops that take seconds.
-    primal_dual_test.patch_means = lambda p, *_: p
-    twin = primal_dual_test.Twin(problem, problem.log_facing, 0, 0.7)
+    primal_dual_model.patch_means = lambda p, *_: p
+    twin = primal_dual_model.PrimalDualModel(problem, problem.log_facing, 0, 0.7)
     twin.gain = lambda *_: 1.0
     rows[0][-1] = f"{1e3 * _seconds(lambda: twin.step(1.0), 5):.1f}"
     table(

@@ -6,30 +6,32 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
-from endolab.depth.energy import GaussNewtonModel, energy_terms, model_image
+from endolab.depth.energy import energy_terms, model_image
 from endolab.depth.fast_marching import fast_marching
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.grid import Grid
-from endolab.depth.multigrid import Multigrid, multiply
+from endolab.depth.multigrid import Multigrid
 from endolab.depth.primal_dual import _Path, primal_dual
-from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
-from endolab.numerics.compiled import inner, padded
+from endolab.depth.problem import AT_LEAST, EXACT, NONE
+from endolab.numerics.compiled import inner
 from endolab.numerics.penalties import huber
+from tests.depth.gauss_newton_model import (
+    GaussNewtonModel,
+    check_the_compiled,
+    inside,
+    relative,
+    slope_of_energy,
+)
+from tests.tools.problems import energies, every_regulariser, percent_off, problem_of
 
 SOLVERS = {"gauss_newton": gauss_newton, "primal_dual": primal_dual, "fast_marching": fast_marching}
 KINDS = {"at least": (AT_LEAST,), "none": (NONE,), "all three": (EXACT, AT_LEAST, NONE)}
 every_kind = pytest.mark.parametrize("kind", KINDS)
-every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
 
 
-def posed(scene, width, *, gain=1.0, **options):
-    """A rendered scene, in 8 bits, as a problem, and its truth; the gain in units of what fills the range."""
-    camera = datasets.load_calibration("simple", width).camera
-    photometry = el.render(el.SCENES[scene], camera, el.Photometry(brdf=el.Lambertian(0.5))).photometry
-    brighter = replace(photometry, gain=gain * photometry.gain)
-    seen = el.render(el.SCENES[scene], camera, brighter, bits=8)
-    return Problem(seen.image, seen.mask & (seen.image > 0.02), camera, seen.photometry, **options), seen
+def posed(scene, width, **options):
+    """A scene of the library in 8 bits."""
+    return problem_of(scene, width, bits=8, **options)
 
 
 def saturated(problem):
@@ -48,14 +50,6 @@ def worn(rng, kind, **options):
     evidence = rng.choice(KINDS[kind], mask.shape).astype(np.int8)
     v = np.log(seen.distance) + 0.05 * rng.normal(size=mask.shape)
     return replace(problem, mask=mask, cuts=cuts, evidence=evidence), v
-
-
-def percent(result, seen, where):
-    return 100 * np.mean(np.abs(result.distance / seen.distance - 1)[where])
-
-
-def relative(found, expected):
-    return np.abs(found - expected) / np.abs(expected).max()
 
 
 # The energy ------------------------------------------------------------------------------
@@ -77,13 +71,7 @@ def test_the_data_term_is_the_sum_written_out(rng):
 def test_the_slope_of_the_quadratic_is_the_energys(rng, kind, regulariser):
     problem, v = worn(rng, kind, regulariser=regulariser, epsilon=0.1)
     model = GaussNewtonModel.at(problem, v)
-    expected, h = np.zeros(v.shape), 1e-6
-    for pixel in map(tuple, np.argwhere(problem.mask)):
-        step = np.zeros(v.shape)
-        step[pixel] = h
-        there, back = (sum(energy_terms(problem, v + sign * step).values()) for sign in (1, -1))
-        expected[pixel] = (there - back) / (2 * h)
-    assert relative(model.gradient, expected).max() < 1e-6
+    assert relative(model.gradient, slope_of_energy(problem, v)).max() < 1e-6
     brighter = model_image(problem, v) > problem.image
     silent = (problem.evidence == NONE) | ((problem.evidence == AT_LEAST) & brighter)
     np.testing.assert_array_equal(model.data_weight == 0, silent | ~problem.mask)
@@ -114,16 +102,7 @@ def test_a_highlights_value_and_edge_play_no_part(rng):
 @every_regulariser
 def test_compiled_energy_and_equations_are_the_readable_ones(rng, kind, regulariser):
     problem, v = worn(rng, kind, regulariser=regulariser)
-    grid, at = Grid.of(problem), padded(np.where(problem.mask, v, 0.0))
-    assert grid.terms(at, problem.lam) == pytest.approx(energy_terms(problem, v), rel=1e-12)
-    model, (coefficients, descent) = GaussNewtonModel.at(problem, v), grid.linearised(at, problem.lam)
-    count = problem.mask.sum()
-    np.testing.assert_allclose(inner(coefficients.weight), model.data_weight, rtol=0, atol=1e-12)
-    assert relative(-inner(descent) / count, model.gradient).max() < 1e-12
-    x = np.where(problem.mask, rng.normal(size=v.shape), 0.0)
-    product = np.zeros_like(descent)
-    multiply(coefficients.matrix(0.0), padded(x), product)
-    assert relative(inner(product), count * model.multiply(x)).max() < 1e-12
+    check_the_compiled(problem, v, rng)
 
 
 def test_a_block_says_what_its_pixels_say():
@@ -142,15 +121,15 @@ def test_a_block_says_what_its_pixels_say():
 
 def test_coarse_equations_average_the_slope_of_xi_over_all_pixels_and_data_over_those_that_speak(rng):
     problem, v = worn(rng, "none", xi="d")
-    at = padded(np.where(problem.mask, v, 0.0))
+    at = inside(problem, v)
     coarse = Grid.of(problem).linearised(at, 1.0)[0].coarser()
     plain = Grid.of(replace(problem, evidence=None)).linearised(at, 1.0)[0].coarser()
     np.testing.assert_array_equal(coarse.slope, plain.slope)
     assert not coarse.weight.any()
     mixed = marked(problem, np.indices(v.shape).sum(axis=0) % 2 == 0, NONE)
     speaking = Grid.of(mixed).linearised(at, 1.0)[0].coarser()
-    inside = (speaking.weight > 0) & (plain.weight > 0)
-    assert np.all(np.abs(speaking.by_v / np.where(inside, plain.by_v, 1.0) - 1)[inside] < 0.3)  # not halved
+    both = (speaking.weight > 0) & (plain.weight > 0)
+    assert np.all(np.abs(speaking.by_v / np.where(both, plain.by_v, 1.0) - 1)[both] < 0.3)  # not halved
     assert np.isfinite(Multigrid(speaking).levels[0].inverse).all()
 
 
@@ -165,7 +144,7 @@ def test_evidence_that_is_exact_is_no_news(solver):
         el.run(SOLVERS[solver](each, **options)) for each in (problem, marked(problem, False, NONE))
     )
     np.testing.assert_array_equal(exact.distance, without.distance)
-    np.testing.assert_array_equal(*([each["energy"] for each in run.history] for run in (exact, without)))
+    np.testing.assert_array_equal(energies(exact), energies(without))
 
 
 # The primal-dual path --------------------------------------------------------------------
@@ -193,7 +172,7 @@ def test_both_solvers_stay_at_the_minimum_that_either_finds(what):
     path = el.run(primal_dual(problem, first.iterate.log_distance, patch=0, max_iterations=300, tolerance=0))
     assert path.energy < 1.05 * first.energy
     np.testing.assert_allclose(path.distance, first.distance, rtol=2e-3)
-    assert percent(path, seen, saturated(problem)) < 1
+    assert percent_off(path, seen, saturated(problem)) < 1
 
 
 # Physics ---------------------------------------------------------------------------------
@@ -206,12 +185,11 @@ def test_a_bowl_whose_nearest_part_is_saturated(gain, exact, bounded):
     bright = saturated(problem)
     assert bright.mean() > 0.1
     before, after = (el.run(gauss_newton(each)) for each in (problem, marked(problem, bright, AT_LEAST)))
-    assert percent(before, seen, bright) > exact
-    assert percent(after, seen, bright) < bounded
-    assert percent(after, seen, ~bright) < percent(before, seen, ~bright) / 2
+    assert percent_off(before, seen, bright) > exact
+    assert percent_off(after, seen, bright) < bounded
+    assert percent_off(after, seen, ~bright) < percent_off(before, seen, ~bright) / 2
     assert after.status is el.Status.CONVERGED
-    energies = [entry["energy"] for entry in after.history]
-    assert np.all(np.diff(energies) < 0)
+    assert np.all(np.diff(energies(after)) < 0)
 
 
 @pytest.mark.parametrize("radius", [6, 12])
@@ -222,9 +200,9 @@ def test_a_painted_blob_on_a_plane_is_seen_through(radius):
     blob = np.hypot(rows - 60, columns - 70) < radius
     problem = replace(problem, image=np.where(blob, 1.0, problem.image))
     taken, ignored = (el.run(gauss_newton(each)) for each in (problem, marked(problem, blob, NONE)))
-    assert percent(taken, seen, blob) > 15
-    assert percent(ignored, seen, blob) < 0.1
-    assert percent(ignored, seen, ~blob) < 0.05
+    assert percent_off(taken, seen, blob) > 15
+    assert percent_off(ignored, seen, blob) < 0.1
+    assert percent_off(ignored, seen, ~blob) < 0.05
 
 
 @pytest.mark.parametrize("what", [AT_LEAST, NONE])
@@ -233,7 +211,7 @@ def test_a_frame_that_says_nothing_still_ends(what, lam):
     problem, _ = posed("colon", 96, gain=3.0, lam=lam)
     result = el.run(gauss_newton(marked(problem, True, what)))
     assert np.all(np.isfinite(result.distance[problem.mask]))
-    assert np.all(np.diff([entry["energy"] for entry in result.history]) < 0)
+    assert np.all(np.diff(energies(result)) < 0)
     assert result.status is not el.Status.NON_FINITE
 
 

@@ -7,23 +7,17 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
 from endolab.depth.fast_marching import fast_marching
-from endolab.depth.problem import Problem
-from endolab.metrics.depth_errors import compare, occlusion_cuts
+from endolab.metrics.depth_errors import occlusion_cuts
+from tests.tools.problems import SHEET, errors_of, percent_off, problem_of
 
 AROUND = [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)]  # (row, column)
 FISHEYE = el.KannalaBrandt(48, 36, 24.0, 25.0, 23.0, 18.5, (-0.139, -0.00124, 0.000913, -0.0000407))
-PAPER_SHEET = el.TabulatedBRDF(
-    tuple(np.linspace(0, 1.5, 15)), tuple(0.2 + 0.1 * np.exp(-16 * np.linspace(0, 1.5, 15) ** 2))
-)
 
 
-def posed(scene, camera, *, brdf=None, mask=None, **options):
-    """A rendered scene as a problem, with its truth."""
-    seen = el.render(scene, camera, el.Photometry(brdf=brdf or el.Lambertian(0.5)), **options)
-    mask = seen.mask & (True if mask is None else mask) & (seen.image > 0.02)
-    return Problem(seen.image, mask, camera, seen.photometry), seen
+def marched(problem, **options):
+    """Distances."""
+    return el.run(fast_marching(problem, **options)).distance
 
 
 def largest_root(a, b, c):
@@ -142,31 +136,23 @@ def test_sweeping_gives_the_same_answer(rng, scene, camera, tear):
     holed = ~((rows > 7) & (rows < 10) & (columns > 4) & (columns < 8))
     if tear == "random":
         holed &= rng.random(holed.shape) > 0.05
-    problem, seen = posed(el.SCENES[scene], camera, mask=holed)
+    problem, seen = problem_of(scene, camera=camera, mask=holed)
     contours = occlusion_cuts(seen.distance)
     cuts = {"none": None, "contours": contours, "random": rng.random((2, 13, 17)) < 0.15}[tear]
     assert contours.sum() > 20 or scene != "colon"
     problem = replace(problem, cuts=cuts)
-    marched = el.run(fast_marching(problem)).distance
+    found = marched(problem)
     swept = np.sqrt(fast_sweeping(problem))
-    np.testing.assert_array_equal(np.isfinite(marched), problem.mask)
-    assert np.nanmax(np.abs(marched / swept - 1)) < 1e-9
+    np.testing.assert_array_equal(np.isfinite(found), problem.mask)
+    assert np.nanmax(np.abs(found / swept - 1)) < 1e-9
 
 
 @pytest.mark.parametrize("scene", ["plane", "curved"])
 def test_smooth_scenes_are_exact_to_second_order(scene):
     errors = []
     for width in (80, 160, 320):
-        calibration = datasets.load_calibration("simple", width)
-        problem, seen = posed(el.SCENES[scene], calibration.camera)
-        result = el.run(fast_marching(problem))
-        found = compare(
-            result.distance,
-            seen.distance,
-            problem.field.cos_alpha,
-            normals=result.normals,
-            true_normals=seen.normals,
-        )
+        problem, seen = problem_of(scene, width)
+        found = errors_of(el.run(fast_marching(problem)), seen)
         errors.append(found.mean_percent)
     assert found.mean_percent < 0.002
     assert found.mean_degrees < 0.01
@@ -176,29 +162,28 @@ def test_smooth_scenes_are_exact_to_second_order(scene):
 
 def test_the_tube_needs_its_border():
     """The border of the tube is inflow: wrong without its values (as the paper is), right with them."""
-    camera = datasets.load_calibration("simple", 320).camera
-    problem, seen = posed(el.SCENES["tube"], camera)
+    problem, seen = problem_of("tube", 320)
     inflow = np.full(seen.distance.shape, np.nan)
     for edge in (np.s_[:2], np.s_[-2:], np.s_[:, :2], np.s_[:, -2:]):
         inflow[edge] = np.log(seen.distance[edge])
-    without = el.run(fast_marching(problem)).distance
-    given = el.run(fast_marching(problem, inflow=inflow)).distance
-    assert 4 < 100 * np.nanmean(np.abs(without / seen.distance - 1)) < 9
-    assert 100 * np.nanmean(np.abs(given / seen.distance - 1)) < 0.3
+    without = marched(problem)
+    given = marched(problem, inflow=inflow)
+    assert 4 < percent_off(without, seen) < 9
+    assert percent_off(given, seen) < 0.3
     np.testing.assert_allclose(np.log(given)[:2], inflow[:2], rtol=1e-12)
 
 
-@pytest.mark.parametrize("brdf", [None, PAPER_SHEET], ids=["lambertian", "tabulated"])
+@pytest.mark.parametrize("brdf", [None, SHEET], ids=["lambertian", "tabulated"])
 def test_the_frame_is_explained(brdf):
     """The model of the marched surface is the frame, whatever the BRDF: below a tenth of a grey level."""
-    problem, seen = posed(el.SCENES["curved"], datasets.load_calibration("simple", 160).camera, brdf=brdf)
+    problem, seen = problem_of("curved", 160, brdf=brdf)
     result = el.run(fast_marching(problem))
     assert 255 * np.sqrt(2 * result.iterate.terms["data"]) < 0.1
-    assert 100 * np.nanmean(np.abs(result.distance / seen.distance - 1)) < 0.05
+    assert percent_off(result, seen) < 0.05
 
 
 def test_facing_is_an_upper_bound_and_the_seeds_reach_it():
-    problem, _ = posed(el.SCENES["colon"], datasets.load_calibration("paper", 120).camera, noise=2.0, bits=8)
+    problem, _ = problem_of("colon", 120, camera="paper", noise=2.0, bits=8)
     v = el.run(fast_marching(problem)).iterate.log_distance
     assert np.all(v[problem.mask] <= problem.log_facing[problem.mask] + 1e-12)
     lowest = np.nanargmin(problem.log_facing)
@@ -206,46 +191,44 @@ def test_facing_is_an_upper_bound_and_the_seeds_reach_it():
 
 
 def test_islands_do_not_see_each_other():
-    problem, _ = posed(el.SCENES["colon"], datasets.load_calibration("simple", 120).camera)
+    problem, _ = problem_of("colon", 120)
     columns = np.indices(problem.mask.shape)[1]
     left, right = problem.mask & (columns < 50), problem.mask & (columns > 51)
-    both = el.run(fast_marching(replace(problem, mask=left | right))).distance
+    both = marched(replace(problem, mask=left | right))
     for side in (left, right):
-        alone = el.run(fast_marching(replace(problem, mask=side))).distance
+        alone = marched(replace(problem, mask=side))
         np.testing.assert_array_equal(both[side], alone[side])
     assert np.all(np.isnan(both[~(left | right)]))
 
 
 def test_what_lies_outside_the_mask_is_not_read():
-    problem, _ = posed(el.SCENES["curved"], datasets.load_calibration("simple", 80).camera)
+    problem, _ = problem_of("curved", 80)
     mask = problem.mask & (np.indices(problem.mask.shape).sum(axis=0) % 7 > 0)
-    clean = el.run(fast_marching(replace(problem, mask=mask))).distance
+    clean = marched(replace(problem, mask=mask))
     spoilt = np.where(mask, problem.image, np.nan)
-    np.testing.assert_array_equal(
-        el.run(fast_marching(replace(problem, mask=mask, image=spoilt))).distance, clean
-    )
+    np.testing.assert_array_equal(marched(replace(problem, mask=mask, image=spoilt)), clean)
 
 
 def test_mirrored_and_turned_frames_give_mirrored_and_turned_surfaces():
     camera = el.Pinhole(61, 61, 40.0, 40.0, 30.0, 30.0)
-    problem, seen = posed(el.SCENES["colon"], camera)
+    problem, seen = problem_of("colon", camera=camera)
     for cut in (lambda distance: None, occlusion_cuts):
-        d = el.run(fast_marching(replace(problem, cuts=cut(seen.distance)))).distance
+        d = marched(replace(problem, cuts=cut(seen.distance)))
         for turn in (np.fliplr, np.flipud, np.transpose, np.rot90):
             image, mask, truth = (turn(a).copy() for a in (problem.image, problem.mask, seen.distance))
             turned = replace(problem, image=image, mask=mask, cuts=cut(truth))
-            np.testing.assert_allclose(el.run(fast_marching(turned)).distance, turn(d), rtol=1e-9)
+            np.testing.assert_allclose(marched(turned), turn(d), rtol=1e-9)
 
 
 def test_distances_scale_with_the_root_of_the_gain():
-    problem, _ = posed(el.SCENES["tube"], datasets.load_calibration("simple", 80).camera)
+    problem, _ = problem_of("tube", 80)
     brighter = replace(problem, photometry=replace(problem.photometry, gain=4 * problem.photometry.gain))
-    ratio = el.run(fast_marching(brighter)).distance / el.run(fast_marching(problem)).distance
+    ratio = marched(brighter) / marched(problem)
     np.testing.assert_allclose(ratio[problem.mask], 2.0, rtol=1e-10)
 
 
 def test_the_front_advances_and_ends_where_one_pass_ends():
-    problem, _ = posed(el.SCENES["colon"], datasets.load_calibration("paper", 120).camera)
+    problem, _ = problem_of("colon", 120, camera="paper")
     steps = list(fast_marching(problem, snapshots=7))
     arrived = [step.maps["arrived"] for step in steps]
     assert not arrived[0].any()
@@ -258,14 +241,10 @@ def test_the_front_advances_and_ends_where_one_pass_ends():
 
 
 def test_the_contours_of_the_colon_are_what_its_march_lacks():
-    problem, seen = posed(el.SCENES["colon"], datasets.load_calibration("simple", 160).camera)
+    problem, seen = problem_of("colon", 160)
     torn = replace(problem, cuts=occlusion_cuts(seen.distance))
-    error = [
-        100 * np.nanmean(np.abs(el.run(fast_marching(p)).distance / seen.distance - 1))
-        for p in (problem, torn)
-    ]
-    assert 9 < error[0] < 12
-    assert error[1] < 7.5
+    assert 9 < percent_off(marched(problem), seen) < 12
+    assert percent_off(marched(torn), seen) < 7.5
 
 
 def between(labels):
@@ -279,40 +258,38 @@ def between(labels):
 @pytest.mark.parametrize("angle", [0.0, 20.0, 45.0, 63.0, 90.0])
 def test_a_contour_one_step_thin_never_leaks(angle):
     """Straight lines at any angle, and a circle: each side is as if the other were not there."""
-    problem, _ = posed(el.SCENES["colon"], datasets.load_calibration("simple", 80).camera)
+    problem, _ = problem_of("colon", 80)
     rows, columns = np.indices(problem.mask.shape)
     turn = np.deg2rad(angle)
     line = (columns - 40) * np.cos(turn) + (rows - 30) * np.sin(turn) > 0
     circle = np.hypot(columns - 40, rows - 30) < 10 + angle / 6
     for side in (line, circle):
-        torn = el.run(fast_marching(replace(problem, cuts=between(side)))).distance
+        torn = marched(replace(problem, cuts=between(side)))
         for part in (side, ~side):
-            alone = el.run(fast_marching(replace(problem, mask=problem.mask & part))).distance
+            alone = marched(replace(problem, mask=problem.mask & part))
             np.testing.assert_array_equal(torn[part], alone[part])
 
 
 def test_contours_that_meet_at_corners_and_holes_do_not_leak(rng):
     """A random patchwork: each patch, whatever its neighbours show, is the same."""
-    problem, _ = posed(el.SCENES["curved"], datasets.load_calibration("simple", 80).camera)
+    problem, _ = problem_of("curved", 80)
     labels = rng.integers(0, 3, (30, 40)).repeat(2, axis=0).repeat(2, axis=1)
     labels[::7, ::3] += 1
     mask = problem.mask & (rng.random(labels.shape) > 0.1)
     torn = replace(problem, mask=mask, cuts=between(labels))
-    alone = [el.run(fast_marching(torn)).distance]
+    alone = [marched(torn)]
     for label in range(4):
         image = np.where(labels == label, torn.image, rng.uniform(0.1, 1, labels.shape))
         patch = mask & (labels == label)
-        np.testing.assert_array_equal(
-            el.run(fast_marching(replace(torn, image=image))).distance[patch], alone[0][patch]
-        )
+        np.testing.assert_array_equal(marched(replace(torn, image=image))[patch], alone[0][patch])
 
 
 def test_a_march_goes_around_the_end_of_a_contour():
-    problem, _ = posed(el.SCENES["plane"], datasets.load_calibration("simple", 80).camera)
-    whole = el.run(fast_marching(problem)).distance
+    problem, _ = problem_of("plane", 80)
+    whole = marched(problem)
     cuts = np.zeros((2, *problem.mask.shape), dtype=bool)
     cuts[0, 20:40, 30] = True  # the nearest point lies to the right, in row 29
-    torn = el.run(fast_marching(replace(problem, cuts=cuts))).distance
+    torn = marched(replace(problem, cuts=cuts))
     longer = torn / whole - 1
     assert longer.min() > -0.002  # differences of second order over the kinks behind the ends
     assert longer[29, 30] > 0.05
@@ -322,16 +299,14 @@ def test_a_march_goes_around_the_end_of_a_contour():
 
 
 def test_cuts_that_cut_nothing_change_nothing(rng):
-    problem, _ = posed(el.SCENES["colon"], datasets.load_calibration("simple", 80).camera)
+    problem, _ = problem_of("colon", 80)
     problem = replace(problem, mask=problem.mask & (rng.random(problem.mask.shape) > 0.3))
     none = replace(problem, cuts=np.zeros((2, *problem.mask.shape), dtype=bool))
-    np.testing.assert_array_equal(
-        el.run(fast_marching(none)).distance, el.run(fast_marching(problem)).distance
-    )
+    np.testing.assert_array_equal(marched(none), marched(problem))
 
 
 def test_pixels_cut_from_all_others_keep_the_start():
-    problem, _ = posed(el.SCENES["colon"], datasets.load_calibration("simple", 80).camera)
+    problem, _ = problem_of("colon", 80)
     dust = replace(problem, cuts=np.ones((2, *problem.mask.shape), dtype=bool))
     result = el.run(fast_marching(dust))
     np.testing.assert_allclose(result.iterate.log_distance, problem.log_facing, rtol=1e-14)
@@ -340,24 +315,17 @@ def test_pixels_cut_from_all_others_keep_the_start():
 
 @pytest.mark.parametrize("value", [np.inf, -np.inf])
 def test_infinite_inflow_is_refused_where_it_is_read(value):
-    problem, _ = posed(el.SCENES["plane"], datasets.load_calibration("simple", 80).camera)
-    inflow = np.full(problem.mask.shape, np.nan)
-    inflow[3, 4] = value
+    problem, _ = problem_of("plane", 80)
+    inflow, outside = np.full(problem.mask.shape, np.nan), problem.mask.copy()
+    inflow[3, 4], outside[3, 4] = value, False
     with pytest.raises(ValueError, match="inflow must be finite, or nan where the distance is not known"):
         next(fast_marching(problem, inflow=inflow))
-    outside = problem.mask.copy()
-    outside[3, 4] = False
     next(fast_marching(replace(problem, mask=outside), inflow=inflow))
 
 
-def test_inflow_of_another_size_is_refused():
-    problem, _ = posed(el.SCENES["plane"], datasets.load_calibration("simple", 80).camera)
+def test_what_cannot_be_marched_is_refused():
     with pytest.raises(ValueError, match=r"inflow has shape \(3, 4\)"):
-        next(fast_marching(problem, inflow=np.zeros((3, 4))))
-
-
-def test_a_brdf_that_hides_the_slant_is_refused():
+        next(fast_marching(problem_of("plane", 80)[0], inflow=np.zeros((3, 4))))
     rising = el.TabulatedBRDF((0.0, 0.5, 1.0), (0.1, 0.3, 0.9))
-    problem, _ = posed(el.SCENES["plane"], datasets.load_calibration("simple", 80).camera, brdf=rising)
     with pytest.raises(ValueError, match="two slants"):
-        next(fast_marching(problem))
+        next(fast_marching(problem_of("plane", 80, brdf=rising)[0]))

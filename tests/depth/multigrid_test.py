@@ -7,44 +7,20 @@ import pytest
 import scipy.sparse as sparse
 from scipy.sparse.linalg import spsolve
 
-import endolab as el
-from endolab import datasets
-from endolab.depth.energy import GaussNewtonModel, energy_terms
+from endolab.depth.energy import energy_terms
 from endolab.depth.grid import Grid
-from endolab.depth.multigrid import (
-    Multigrid,
-    multiply,
-    prolong_add,
-    restrict,
-    sweep_backwards,
-    sweep_forwards,
-)
-from endolab.depth.problem import Problem
+from endolab.depth.multigrid import Multigrid, prolong_add, restrict, sweep_backwards, sweep_forwards
 from endolab.numerics.compiled import inner, padded
+from tests.depth.gauss_newton_model import TWINS, GaussNewtonModel, check_the_compiled, inside, relative
+from tests.tools.problems import SHEET, every_regulariser, every_xi, problem_of
 
-SHEET = el.TabulatedBRDF(
-    tuple(np.linspace(0, 1.5, 15)), tuple(0.2 + 0.1 * np.exp(-16 * np.linspace(0, 1.5, 15) ** 2))
-)
-TWINS = {  # of Coefficients and GaussNewtonModel
-    "by_v": "by_v",
-    "by_v_u": "by_v_u",
-    "by_v_v": "by_v_v",
-    "weight": "data_weight",
-    "slope": "xi_slope",
-    "smoothness": "smoothness",
-}
 # Where a pixel stands among its matrix's seven numbers: (rows, columns) to the other of the pair.
 OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
 
-every_xi = pytest.mark.parametrize("xi", ["1/z", "d", "1/d"])
-every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
 
-
-def posed(scene, width, *, brdf=None, **options):
-    """A rendered scene as a problem, with its true log-distance."""
-    camera = datasets.load_calibration("simple", width).camera
-    seen = el.render(el.SCENES[scene], camera, el.Photometry(brdf=brdf or el.Lambertian(0.5)))
-    problem = Problem(seen.image, seen.mask & (seen.image > 0.02), camera, seen.photometry, **options)
+def posed(scene, width, **options):
+    """A scene as a problem, and its true log-distance."""
+    problem, seen = problem_of(scene, width, **options)
     return problem, np.log(seen.distance)
 
 
@@ -58,7 +34,7 @@ def worn(rng, **options):
 
 def equations(problem, v, inflow=None):
     """Coefficients and right-hand side of the step at v."""
-    return Grid.of(problem, inflow).linearised(padded(np.where(problem.mask, v, 0.0)), problem.lam)
+    return Grid.of(problem, inflow).linearised(inside(problem, v), problem.lam)
 
 
 @pytest.fixture(params=["first", "second"])
@@ -72,10 +48,6 @@ def system(request, rng):
     return Multigrid(coefficients), b, free
 
 
-def relative(found, expected):
-    return np.abs(found - expected) / np.abs(expected).max()
-
-
 # Twins -----------------------------------------------------------------------------------
 
 
@@ -83,26 +55,14 @@ def relative(found, expected):
 @every_regulariser
 def test_compiled_energy_and_equations_are_the_readable_ones(rng, xi, regulariser):
     problem, v = worn(rng, xi=xi, regulariser=regulariser)
-    model = GaussNewtonModel.at(problem, v)
-    terms = Grid.of(problem).terms(padded(np.where(problem.mask, v, 0.0)), problem.lam)
-    assert terms == pytest.approx(energy_terms(problem, v), rel=1e-12)
-    coefficients, descent = equations(problem, v)
-    for compiled, readable in TWINS.items():
-        found = inner(getattr(coefficients, compiled))
-        assert relative(found, getattr(model, readable)).max() < 1e-12, compiled
-    count = problem.mask.sum()
-    assert relative(-inner(descent) / count, model.gradient).max() < 1e-12
-    x = np.where(problem.mask, rng.normal(size=v.shape), 0.0)
-    product = np.zeros_like(descent)
-    multiply(coefficients.matrix(0.0), padded(x), product)
-    assert relative(inner(product), count * model.multiply(x)).max() < 1e-12
+    check_the_compiled(problem, v, rng)
 
 
 @every_regulariser
 def test_a_tabulated_brdf_is_read_as_precisely_as_it_must_be(rng, regulariser):
     """Equal but where a pixel's slant is within a table's step of a kink of the BRDF: measured 1e-7, 1e-3."""
     problem, v = worn(rng, regulariser=regulariser, brdf=SHEET)
-    terms = Grid.of(problem).terms(padded(np.where(problem.mask, v, 0.0)), problem.lam)
+    terms = Grid.of(problem).terms(inside(problem, v), problem.lam)
     assert terms == pytest.approx(energy_terms(problem, v), rel=1e-6)
     model, (coefficients, _) = GaussNewtonModel.at(problem, v), equations(problem, v)
     for compiled, readable in TWINS.items():

@@ -7,27 +7,18 @@ import pytest
 from scipy import ndimage
 
 import endolab as el
-from endolab import datasets
 from endolab.depth.energy import energy_terms, model_image
-from endolab.depth.primal_dual import BALANCE, _average, _Path, primal_dual
+from endolab.depth.primal_dual import _average, _Path, primal_dual
 from endolab.depth.problem import Problem
 from endolab.depth.result import run
-from endolab.metrics.depth_errors import compare
 from endolab.model.brdf import Glossy
-from endolab.model.surface import from_xi, normals, slant, to_xi
-from endolab.numerics.derivatives import (
-    forward_gradient,
-    forward_gradient_adjoint,
-    gradient,
-    hessian,
-    hessian_adjoint,
-    links,
-)
+from endolab.model.surface import slant
+from endolab.numerics.derivatives import gradient
 from endolab.numerics.iteration import Status
+from tests.depth.primal_dual_model import PrimalDualModel
+from tests.tools.problems import energies, errors_of, every_regulariser, every_xi, problem_of
 
 CAMERA = el.Pinhole(19, 15, 9.0, 10.4, 8.8, 7.1)
-every_xi = pytest.mark.parametrize("xi", ["1/z", "d", "1/d"])
-every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
 
 
 def holed(rng, brdf=None, **options):
@@ -43,118 +34,12 @@ def holed(rng, brdf=None, **options):
     return replace(problem, image=np.clip(seen, 0.2, 0.95)), v
 
 
-def posed(scene, width=160, **options):
-    """A scene of the library as a problem, with its truth."""
-    calibration = datasets.load_calibration("simple", width)
-    seen = el.render(el.SCENES[scene], calibration.camera, calibration.photometry.channel("green"))
-    return Problem(seen.image, seen.mask, seen.camera, seen.photometry, **options), seen
-
-
-def errors_of(problem, v, seen):
-    found = normals(v, problem.field, problem.mask)
-    return compare(
-        np.exp(v), seen.distance, problem.field.cos_alpha, normals=found, true_normals=seen.normals
-    )
-
-
-def patch_means(p, problem, radius):
-    """Mean over the row, then the column, as far as the steps lead, at most `radius` pixels."""
-    link = links(problem.mask, problem.cuts)
-    for axis, joined in ((1, link[0]), (0, link[1])):
-        lines, chained = np.moveaxis(p, axis, -1).copy(), np.moveaxis(joined, axis, -1)
-        out = lines.copy()
-        for line, chain, to in zip(lines, chained, out, strict=True):
-            for j in range(line.size):
-                first = last = j
-                while last < line.size - 1 and chain[last] and last < j + radius:
-                    last += 1
-                while first > 0 and chain[first - 1] and first > j - radius:
-                    first -= 1
-                to[j] = line[first : last + 1].mean()
-        p = np.moveaxis(out, -1, axis)
-    return p
-
-
-class Twin:
-    """The scheme in plain NumPy, from the library's operators."""
-
-    def __init__(self, problem, v, radius, safety):
-        self.problem, self.radius, self.safety = problem, radius, safety
-        self.x = self.ahead = self.xi(v)
-        self.first = problem.regulariser == "first"
-        self.q = np.zeros((2 if self.first else 3, *v.shape))
-        self.pace = BALANCE / self.curvature(self.x, problem.image)
-        widest = ndimage.maximum_filter(np.where(problem.mask, self.pace, 0.0), 3)
-        norm = (np.sqrt(8) if self.first else 8) * problem.derivative_scale
-        self.sigma = 1 / (norm**2 * np.where(widest > 0, widest, 1.0))
-
-    def xi(self, v):
-        problem = self.problem
-        xi = to_xi(np.where(problem.mask, v, 3.0), problem.xi, problem.field.cos_alpha)
-        return xi / problem.xi_median
-
-    def curvature(self, x, intensity):
-        """(∂I/∂ξ)²."""
-        return (2 * intensity / (self.problem.photometry.gamma * x)) ** 2
-
-    @property
-    def v(self):
-        problem = self.problem
-        return from_xi(self.x * problem.xi_median, problem.xi, problem.field.cos_alpha)
-
-    def step(self, theta):
-        problem, where = self.problem, (self.problem.mask, self.problem.cuts)
-        # normals of the last map
-        p = gradient(self.v, *where, edge_order=1)
-        for _ in range(2):
-            p = [patch_means(np.where(problem.mask, q, 0.0), problem, self.radius) for q in p]
-        intensity, _, by_slant = problem.photometry.shade(
-            self.v, slant(*p, problem.field), problem.field.cos_alpha
-        )
-        # dual ascent
-        operator, adjoint = (
-            (forward_gradient, forward_gradient_adjoint) if self.first else (hessian, hessian_adjoint)
-        )
-        bound = problem.lam * problem.edge_weight
-        self.q = self.q + self.sigma * problem.derivative_scale * operator(self.ahead, *where)
-        self.q = self.q / (1 + self.sigma * problem.epsilon / bound)
-        self.q = self.q / np.maximum(1, np.linalg.norm(self.q, axis=0) / bound)
-        pull = problem.derivative_scale * adjoint(self.q, *where)
-        # data
-        residual = intensity - problem.image
-        slope = (-2 if problem.xi == "d" else 2) * intensity / (problem.photometry.gamma * self.x)
-        weight = 1 / np.maximum(1, np.abs(residual) / problem.threshold)
-        curvature = weight * slope**2
-        self.limit = np.minimum(2 * self.safety / (1 + self.gain(p, intensity, by_slant) ** 2), 0.999)
-        theta = np.minimum(theta * self.pace / BALANCE, self.limit / (1 - self.limit) / curvature)
-        a = self.x - theta * weight * residual * slope / (1 + theta * curvature)
-        # primal descent
-        new = (self.x - self.pace * pull + self.pace * a / theta) / (1 + self.pace / theta)
-        new = np.clip(new, 0.5 * self.x, 2 * self.x)
-        self.x, self.ahead = new, 2 * new - self.x
-
-    def gain(self, p, intensity, by_slant):
-        guu, guv, gvv = np.moveaxis(self.problem.field.inverse_metric, -1, 0)
-        turn = -self.problem.photometry.gamma * by_slant / intensity
-        link = links(self.problem.mask, self.problem.cuts)
-        spans = [np.ones(link.shape[1:]) for _ in range(2)]
-        for span, joined, axis in ((spans[0], link[0], -1), (spans[1], link[1], 0)):
-            lines, chained = np.moveaxis(span, axis, -1), np.moveaxis(joined, axis, -1)
-            for line, chain in zip(lines, chained, strict=True):
-                for j in range(line.size):
-                    after, before = chain[j : j + self.radius], chain[max(j - self.radius, 0) : j][::-1]
-                    line[j] += np.cumprod(after).sum() + np.cumprod(before).sum()
-        passes = [np.minimum(1, 1.5 / span) for span in spans]
-        along = np.abs(guu * p[0] + guv * p[1]) * passes[0] + np.abs(guv * p[0] + gvv * p[1]) * passes[1]
-        return turn * along
-
-
 @every_xi
 @every_regulariser
 @pytest.mark.parametrize("radius", [0, 2])
 def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius):
     problem, v = holed(rng, xi=xi, regulariser=regulariser, lam=0.3, epsilon=1e-3)
-    path, twin = _Path.at(problem, v, radius, 0.8), Twin(problem, v, radius, 0.8)
+    path, twin = _Path.at(problem, v, radius, 0.8), PrimalDualModel(problem, v, radius, 0.8)
     for theta in (1.0, 0.05, 0.02, 0.02):
         assert path.advance(1, theta, 0.9) == pytest.approx(0.9 * theta)
         twin.step(theta)
@@ -167,7 +52,7 @@ def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius)
 
 def test_another_brdf_than_a_lambertian_one(rng):
     problem, v = holed(rng, Glossy(0.5, 0.02, 8.0), lam=0.3)
-    path, twin = _Path.at(problem, v, 1, 0.8), Twin(problem, v, 1, 0.8)
+    path, twin = _Path.at(problem, v, 1, 0.8), PrimalDualModel(problem, v, 1, 0.8)
     for _ in range(3):
         path.advance(1, 1.0, 1.0)
         twin.step(1.0)
@@ -191,7 +76,7 @@ def test_the_gain_is_that_of_the_picard_map(rng):
     worst = np.zeros(v.shape)
     worst[row - 1 : row + 2, column - 1 : column + 2] = np.sign(around - around[::-1, ::-1])
     worst[row, column] = rng.choice([-1, 1])
-    twin = Twin(problem, v, 0, 1.0)
+    twin = PrimalDualModel(problem, v, 0, 1.0)
     p = gradient(v, problem.mask, edge_order=1)
     shade = problem.photometry.shade(v, slant(*p, problem.field), problem.field.cos_alpha)
     gain = twin.gain(p, shade[0], shade[2])[row, column]
@@ -225,7 +110,7 @@ def test_a_patch_passes_no_more_of_any_ripple_than_said(radius):
 
 @pytest.mark.parametrize(("safety", "stays"), [(0.9, True), (6.0, False)])
 def test_ripples_die_within_the_bound_and_grow_beyond_it(safety, stays, rng):
-    problem, seen = posed("plane", 80, lam=0.0)
+    problem, seen = problem_of("plane", 80, lam=0.0)
     truth = np.log(seen.distance)
     ripple = 1e-3 * rng.normal(size=truth.shape)
     path = _Path.at(problem, truth + ripple, 0, safety)
@@ -238,17 +123,17 @@ def test_ripples_die_within_the_bound_and_grow_beyond_it(safety, stays, rng):
 
 @every_regulariser
 def test_near_the_truth_it_stays(regulariser):
-    problem, seen = posed("plane", 80, xi="1/z", regulariser=regulariser, lam=0.01, epsilon=3e-4)
+    problem, seen = problem_of("plane", 80, xi="1/z", regulariser=regulariser, lam=0.01, epsilon=3e-4)
     truth = np.log(seen.distance)
     result = run(primal_dual(problem, truth, max_iterations=200, tolerance=0))
-    assert errors_of(problem, np.log(result.distance), seen).mean_percent < 0.3
+    assert errors_of(result, seen).mean_percent < 0.3
 
 
 @pytest.mark.parametrize(("scene", "mm"), [("plane", 0.4), ("curved", 0.2)])
 def test_simple_surfaces_are_found_from_the_papers_start(scene, mm):
-    problem, seen = posed(scene, xi="1/z", lam=0.1, epsilon=3e-4)
+    problem, seen = problem_of(scene, xi="1/z", lam=0.1, epsilon=3e-4)
     result = run(primal_dual(problem))
-    errors = errors_of(problem, np.log(result.distance), seen)
+    errors = errors_of(result, seen)
     assert result.status is Status.CONVERGED
     assert result.energy < 0.2 * result.history[0]["energy"]
     assert errors.mean_mm < mm
@@ -258,15 +143,14 @@ def test_simple_surfaces_are_found_from_the_papers_start(scene, mm):
 @every_xi
 @every_regulariser
 def test_no_combination_diverges_on_the_tube(xi, regulariser):
-    problem, _ = posed("tube", 80, xi=xi, regulariser=regulariser, lam=0.1, epsilon=3e-4)
+    problem, _ = problem_of("tube", 80, xi=xi, regulariser=regulariser, lam=0.1, epsilon=3e-4)
     result = run(primal_dual(problem, tolerance=0, max_iterations=400, every=100))
-    energies = [entry["energy"] for entry in result.history]
-    assert energies[-1] < 0.6 * energies[0]
+    assert energies(result)[-1] < 0.6 * energies(result)[0]
     assert np.all(np.isfinite(result.distance[problem.mask]))
 
 
 def test_steps_are_counted_and_too_few_are_said_to_be_so():
-    problem, _ = posed("plane", 40)
+    problem, _ = problem_of("plane", 40)
     result = run(primal_dual(problem, every=10, max_iterations=25))
     assert result.status is Status.MAX_ITERATIONS
     assert [entry["k"] for entry in result.history] == [0, 10, 20, 25]
@@ -282,14 +166,14 @@ def test_steps_are_counted_and_too_few_are_said_to_be_so():
 
 @pytest.mark.parametrize("options", [{"patch": 0.0}, {"coupling": 0.01}, {"decay": 0.5}])
 def test_small_steps_are_not_taken_for_the_end(options):
-    problem, seen = posed("plane", 80, xi="1/z", lam=0.1, epsilon=3e-4)
+    problem, seen = problem_of("plane", 80, xi="1/z", lam=0.1, epsilon=3e-4)
     result = run(primal_dual(problem, max_iterations=200, **options))
-    assert errors_of(problem, np.log(result.distance), seen).mean_percent > 1
+    assert errors_of(result, seen).mean_percent > 1
     assert result.status is Status.MAX_ITERATIONS
 
 
 def test_islands_do_not_know_of_each_other():
-    problem, _ = posed("plane", 40, lam=0.1)
+    problem, _ = problem_of("plane", 40, lam=0.1)
     split = problem.mask.copy()
     split[:, 20] = False
     brighter = problem.image.copy()
@@ -306,7 +190,7 @@ def test_islands_do_not_know_of_each_other():
 
 
 def test_lone_pixels_and_no_regulariser():
-    problem, _ = posed("plane", 40, lam=0.0)
+    problem, _ = problem_of("plane", 40, lam=0.0)
     lone = np.zeros_like(problem.mask)
     lone[5, 5] = lone[20:22, 20:22] = True
     lone = replace(problem, mask=lone)
@@ -331,6 +215,6 @@ def test_lone_pixels_and_no_regulariser():
     ],
 )
 def test_what_cannot_be_used_is_named(start, options, complaint):
-    problem, _ = posed("plane", 40)
+    problem, _ = problem_of("plane", 40)
     with pytest.raises(ValueError, match=complaint):
         next(primal_dual(problem, start, **options))

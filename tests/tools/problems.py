@@ -1,0 +1,88 @@
+"""Problems to solve, made of the library's scenes, each with its truth, and how far a result is from it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab import datasets
+from endolab.depth.problem import Problem
+from endolab.metrics.depth_errors import compare
+
+every_xi = pytest.mark.parametrize("xi", ["1/z", "d", "1/d"])
+every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
+# A dark, glossy surface, as the paper's sheet of dots is.
+SHEET = el.TabulatedBRDF(
+    tuple(np.linspace(0, 1.5, 15)), tuple(0.2 + 0.1 * np.exp(-16 * np.linspace(0, 1.5, 15) ** 2))
+)
+COLOURED = el.Photometry(brdf=el.Lambertian((0.75, 0.38, 0.30)))
+
+
+def paper_camera(width=1440):
+    """The paper's endoscope at a width: a fisheye of 1440x1080 px."""
+    return datasets.load_calibration("paper", width).camera
+
+
+def problem_of(
+    scene, width=160, *, camera="simple", brdf=None, gain=1.0, noise=0.0, bits=None, mask=True, **options
+):
+    """A rendered scene as a problem of these options, and its truth; nearly black pixels are left out.
+
+    The camera is one of the library's at this width, or any; the gain in units of what fills the range.
+    """
+    if isinstance(camera, str):
+        camera = datasets.load_calibration(camera, width).camera
+    how = {"noise": noise, "bits": bits}
+    seen = el.render(el.SCENES[scene], camera, el.Photometry(brdf=brdf or el.Lambertian(0.5)), **how)
+    if gain != 1:
+        photometry = replace(seen.photometry, gain=gain * seen.photometry.gain)
+        seen = el.render(el.SCENES[scene], camera, photometry, **how)
+    return Problem(
+        seen.image, seen.mask & (seen.image > 0.02) & mask, camera, seen.photometry, **options
+    ), seen
+
+
+def errors_of(result, seen, **options):
+    """Errors of distance and normals of a result or an iterate."""
+    return compare(
+        result.distance,
+        seen.distance,
+        result.problem.field.cos_alpha,
+        normals=result.normals,
+        true_normals=seen.normals,
+        **options,
+    )
+
+
+def percent_off(found, seen, where=None):
+    """Mean error of a result's distances, or of a map of them, %: where they are known, or where said."""
+    off = 100 * np.abs(getattr(found, "distance", found) / seen.distance - 1)
+    return np.mean(off[np.isfinite(off) if where is None else where])
+
+
+def energies(result):
+    """Of each iterate."""
+    return np.array([entry["energy"] for entry in result.history])
+
+
+class Shot:
+    """A rendered frame with its truth, and the calibration that explains it."""
+
+    def __init__(self, scene, calibration, photometry=None, **how):
+        scene = el.SCENES[scene] if isinstance(scene, str) else scene
+        self.truth = el.render(scene, calibration.camera, photometry or calibration.photometry, **how)
+        self.frame = el.Frame(self.truth.image, self.truth.mask)
+        self.calibration = replace(calibration, photometry=self.truth.photometry)
+        self.up_to_scale = replace(self.calibration, photometry=replace(self.truth.photometry, gain=None))
+
+    def reconstruct(self, **options):
+        return el.reconstruct(self.frame, self.calibration, **options)
+
+    def errors(self, result):
+        return errors_of(result, self.truth)
+
+
+def moved_colon(t):
+    """The colon, the camera having gone on by t mm."""
+    return type("Moved", (el.Colon,), {"_camera": np.array([2 + 0.1 * t, -1.5, t])})()
