@@ -62,7 +62,7 @@ bench: $(READY) ## measure speed
 
 traced: $(READY) ## path-trace the frames anew, with Mitsuba (about 10 minutes)
 	$(PIP) install --quiet 'mitsuba>=3.9'
-	$(BIN)/python -m endolab.datasets.traced endolab/datasets/frames
+	$(BIN)/python -m tests.tools.make_traced_frames endolab/datasets/frames
 
 lock: | $(BIN)/python ## renew requirements.lock from pyproject.toml
 	$(PIP) install --quiet uv

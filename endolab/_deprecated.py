@@ -17,6 +17,7 @@ RENAMED = {
     "c3vd": "read_c3vd",
     "c3vd_depth": "read_c3vd_depth",
     "calibration": "load_calibration",
+    "convert": "read_endomapper",
     "mesh_of": "make_mesh",
     "open_folder": "open_dataset",
     "pose": "make_problem",
@@ -156,14 +157,28 @@ def with_old_names(package: str, lookup: Callable[[str], Any] | None = None) -> 
                 return lookup(name)
             except AttributeError:
                 pass
-        if short and find_spec(f"{package}.{name}") is not None:
-            raise AttributeError(name)  # a file of the folder, which is about to be imported
+        is_folder = short and "__path__" in vars(sys.modules[package])
+        if is_folder and find_spec(f"{package}.{name}") is not None:
+            return import_module(f"{package}.{name}")  # a file of the folder
         homes = MOVED.get(short, "") if short else FACE.get(name, "")
         if not short and not homes and name in MOVED:
             return import_module(f"{package}.{name}")
         return _found(package, homes, name)
 
     return __getattr__
+
+
+class _CalledAsBefore(ModuleType):
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        new = RENAMED[self.__name__.rpartition(".")[2]]
+        text = f"{self.__name__}(…) is {new}(…) now; the old name goes with the next version"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return getattr(self, new)(*arguments, **options)
+
+
+def callable_as_before(module: str) -> None:
+    """Let a module be called like the function that had its name before."""
+    sys.modules[module].__class__ = _CalledAsBefore
 
 
 class _OldModules(MetaPathFinder, Loader):

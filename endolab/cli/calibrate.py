@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-UNREADABLE = "it cannot be read"
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
 
 
@@ -47,66 +46,40 @@ def _numbers(text: str, option: str) -> float | tuple[float, float]:
     return values[0] if len(values) == 1 else (values[0], values[1])
 
 
-def write_target(arguments: argparse.Namespace) -> None:
-    """Write a sheet to print."""
-    from endolab.calibration.session import describe
+def _target(arguments: argparse.Namespace) -> None:
+    from endolab.calibration.session import describe_target
     from endolab.io.descriptions import read_target
     from endolab.reports.target_sheet import write_sheet
 
     target = read_target(arguments.name)
     write_sheet(target, arguments.out)
     glue = "something flat" if target.fold is None else "two boards, folded by 10 to 30°, away from you"
-    print(f"{describe(target)}; print at 100 %, check the ruler, and glue it on {glue}")
+    print(f"{describe_target(target)}; print at 100 %, check the ruler, and glue it on {glue}")
     print(f"written to {arguments.out}")
 
 
 def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     """Write a simulated calibration video with its truth."""
-    import numpy as np
-    from tqdm import tqdm
+    from math import radians
 
-    from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
-    from endolab.io.atomic import as_json, staged_folder
-    from endolab.io.descriptions import read_target
-    from endolab.io.images import write_image
-    from endolab.io.video import write_video
-    from endolab.model.brdf import TabulatedBRDF
+    from endolab.io.sheet_video import save_sheet_video
 
-    target = read_target(arguments.target)
-    fold = np.deg2rad(arguments.fold if target.fold is not None else 0.0)
-    video = simulate_video(
-        target,
-        calibration.camera,
-        replace(calibration.photometry, brdf=PAPER_SHEET),
-        arguments.frames,
-        fold=fold,
-        noise=arguments.noise,
-        bits=arguments.bits,
-        outliers=arguments.outliers,
-        motion=arguments.motion,
-        seed=arguments.seed,
-    )
-    truth = []
-
-    def images() -> Any:
-        for frame in tqdm(
-            video, total=arguments.frames, unit="frame", leave=False, disable=None, desc="rendering"
-        ):
-            truth.append({"gain": frame.gain, "poses": [pose.vector.tolist() for pose in frame.poses]})
-            yield frame.image
-
-    with staged_folder(arguments.out) as folder:
-        if arguments.video:
-            write_video(folder / "sheet.mkv", images())
-        else:
-            for number, image in enumerate(images()):
-                write_image(folder / f"{number:06d}.png", image)
-        theta = np.linspace(0, np.pi / 2, 181)
-        paper = TabulatedBRDF(tuple(theta), tuple(PAPER_SHEET.value(np.cos(theta), np.cos(theta))))
-        known = replace(calibration, photometry=replace(calibration.photometry, brdf=paper))
-        content = known.to_dict() | {"target": arguments.target, "fold": fold, "frames": truth}
-        (folder / "truth.json").write_bytes(as_json(content))
-    what = "sheet.mkv" if arguments.video else f"{len(truth)} pictures"
+    with closing(_Bar()) as bar:
+        save_sheet_video(
+            arguments.out,
+            arguments.target,
+            calibration,
+            arguments.frames,
+            fold=radians(arguments.fold),
+            video=arguments.video,
+            progress=bar,
+            noise=arguments.noise,
+            bits=arguments.bits,
+            outliers=arguments.outliers,
+            motion=arguments.motion,
+            seed=arguments.seed,
+        )
+    what = "sheet.mkv" if arguments.video else f"{arguments.frames} pictures"
     print(f"written to {arguments.out}: {what}, truth.json")
 
 
@@ -124,85 +97,41 @@ def _light_options(arguments: argparse.Namespace, target: Any) -> dict[str, Any]
     return {"gamma": gamma, "reflectance": reflectance} | {name: getattr(arguments, name) for name in names}
 
 
-def _search(frames: Any, target: Any, cache: Path, bar: Any) -> tuple[dict[str, Any], Any]:
-    """Detect the target in the frames where it was not looked for before."""
-    from endolab.calibration.session import detect_all
-    from endolab.io.detection_cache import Sightings
-
-    with Sightings(cache, frames, target) as kept:
-        rest = [name for name in frames.names if name not in kept.known]
-        if kept.known:
-            print(f"{len(kept.known)} of {len(frames)} frames were searched before; going on from there")
-        try:
-            found, size = detect_all(
-                frames.read(rest), target, count=len(rest), progress=bar, found=kept.add, size=kept.size
-            )
-        except KeyboardInterrupt:
-            told = f"interrupted; {len(kept.known)} of {len(frames)} frames are searched and kept"
-            raise KeyboardInterrupt(told) from None
-        everything = kept.known | found
-    if frames.is_video:
-        for name in reversed(frames.names):
-            if everything[name].reason != UNREADABLE:
-                break
-            everything[name] = replace(everything[name], reason="the video ends before it")
-    return {name: everything[name] for name in frames.names}, size
-
-
-def calibrate(arguments: argparse.Namespace) -> None:
-    """Calibrate an endoscope from a folder or a video."""
-    from endolab.calibration.session import calibrate as run
+def _calibrate(arguments: argparse.Namespace) -> None:
+    from endolab.batch.calibrate import calibrate_to_files, report_folder
     from endolab.calibration.summary import account
-    from endolab.io.descriptions import make_calibration, read_camera, read_target
+    from endolab.io.descriptions import read_camera, read_target
     from endolab.io.video import open_frames
     from endolab.model.cameras import KannalaBrandt
-    from endolab.recording.calibration import LightRecorder, record_calibration
-    from endolab.reports.calibration_page import write_report
 
     frames, target = open_frames(arguments.source), read_target(arguments.target)
-    out = Path(arguments.out)
-    if out.suffix != ".json":
-        raise ValueError(f"the calibration's name ends in .json, got {out.name}")
+    folder = report_folder(arguments.out)
     camera = None if arguments.camera is None else read_camera(arguments.camera)
     if not isinstance(camera, KannalaBrandt | None):
         raise ValueError(f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}")
     light = _light_options(arguments, target)
-    folder = out.with_name(f"{out.stem}_report")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OSError(f"cannot write to the folder {folder}: {error.strerror or error}") from error
-    bar, steps = _Bar(), LightRecorder()
-    try:
-        detections, size = _search(frames, target, folder / "detections.jsonl", bar)
-        session = run(
+    with closing(_Bar()) as bar:
+        session = calibrate_to_files(
             frames,
             target,
+            arguments.out,
             camera=camera,
-            detections=detections,
-            size=size,
             every=arguments.every,
             channel=arguments.channel,
+            record=arguments.record,
             progress=bar,
-            light_observers=[steps],
+            say=print,
             **light,
         )
-    finally:
-        bar.close()
-    write_report(session, frames, folder, arguments.channel)
-    if arguments.record:
-        record_calibration(session, frames, folder / "recording.rrd", light_steps=steps.steps)
     print("\n".join(account(session)))
     if session.light is None:
         raise ValueError(f"{session.refused}; the camera alone is in {folder / 'camera.json'}")
-    make_calibration(session, arguments.source, arguments.channel).save(out)
-    print(f"written to {out}, and to {folder}: report.html{', recording.rrd' if arguments.record else ''}")
+    more = ", recording.rrd" if arguments.record else ""
+    print(f"written to {Path(arguments.out)}, and to {folder}: report.html{more}")
 
 
-def convert(arguments: argparse.Namespace) -> None:
-    """Turn EndoMapper's calibration files into one of endolab's."""
-    from endolab.datasets.endomapper import convert as join
-    from endolab.datasets.endomapper import find_calibrations, read_vicalib
+def _convert(arguments: argparse.Namespace) -> None:
+    from endolab.datasets.endomapper import find_calibrations, read_endomapper, read_vicalib
     from endolab.io.atomic import as_json, write_atomically
     from endolab.model.endoscope import camera_to_dict
 
@@ -218,7 +147,7 @@ def convert(arguments: argparse.Namespace) -> None:
         write_atomically(out, as_json({"endolab": 1, "camera": camera_to_dict(camera)}))
         print(f"written to {out}: the camera alone; `endolab calibrate --camera {out}` adds the light")
         return
-    calibration = join(geometry, photometry)
+    calibration = read_endomapper(geometry, photometry)
     calibration.save(out)
     light, fits = calibration.photometry, calibration.evidence["converted"]["lights"]
     print(
@@ -254,7 +183,7 @@ def add_calibration_commands(commands: Any) -> None:
         "or TARGET.json",
     )
     add.add_argument("--out", required=True, metavar="SHEET.pdf", help="a PDF or SVG")
-    add.set_defaults(run=write_target)
+    add.set_defaults(run=_target)
 
     add = commands.add_parser("calibrate", help="frames of a target in, endoscope.json out")
     add.add_argument("source", metavar="FOLDER_OR_VIDEO")
@@ -310,7 +239,7 @@ def add_calibration_commands(commands: Any) -> None:
         help="of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free",
     )
     add.add_argument("--record", action="store_true", help="write a recording for the Rerun viewer too")
-    add.set_defaults(run=calibrate)
+    add.set_defaults(run=_calibrate)
 
     add = commands.add_parser("convert", help="EndoMapper's calibration XML in, endoscope.json out")
     add.add_argument(
@@ -320,4 +249,4 @@ def add_calibration_commands(commands: Any) -> None:
         "photometry", nargs="?", metavar="PHOTOMETRY.xml", help="without it, the camera alone is written"
     )
     add.add_argument("--out", required=True, metavar="CAL.json")
-    add.set_defaults(run=convert)
+    add.set_defaults(run=_convert)

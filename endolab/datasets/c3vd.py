@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from endolab.datasets.known_endoscopes import CALIBRATIONS, load_calibration
-from endolab.datasets.sample import Sample, colour_picture, one_of, stored_depth, true_distance
+from endolab._deprecated import callable_as_before
+from endolab.datasets.known_endoscopes import CALIBRATIONS
+from endolab.datasets.sample import Sample, load_sample, stored_depth
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.preprocessing.frame import Frame
 
 
 def read_c3vd_depth(path: PathLike) -> tuple[FloatArray, BoolArray, BoolArray]:
@@ -29,7 +27,7 @@ def read_c3vd_depth(path: PathLike) -> tuple[FloatArray, BoolArray, BoolArray]:
     seen : (H, W) bool array
         The octagon that the endoscope shows.
     """
-    stored = stored_depth(Path(path), "uint16", 1 / 655.35)
+    stored = stored_depth(path, "uint16", 1 / 655.35)
     return stored / 655.35, (stored > 0) & (stored < 65535), stored > 0
 
 
@@ -48,13 +46,9 @@ def read_c3vd(folder: PathLike, index: int) -> Sample:
         The mask is the octagon that the endoscope shows; of 1350×1080 px, or of the data set's
         pictures shrunk in proportion.
     """
-    place = Path(folder)
-    colour = one_of(place, [f"{index:04d}_color.png"])
-    depth = one_of(place, [f"{index:04d}_depth.png", f"{index:04d}_depth.tiff"])
-    z, known, seen = read_c3vd_depth(depth)
+    depths = f"{index:04d}_depth.png", f"{index:04d}_depth.tiff"
     known_as = CALIBRATIONS["c3vd"]
-    shrunk = load_calibration("c3vd", min(z.shape[1], known_as.camera.width))
-    if z.shape == (shrunk.camera.height, shrunk.camera.width):
-        known_as = shrunk
-    distance = true_distance(z, known, known_as.camera, depth)
-    return Sample(Frame(colour_picture(colour, z.shape), seen, colour.name), known_as, distance)
+    return load_sample(folder, f"{index:04d}_color.png", depths, read_c3vd_depth, known_as, shrinkable=True)
+
+
+callable_as_before(__name__)

@@ -40,19 +40,9 @@ _PARTS = ("width", "height", "right", "down", "forward", "params")
 
 # Reading XML --------------------------------------------------------------------------------
 def read_xml(path: PathLike, root: str) -> ElementTree.Element:
-    """Read a small XML file that may hold neither a document type nor entities.
+    """Read an XML file of at most 1 MB whose outermost element is `root`.
 
-    Parameters
-    ----------
-    path : path
-    root : str
-        Name that its outermost element must have.
-
-    Raises
-    ------
-    OSError, ValueError
-        In one sentence, if the file cannot be read, is not XML, has another root, is larger than
-        1 MB, or has a `<!DOCTYPE>` or `<!ENTITY>`, which can blow up in memory or open other files.
+    A `<!DOCTYPE>` or `<!ENTITY>` is refused: it can blow up in memory or open other files.
     """
     source = Path(path)
     if not source.is_file():
@@ -142,27 +132,12 @@ class _Part:
 
 # The camera ---------------------------------------------------------------------------------
 def read_vicalib(path: PathLike) -> Camera:
-    """Read the camera that Vicalib wrote.
+    """Read the camera that Vicalib wrote; errors name the file and the element.
 
-    Parameters
-    ----------
-    path : path
-        `<rig><camera><camera_model type="calibu_fu_fv_u0_v0_kb4">` with `width`, `height` and
-        `params` [ fu; fv; u0; v0; k0; k1; k2; k3 ], px and none: r = ϑ + k0 ϑ³ + k1 ϑ⁵ + k2 ϑ⁷ +
-        k3 ϑ⁹, so k0 to k3 are k1 to k4 here. The type `calibu_fu_fv_u0_v0`, a pinhole, is read too.
-
-    Returns
-    -------
-    KannalaBrandt or Pinhole
-        The axes `right`, `down` and `forward` and the `pose` in the file concern a rig's world
-        frame, and are not needed.
-
-    Raises
-    ------
-    OSError, ValueError
-        In one sentence that names the file and the element: XML that is not to be read (`read_xml`),
-        several cameras, a camera model of another type, a missing or unknown element, a number that
-        is none, or a principal point outside the picture.
+    `<rig><camera><camera_model type="calibu_fu_fv_u0_v0_kb4">` has `width`, `height` and `params`
+    [ fu; fv; u0; v0; k0; k1; k2; k3 ], px and none: r = ϑ + k0 ϑ³ + k1 ϑ⁵ + k2 ϑ⁷ + k3 ϑ⁹, so k0 to
+    k3 are k1 to k4 here. The type `calibu_fu_fv_u0_v0`, a pinhole, is read too. The axes `right`,
+    `down` and `forward` and the `pose` concern a rig's world frame, and are not needed.
     """
     top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
     model = top.one("camera").one("camera_model")
@@ -194,23 +169,8 @@ def cosine_power(mu: float, cos_psi: np.ndarray) -> tuple[float, float, float]:
 
     There the light falls as exp(-μ (1 - cos ψ)), here as w cosⁿψ, which fall alike near the axis and
     apart from about 45° off it on: by 5 % of a distance at 60° with μ = 2.8. n and w are those of
-    least squares in the logarithm: half an error there is the relative error of a distance.
-
-    Parameters
-    ----------
-    mu : float
-        μ, at least 0.
-    cos_psi : (n,) float array
-        Cosines, above 0, of where the two should agree.
-
-    Returns
-    -------
-    exponent : float
-        n.
-    weight : float
-        w.
-    worst : float
-        The largest relative error of a distance among the places given.
+    least squares in the logarithm at `cos_psi`, (m,), above 0: half an error there is the relative
+    error of a distance. Returns n, w and the largest such error.
     """
     if mu == 0:
         return 0.0, 1.0, 0.0
@@ -242,31 +202,17 @@ def _light(part: _Part, rays: np.ndarray) -> tuple[SpotLight, dict[str, Any]]:
 
 
 def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[str, Any]]:
-    """Read the light and the response that EndoMapper's tool wrote.
+    """Read the light and the response that EndoMapper's tool wrote; errors name file and element.
 
-    Parameters
-    ----------
-    path : path
-        `<rig>` with `<camera><camera_model type="gamma">` (`gamma`, and `vignetting`, the exponent
-        of cos α, if it was fitted) and one or more `<light><light_model type="sls">` (`sigma`, the
-        strength; `mu`, the spread; `P`, the centre, m; `D`, the direction, a unit vector).
-    camera : Camera
-        The same endoscope's: the spread is matched at the pixels that it sees, up to 60° off D.
+    `<rig>` has `<camera><camera_model type="gamma">` (`gamma`, and `vignetting`, the exponent of
+    cos α, if it was fitted) and one or more `<light><light_model type="sls">` (`sigma`, the strength;
+    `mu`, the spread; `P`, the centre, m; `D`, the direction, a unit vector). The spread is matched at
+    the pixels that the camera sees, up to 60° off D.
 
-    Returns
-    -------
-    photometry : Photometry
-        With `lights` in mm; one light at the optical centre that looks along the axis becomes the
-        exponent k. The gain changes from frame to frame and is unknown; the file says nothing of a
-        surface, so that is a white Lambertian one.
-    evidence : dict
-        What each light was, and how far the cosine power is from it at worst: the relative error of
-        a distance, %.
-
-    Raises
-    ------
-    OSError, ValueError
-        In one sentence that names the file and the element.
+    The lights are in mm; one at the optical centre that looks along the axis becomes the exponent k.
+    The gain changes from frame to frame and is unknown; the file says nothing of a surface, so that
+    is a white Lambertian one. The evidence says what each light was, and how far the cosine power is
+    from it at worst: the relative error of a distance, %.
     """
     top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
     top.only(("camera", "light"))
@@ -287,25 +233,10 @@ def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[st
 
 
 # Both ---------------------------------------------------------------------------------------
-def convert(geometry: PathLike, photometry: PathLike) -> Calibration:
-    """Join the two calibrations of an endoscope.
+def read_endomapper(geometry: PathLike, photometry: PathLike) -> Calibration:
+    """Join the two calibrations of an endoscope, see `read_vicalib` and `read_photometry`.
 
-    Parameters
-    ----------
-    geometry : path
-        See `read_vicalib`.
-    photometry : path
-        See `read_photometry`.
-
-    Returns
-    -------
-    Calibration
-        Its evidence names the two files and says how well the light could be expressed.
-
-    Raises
-    ------
-    OSError, ValueError
-        In one sentence, if one of them cannot be used.
+    The evidence names the two files and says how well the light could be expressed.
     """
     camera = read_vicalib(geometry)
     light, evidence = read_photometry(photometry, camera)
@@ -314,22 +245,7 @@ def convert(geometry: PathLike, photometry: PathLike) -> Calibration:
 
 
 def find_calibrations(folder: PathLike) -> tuple[Path, Path | None]:
-    """Find the two files in a folder `Endoscope_XX` of the data set, by their names.
-
-    Returns
-    -------
-    geometry : Path
-        The one `*_geometrical.xml`.
-    photometry : Path or None
-        The one `*_photometrical.xml`, if there is one.
-
-    Raises
-    ------
-    OSError
-        If the folder holds no `*_geometrical.xml`.
-    ValueError
-        If it holds several of a kind.
-    """
+    """Find `*_geometrical.xml` and, if it is there, `*_photometrical.xml` in a folder `Endoscope_XX`."""
     place = Path(folder)
     found = {}
     for kind in ("geometrical", "photometrical"):

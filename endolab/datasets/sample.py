@@ -1,21 +1,22 @@
-"""Published frames with truth, and the endoscopes that endolab knows by name.
+"""A published frame with truth, and what the loaders of all data sets check.
 
 Every sample comes out the same way: a `Frame`, a `Calibration` of its size, and Euclidean
 distances in mm, nan where the truth is unknown. Nothing is downloaded. `folders.open_dataset`
-opens any layout; that of UCL 2019 is in `ucl`, EndoMapper's calibrations are in `endomapper`.
+opens any layout; EndoMapper's calibrations are in `endomapper`.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from endolab.io.atomic import PathLike
 from endolab.io.descriptions import Calibration
 from endolab.io.images import read_image, read_stored
-from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.frame import Frame
 
@@ -48,16 +49,13 @@ def data_folder() -> Path | None:
 
 
 # Layouts -------------------------------------------------------------------------------------
-def stored_depth(path: Path, dtype: str, step: float) -> np.ndarray:
+def stored_depth(path: PathLike, dtype: str, step: float) -> np.ndarray:
     """Read a depth map's numbers, and refuse what cannot be one in steps of `step` mm.
 
-    Raises
-    ------
-    OSError, ValueError
-        In one sentence, if it cannot be read, has another bit depth or several channels, is black, or
-        shows nothing beyond 2 mm, as a map in another unit does.
+    That is one of another bit depth or of several channels, a black one, or one that shows nothing
+    beyond 2 mm, as a map in another unit does.
     """
-    stored = read_stored(path)
+    stored = read_stored(Path(path))
     if stored.ndim != 2 or stored.dtype != np.dtype(dtype):
         raise ValueError(
             f"{path}: expected one channel of {dtype}, found {stored.dtype} of shape {stored.shape}"
@@ -73,30 +71,43 @@ def stored_depth(path: Path, dtype: str, step: float) -> np.ndarray:
     return stored
 
 
-def one_of(folder: Path, names: list[str]) -> Path:
-    """Return the first of some files that is in a folder."""
+def _one_of(folder: Path, *names: str) -> Path:
     found = [folder / name for name in names if (folder / name).is_file()]
     if not found:
         raise FileNotFoundError(f"{folder}: expected a file {' or '.join(names)}")
     return found[0]
 
 
-def true_distance(z: FloatArray, known: BoolArray, camera: Camera, path: Path) -> FloatArray:
-    """Turn z into Euclidean distance, mm, nan where unknown; complain of another size than the camera's."""
+def load_sample(
+    folder: PathLike,
+    colour_name: str,
+    depth_names: tuple[str, ...],
+    read_depth: Callable[[PathLike], tuple[FloatArray, BoolArray, BoolArray] | tuple[FloatArray, BoolArray]],
+    calibration: Calibration,
+    shrinkable: bool = False,
+) -> Sample:
+    """Load a frame and its truth from two files of a folder, of which the first depth map found counts.
+
+    `read_depth` returns z, mm, where it is known and, if that is not everywhere, what the endoscope
+    shows. A `shrinkable` calibration follows pictures that were shrunk in proportion.
+    """
+    colour, depth = _one_of(Path(folder), colour_name), _one_of(Path(folder), *depth_names)
+    z, known, *shown = read_depth(depth)
+    camera = calibration.camera
+    if shrinkable and z.shape[1] < camera.width:
+        shrunk = calibration.resize(z.shape[1], round(camera.height * z.shape[1] / camera.width))
+        calibration = shrunk if shrunk.camera.height == z.shape[0] else calibration
+        camera = calibration.camera
     if z.shape != (camera.height, camera.width):
         raise ValueError(
-            f"{path}: expected {camera.width}x{camera.height} px, found {z.shape[1]}x{z.shape[0]} px"
+            f"{depth}: expected {camera.width}x{camera.height} px, found {z.shape[1]}x{z.shape[0]} px"
         )
-    forward = np.where(camera.field.cos_alpha > 0, camera.field.cos_alpha, np.nan)
-    return np.where(known, z, np.nan) / forward
-
-
-def colour_picture(path: Path, shape: tuple[int, ...]) -> FloatArray:
-    """Read the colour picture that belongs to a depth map of some shape: (H, W, 3), in [0, 1]."""
-    image = read_image(path)
-    if image.shape != (*shape, 3):
+    image = read_image(colour)
+    if image.shape != (*z.shape, 3):
         raise ValueError(
-            f"{path}: expected colours of {shape[1]}x{shape[0]} px as its depth map, "
+            f"{colour}: expected colours of {z.shape[1]}x{z.shape[0]} px as its depth map, "
             f"found the shape {image.shape}"
         )
-    return image
+    forward = np.where(camera.field.cos_alpha > 0, camera.field.cos_alpha, np.nan)
+    mask = shown[0] if shown else np.ones(z.shape, dtype=bool)
+    return Sample(Frame(image, mask, colour.name), calibration, np.where(known, z, np.nan) / forward)

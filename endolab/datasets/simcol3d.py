@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
+from endolab._deprecated import callable_as_before
 from endolab.datasets.known_endoscopes import CALIBRATIONS
-from endolab.datasets.sample import Sample, colour_picture, one_of, stored_depth, true_distance
+from endolab.datasets.sample import Sample, load_sample, stored_depth
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.preprocessing.frame import Frame
 
 
 def read_simcol3d_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
@@ -28,7 +28,7 @@ def read_simcol3d_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
     known : (H, W) bool array
         Where it is above 0.
     """
-    stored = stored_depth(Path(path), "uint16", 200 / 65280)
+    stored = stored_depth(path, "uint16", 200 / 65280)
     if stored.max() > 65280:
         raise ValueError(f"{path}: expected values up to 65280, which is 200 mm, found {stored.max()}")
     return stored / 256 / 255 * 200, stored > 0
@@ -48,12 +48,10 @@ def read_simcol3d(folder: PathLike, index: int) -> Sample:
     Sample
         The whole picture is in the mask.
     """
-    place = Path(folder)
-    colour = one_of(place, [f"FrameBuffer_{index:04d}.png"])
-    depth = one_of(place, [f"Depth_{index:04d}.png"])
-    z, known = read_simcol3d_depth(depth)
-    known_as = CALIBRATIONS["simcol3d"]
-    distance = true_distance(z, known, known_as.camera, depth)
-    image = colour_picture(colour, z.shape)
-    image = np.minimum(image * 65535 / 65280, 1.0)  # bytes in the upper half of 16 bits
-    return Sample(Frame(image, np.ones(image.shape[:2], bool), colour.name), known_as, distance)
+    colour, depths = f"FrameBuffer_{index:04d}.png", (f"Depth_{index:04d}.png",)
+    sample = load_sample(folder, colour, depths, read_simcol3d_depth, CALIBRATIONS["simcol3d"])
+    image = np.minimum(sample.frame.image * 65535 / 65280, 1.0)  # bytes in the upper half of 16 bits
+    return replace(sample, frame=replace(sample.frame, image=image))
+
+
+callable_as_before(__name__)

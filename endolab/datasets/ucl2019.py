@@ -13,17 +13,13 @@ along the axis, and so it is taken here. The camera is documented nowhere that w
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import numpy as np
-
-from endolab.datasets.sample import Sample, colour_picture, one_of, stored_depth, true_distance
+from endolab._deprecated import callable_as_before
+from endolab.datasets.sample import Sample, load_sample, stored_depth
 from endolab.io.atomic import PathLike
 from endolab.io.descriptions import Calibration
 from endolab.model.cameras import Camera
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.preprocessing.frame import Frame
 
 STEP = 200 / 255  # mm
 SIZE = 256  # px
@@ -43,13 +39,8 @@ def read_ucl2019_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
         mm, in steps of 0.78 mm.
     known : (256, 256) bool array
         Where the value is neither 0 nor 255, 200 mm or more.
-
-    Raises
-    ------
-    OSError, ValueError
-        In one sentence, if it cannot be read or is not such a map.
     """
-    stored = stored_depth(Path(path), "uint8", STEP)
+    stored = stored_depth(path, "uint8", STEP)
     if stored.shape != (SIZE, SIZE):
         raise ValueError(f"{path}: expected {SIZE}x{SIZE} px, found {stored.shape[1]}x{stored.shape[0]} px")
     return stored * STEP, (stored > 0) & (stored < 255)
@@ -73,17 +64,9 @@ def read_ucl2019(folder: PathLike, series: str, index: int, camera: Camera) -> S
     Sample
         The whole picture is in the mask; the light is endolab's default, not the data set's, and
         the gain is unknown.
-
-    Raises
-    ------
-    OSError, ValueError
-        In one sentence, if a file is missing or not as described.
     """
-    place = Path(folder)
-    colour = one_of(place, [f"{series}_FrameBuffer_{index:04d}.png"])
-    depth = one_of(place, [f"{series}_Depth_{index:04d}.png"])
-    z, known = read_ucl2019_depth(depth)
-    distance = true_distance(z, known, camera, depth)
-    image = colour_picture(colour, z.shape)
-    frame = Frame(image, np.ones(image.shape[:2], bool), colour.name)
-    return Sample(frame, Calibration(camera, Photometry()), distance)
+    colour, depths = f"{series}_FrameBuffer_{index:04d}.png", (f"{series}_Depth_{index:04d}.png",)
+    return load_sample(folder, colour, depths, read_ucl2019_depth, Calibration(camera, Photometry()))
+
+
+callable_as_before(__name__)

@@ -89,7 +89,7 @@ def test_a_pinhole(write):
 
 
 def test_a_light_off_the_axis_is_in_mm(write):
-    calibration = endomapper.convert(*write())
+    calibration = endomapper.read_endomapper(*write())
     light = calibration.photometry
     (spot,) = light.lights
     np.testing.assert_allclose(spot.position, (-0.061, -1.135, -3.612))
@@ -103,7 +103,7 @@ def test_a_light_off_the_axis_is_in_mm(write):
 
 def test_the_light_falls_as_it_did_there(write):
     """cosⁿψ stands for exp(-μ (1 - cos ψ)): nowhere within 60° is a distance off by more than 6 %."""
-    calibration = endomapper.convert(*write())
+    calibration = endomapper.read_endomapper(*write())
     (spot,) = calibration.photometry.lights
     angles = np.deg2rad(np.linspace(0, 60, 61))
     direction = np.asarray(spot.direction)
@@ -122,17 +122,19 @@ def test_the_light_falls_as_it_did_there(write):
 def test_a_light_at_the_centre_becomes_k(write):
     text = PHOTOMETRY.replace("-6.1e-05; -0.001135; -0.003612", "0; 0; 0")
     text = text.replace("0.011092; 0.0; 0.999938", "0; 0; 1")
-    plain = endomapper.convert(*write(photometry=text)).photometry
+    plain = endomapper.read_endomapper(*write(photometry=text)).photometry
     assert plain.lights == ()
     assert 1.9 < plain.k < 2.767302
     vignetted = text.replace("</gamma>", "</gamma><vignetting> [ 0.500000 ] </vignetting>")
-    assert endomapper.convert(*write(photometry=vignetted)).photometry.k == pytest.approx(plain.k + 0.5)
+    assert endomapper.read_endomapper(*write(photometry=vignetted)).photometry.k == pytest.approx(
+        plain.k + 0.5
+    )
 
 
 def test_several_lights_and_an_even_one(write):
     light = PHOTOMETRY[PHOTOMETRY.index("    <light>") : PHOTOMETRY.index("</rig>")]
     even = light.replace("2.767302", "0").replace("1.000000", "0.5")
-    lights = endomapper.convert(
+    lights = endomapper.read_endomapper(
         *write(photometry=PHOTOMETRY.replace("</rig>", f"{even}</rig>"))
     ).photometry.lights
     assert len(lights) == 2
@@ -217,15 +219,15 @@ def test_no_light_at_all(write):
     start, end = PHOTOMETRY.index("<light>"), PHOTOMETRY.index("</rig>")
     paths = write(photometry=PHOTOMETRY[:start] + PHOTOMETRY[end:])
     with pytest.raises(ValueError, match="rig/light: missing"):
-        endomapper.convert(*paths)
+        endomapper.read_endomapper(*paths)
 
 
 def test_one_file_in_place_of_the_other(write):
     geometry, photometry = write()
     with pytest.raises(ValueError, match=r"expected the type calibu_fu_fv_u0_v0_kb4 .*found gamma"):
-        endomapper.convert(photometry, geometry)
+        endomapper.read_endomapper(photometry, geometry)
     with pytest.raises(ValueError, match="rig/camera/camera_model: expected the type gamma, found calibu"):
-        endomapper.convert(geometry, geometry)
+        endomapper.read_endomapper(geometry, geometry)
 
 
 BOMB = '<!DOCTYPE rig [<!ENTITY a "aaaaaaaa"><!ENTITY b "&a;&a;&a;">]><rig>&b;</rig>'
@@ -282,7 +284,7 @@ def test_convert(write, tmp_path, capsys):
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
     assert (
         el.Calibration.load(tmp_path / "a.json").to_dict()
-        == endomapper.convert(geometry, photometry).to_dict()
+        == endomapper.read_endomapper(geometry, photometry).to_dict()
     )
 
 

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from endolab.datasets import traced as traced_set
 from endolab.datasets.known_endoscopes import load_calibration
-from endolab.datasets.traced import CASES, load_traced
+from endolab.datasets.traced import FOLDER, load_traced, read
 from endolab.synthetic import path_tracing
 from endolab.synthetic.path_tracing import Traced
 from endolab.synthetic.rendering import VEIL
+from tests.tools import make_traced_frames as maker
+from tests.tools.make_traced_frames import CASES
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -61,8 +62,8 @@ def made(sample, gain=2.0):
 
 def test_round_trip(tmp_path):
     old = load_traced("wet-1")
-    traced_set.write(tmp_path / "a.npz", made(old), CASES["wet-1"], 64)
-    new = traced_set.read(tmp_path / "a.npz")
+    maker.write(tmp_path / "a.npz", made(old), CASES["wet-1"], 64)
+    new = read(tmp_path / "a.npz")
     assert new.calibration.photometry.gain == 2.0
     assert new.scene == old.scene
     for name in ("distance", "normals", "direct", "indirect", "mirrored"):
@@ -72,9 +73,7 @@ def test_round_trip(tmp_path):
 def test_a_frame_beyond_the_files_reach_is_refused(tmp_path):
     sample = load_traced("matt")
     with pytest.raises(ValueError, match="holds distances up to 255 mm, got 347 mm"):
-        traced_set.write(
-            tmp_path / "a.npz", replace(made(sample), distance=2 * sample.distance), CASES["matt"], 1
-        )
+        maker.write(tmp_path / "a.npz", replace(made(sample), distance=2 * sample.distance), CASES["matt"], 1)
     assert not list(tmp_path.iterdir())
 
 
@@ -82,16 +81,16 @@ def test_unknown_missing_and_broken_frames(tmp_path, capsys):
     with pytest.raises(ValueError, match="unknown traced frame 'dry'; choose matt, diffuse-1"):
         load_traced("dry")
     with pytest.raises(FileNotFoundError, match="there is no such file"):
-        traced_set.read(tmp_path / "none.npz")
-    whole = (traced_set.FOLDER / "matt.npz").read_bytes()
+        read(tmp_path / "none.npz")
+    whole = (FOLDER / "matt.npz").read_bytes()
     (tmp_path / "half.npz").write_bytes(whole[: len(whole) // 2])
     np.savez(tmp_path / "other.npz", image=np.zeros(3))
     np.savez(tmp_path / "facts.npz", image=np.zeros(3), facts=np.array(json.dumps({"scene": {}})))
     for name in ("half", "other", "facts"):
         with pytest.raises(ValueError, match=f"{name}.npz: not a path-traced frame that endolab wrote"):
-            traced_set.read(tmp_path / f"{name}.npz")
-    assert traced_set.main([]) == 2
-    assert traced_set.main([str(tmp_path / "made"), "dry"]) == 2
+            read(tmp_path / f"{name}.npz")
+    assert maker.main([]) == 2
+    assert maker.main([str(tmp_path / "made"), "dry"]) == 2
     assert "unknown frame 'dry'" in capsys.readouterr().err
     assert not (tmp_path / "made").exists()
 
@@ -103,10 +102,10 @@ def test_the_generator_makes_such_a_frame(tmp_path, monkeypatch):
     except OSError as error:
         pytest.skip(str(error))
     case = replace(CASES["wet-1"], options=CASES["wet-1"].options | {"mesh_size": 60, "bounces": 3})
-    monkeypatch.setitem(traced_set.CASES, "small", case)
-    monkeypatch.setattr(traced_set, "load_calibration", lambda name, width: load_calibration(name, 64))
-    traced_set.make(tmp_path, ["small"], samples=4)
-    sample = traced_set.read(tmp_path / "small.npz")
+    monkeypatch.setitem(maker.CASES, "small", case)
+    monkeypatch.setattr(maker, "load_calibration", lambda name, width: load_calibration(name, 64))
+    maker.make(tmp_path, ["small"], samples=4)
+    sample = read(tmp_path / "small.npz")
     assert sample.frame.image.shape == (48, 64, 3)
     # Small and coarse, but of the same colon under the same lights as the frame that comes with endolab.
     small, large = (

@@ -1,0 +1,142 @@
+"""Path-trace the frames that come with endolab anew, with Mitsuba.
+
+`python -m tests.tools.make_traced_frames FOLDER [NAMES]` makes them; `endolab.datasets.traced` reads them and
+says what a file holds.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+
+from endolab.datasets.known_endoscopes import load_calibration
+from endolab.datasets.traced import DISTANCE_STEP, GREY_STEPS, LAYERS
+from endolab.io.atomic import PathLike, staged_folder, write_atomically
+from endolab.io.descriptions import Calibration
+from endolab.model.brdf import Lambertian
+from endolab.model.lights import SpotLight
+from endolab.model.photometry import Photometry
+from endolab.numerics.arrays import FloatArray
+from endolab.synthetic.path_tracing import Traced, trace
+from endolab.synthetic.scenes import Colon
+
+SAMPLES = 256  # paths a pixel: leaves less than a grey level of their noise
+
+_TISSUE = Lambertian((0.75, 0.38, 0.30))
+_ONE = Photometry(k=2.5, gamma=2.2, brdf=_TISSUE)
+_THREE = Photometry(
+    k=0.0,
+    gamma=2.2,
+    brdf=_TISSUE,
+    lights=tuple(
+        SpotLight((3.5 * np.cos(angle), 3.5 * np.sin(angle), 0.0), exponent=2.5, weight=1 / 3)
+        for angle in np.deg2rad([90, 210, 330])
+    ),
+)
+_COLONS = (
+    Colon(),
+    Colon(radius=26, fold_height=0.3, fold_spacing=33, sharpness=5, winding=-9, length=190),
+    Colon(radius=19, fold_height=0.45, fold_spacing=24, sharpness=9, winding=18, length=150),
+)
+_TEXTURED = {"texture": 0.10, "vessels": 0.35}
+_DRY = _TEXTURED | {"noise": 1.0}
+_WET = _TEXTURED | {"film": 0.025, "noise": 3.0}
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a frame of the set shows."""
+
+    scene: Colon
+    camera: str  # "simple", a pinhole, or "paper", the paper's fisheye at 320 px
+    photometry: Photometry
+    options: dict[str, float]  # of `path_tracing.trace`
+
+
+CASES = {
+    "matt": Case(_COLONS[0], "simple", _ONE, {}),
+    "diffuse-1": Case(_COLONS[0], "simple", _ONE, _DRY | {"seed": 1}),
+    "diffuse-2": Case(_COLONS[1], "paper", _ONE, _DRY | {"texture": 0.12, "seed": 2}),
+    "diffuse-3": Case(_COLONS[2], "simple", _ONE, _DRY | {"seed": 3}),
+    "wet-1": Case(_COLONS[0], "simple", _THREE, _WET | {"seed": 4}),
+    "wet-2": Case(_COLONS[1], "paper", _THREE, _WET | {"seed": 5}),
+    "foggy": Case(_COLONS[2], "paper", _THREE, _WET | {"fog": 0.001, "seed": 6}),
+}
+
+
+def write(path: PathLike, traced: Traced, case: Case, samples: int) -> None:
+    """Write a frame of the set; ValueError if a distance is beyond 255 mm."""
+    far = float(np.nanmax(traced.distance))
+    if far > 255:
+        raise ValueError(f"the file holds distances up to 255 mm, got {far:.0f} mm")
+    facts = {
+        "scene": asdict(case.scene),
+        "calibration": Calibration(traced.camera, traced.photometry).to_dict(),
+        "options": case.options | {"samples": samples},
+    }
+    layers: dict[str, FloatArray] = {"distance": np.nan_to_num(traced.distance) / DISTANCE_STEP}
+    for name in LAYERS:
+        layers[name] = GREY_STEPS * getattr(traced, name) ** (1 / traced.photometry.gamma)
+    arrays: dict[str, Any] = {
+        "image": np.round(255 * traced.image).astype(np.uint8),
+        "facts": np.array(json.dumps(facts, allow_nan=False)),
+    }
+    for name, layer in layers.items():
+        code = np.clip(np.round(layer), 0, 65535).astype(np.uint16)
+        arrays[name] = np.diff(code, axis=1, prepend=np.uint16(0))
+    packed = BytesIO()
+    np.savez_compressed(packed, **arrays)
+    write_atomically(path, packed.getvalue())
+
+
+def _show(bar: Any, share: float) -> None:
+    bar.update(100 * share - bar.n)
+
+
+def make(folder: PathLike, names: Sequence[str] = (), *, samples: int = SAMPLES) -> None:
+    """Path-trace frames of the set, all by default, into a folder, each whole or not at all."""
+    from tqdm import tqdm
+
+    unknown = [name for name in names if name not in CASES]
+    if unknown:
+        raise ValueError(f"unknown frame {unknown[0]!r}; choose {', '.join(CASES)}")
+    for name in names or CASES:
+        case = CASES[name]
+        width = 320 if case.camera == "paper" else None
+        with tqdm(total=100, unit="%", desc=name, bar_format="{desc} {percentage:3.0f} % {elapsed}") as bar:
+            traced = trace(
+                case.scene,
+                load_calibration(case.camera, width).camera,
+                case.photometry,
+                bits=8,
+                samples=samples,
+                progress=partial(_show, bar),
+                **case.options,  # type: ignore[arg-type]
+            )
+        with staged_folder(folder) as staging:
+            write(staging / f"{name}.npz", traced, case, samples)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Make the set: ``python -m tests.tools.make_traced_frames FOLDER [NAMES]``."""
+    if not arguments or arguments[0].startswith("-"):
+        usage = f"FOLDER [{' | '.join(CASES)}]..."
+        print(f"usage: python -m tests.tools.make_traced_frames {usage}", file=sys.stderr)
+        return 2
+    try:
+        make(arguments[0], arguments[1:])
+    except (ValueError, OSError) as error:
+        print(f"endolab: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
