@@ -1,7 +1,7 @@
 """Recordings of a calibration for the Rerun viewer: its frames, and the steps of the light's fit.
 
 The timeline "frame" shows what was found and how well it is explained, "iteration" how the light
-was fitted. As in `recording`, the file is kept in memory until it is complete.
+was fitted.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
@@ -20,28 +19,28 @@ from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.session import Named, Session
 from endolab.calibration.summary import account, brdf_of, mean_distances
 from endolab.calibration.targets import Target
-from endolab.io.atomic import PathLike, write_atomically
+from endolab.io.atomic import PathLike
 from endolab.io.video import Frames
 from endolab.numerics.arrays import FloatArray
-from endolab.recording import layouts as blueprints
-from endolab.recording.recorder import BLUE_WHITE_RED
-from endolab.recording.stream import START, THIN, camera_shape
+from endolab.plots.diverging import blue_white_red
+from endolab.recording import layouts
+from endolab.recording.stream import NOW, OUTLIER, START, THIN, Sink, camera_shape, jpeg
+from endolab.recording.stream import TRUTH as GREY
 
 FRAME, ITERATION = "frame", "iteration"  # the timelines
 MOST_FRAMES = 300  # of a long video, evenly; curves have all
-NOW, GREY, OUTLIER = (230, 159, 0), (160, 160, 160), (213, 94, 0)
 TEXTURE = 640  # px, the width of the sheet's picture
 ARROW = 0.015  # of the picture's width: a reprojection residual of one standard deviation
 TALL = 100.0  # a BRDF of 1, where a degree is 1
+CURVES = {  # over the frames: colours and titles
+    "gain": (OUTLIER, "Gain [mm²]"),
+    "distance": (START, "Distance [mm]"),
+    "residual": (NOW, "Residual [grey levels]"),
+}
 
 
 class LightRecorder:
-    """An observer of the light's fit that keeps its steps for `record_calibration`.
-
-    Attributes
-    ----------
-    steps : list of FitIterate
-    """
+    """An observer of the light's fit that keeps its steps for `record_calibration`."""
 
     def __init__(self) -> None:
         self.steps: list[FitIterate] = []
@@ -88,23 +87,16 @@ def record_calibration(
     ``plots/residual`` (standard deviation). Per iteration: ``fit/k``, ``fit/gamma``,
     ``fit/sigma``, ``fit/cost``, ``fit/change``, ``brdf/now``, ``residuals``.
     """
-    if Path(path).suffix != ".rrd":
-        raise ValueError(f"a recording's name ends in .rrd, got {path}")
-    stream = rr.RecordingStream("endolab")
-    memory = rr.binary_stream(stream)
-    try:
-        _Recording(stream, session, max_width).log(frames, light_steps)
-        content = memory.read()
-    finally:
-        stream.disconnect()
-    write_atomically(path, content or b"")
+    with Sink(Path(path)) as sink:
+        sink.begin()
+        _Recording(sink, session, max_width).log(frames, light_steps)
 
 
 class _Recording:
-    """One session, on its way into a stream."""
+    """One session, on its way into a file."""
 
-    def __init__(self, stream: rr.RecordingStream, session: Session, max_width: int) -> None:
-        self.stream, self.session = stream, session
+    def __init__(self, sink: Sink, session: Session, max_width: int) -> None:
+        self.sink, self.session = sink, session
         self.step = -(-session.camera.width // max_width)
         self.sigma = 1.0 if session.geometry is None else session.geometry.sigma
         self.magnify = ARROW * session.camera.width / max(self.sigma, 1e-6)
@@ -117,15 +109,11 @@ class _Recording:
         pictures = frames.read(shown) if isinstance(frames, Frames) else frames
         for name, image in pictures:
             if name in shown:
-                self.stream.set_time(FRAME, sequence=names.index(name))
+                self.sink.at(FRAME, names.index(name))
                 self._log_frame(name, image)
-        self.stream.reset_time()
         for step in light_steps:
-            self.stream.set_time(ITERATION, sequence=step.k)
+            self.sink.at(ITERATION, step.k)
             self._log_step(step)
-
-    def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
-        self.stream.log(entity, *what, static=static, strict=True)
 
     def _places(self, pixels: FloatArray) -> FloatArray:
         """Where pixels are in the thinned picture; Rerun counts from a pixel's corner."""
@@ -143,12 +131,13 @@ class _Recording:
             "red brighter, grey was left out\n"
             "- **Fit**: set the timeline to *iteration* to see the light being fitted\n"
         )
-        self._log("account", rr.TextDocument(text, media_type="text/markdown"), static=True)
-        self._log("world", rr.ViewCoordinates.RDF, static=True)
-        middles = [pose.transform(_middle(session.target)) for pose in _located(session)]
+        self.sink.log("account", rr.TextDocument(text, media_type="text/markdown"), static=True)
+        self.sink.log("world", rr.ViewCoordinates.RDF, static=True)
+        poses: list[Pose] = [pose for panels in session.poses.values() for pose in panels if pose is not None]
+        middles = [pose.transform(_middle(session.target)) for pose in poses]
         centre = np.mean(middles, axis=0) if middles else np.array([0.0, 0.0, 50.0])
         distance = float(np.linalg.norm(centre))
-        self._log("world/camera", camera_shape(session.camera, 0.2 * distance), static=True)
+        self.sink.log("world/camera", camera_shape(session.camera, 0.2 * distance), static=True)
         texture = _texture(session.target)
         for panel in range(session.target.panels):
             # The corners move, the rest stays.
@@ -163,36 +152,36 @@ class _Recording:
                     channel_datatype=rr.ChannelDatatype.U8,
                 ),
             )
-            self._log(f"world/sheet/{panel}", sheet, static=True)
-        for name, (colour, _) in _curves(session).items():
+            self.sink.log(f"world/sheet/{panel}", sheet, static=True)
+        curves = CURVES if session.light is not None else {"distance": CURVES["distance"]}
+        for name, (colour, _) in curves.items():
             style = rr.SeriesLines(colors=colour, names=name, widths=2)
-            self._log(f"plots/{name}", style, static=True)
+            self.sink.log(f"plots/{name}", style, static=True)
         if session.light is not None:
             self._log_brdf_axes(session.light)
-        titles = {name: title for name, (_, title) in _curves(session).items()}
-        layout = blueprints.calibration(centre, distance, titles, session.light is not None, FRAME)
-        self.stream.send_blueprint(layout)
+        titles = {name: title for name, (_, title) in curves.items()}
+        self.sink.open_as(layouts.calibration(centre, distance, titles, session.light is not None, FRAME))
 
     def _log_brdf_axes(self, light: PhotometricFit) -> None:
         theta, relative, _ = brdf_of(light)
         fitted = np.column_stack([np.rad2deg(theta), -TALL * relative])
-        self._log("brdf/fitted", rr.LineStrips2D([fitted], colors=GREY, radii=THIN), static=True)
+        self.sink.log("brdf/fitted", rr.LineStrips2D([fitted], colors=GREY, radii=THIN), static=True)
         levels = np.arange(0.4, 1.61, 0.2)
         levels = levels[(levels > relative.min() - 0.2) & (levels < relative.max() + 0.2)]
         lines = [[[0, -TALL * level], [90, -TALL * level]] for level in levels]
         low, high = -TALL * levels[[0, -1]]
         lines += [[[angle, low], [angle, high]] for angle in (0, 30, 60, 90)]
         grid = rr.LineStrips2D(lines, colors=(90, 90, 90), radii=rr.Radius.ui_points(0.5))
-        self._log("brdf/grid", grid, static=True)
+        self.sink.log("brdf/grid", grid, static=True)
         ticks = [[-6, -TALL * level] for level in levels] + [[angle, low + 6] for angle in (0, 30, 60, 90)]
         labels = [f"{level:.1f}" for level in levels] + ["0°", "30°", "60°", "90°"]
-        self._log("brdf/ticks", rr.Points2D(ticks, colors=GREY, radii=0.1, labels=labels), static=True)
+        self.sink.log("brdf/ticks", rr.Points2D(ticks, colors=GREY, radii=0.1, labels=labels), static=True)
 
     # Frames ---------------------------------------------------------------------------
 
     def _log_curves(self, names: Sequence[str]) -> None:
         session, light = self.session, self.session.light
-        number = [names.index(name) for name in session.poses]
+        number = np.array([names.index(name) for name in session.poses], int)
         found = np.unique(session.samples.frame)
         curves = {"distance": (found, mean_distances(session.samples, found))}
         if light is not None:
@@ -203,24 +192,20 @@ class _Recording:
             some = np.array([np.sum(used & (frame == f)) > 1 for f in found], dtype=bool)
             curves["residual"] = found[some], np.array(spread)[some]
         for name, (frames, values) in curves.items():
-            for frame, value in zip(frames, values, strict=True):
-                self.stream.set_time(FRAME, sequence=number[frame])
-                self._log(f"plots/{name}", rr.Scalars(float(value)))
+            self.sink.log_curve(f"plots/{name}", FRAME, number[frames].tolist(), values)
 
     def _log_frame(self, name: str, image: FloatArray | None) -> None:
         session = self.session
         if image is not None:
-            stored = np.round(255 * np.clip(image[:: self.step, :: self.step], 0, 1)).astype(np.uint8)
-            contents = cv2.imencode(".jpg", stored[..., ::-1] if stored.ndim == 3 else stored)[1].tobytes()
-            self._log("picture", rr.EncodedImage(contents=contents, media_type="image/jpeg"))
+            self.sink.log("picture", jpeg(image[:: self.step, :: self.step]))
         pixels = self._places(session.detections[name].pixels)
-        self._log("picture/detected", rr.Points2D(pixels, colors=START, radii=rr.Radius.ui_points(2.5)))
+        self.sink.log("picture/detected", rr.Points2D(pixels, colors=START, radii=rr.Radius.ui_points(2.5)))
         self._log_reprojection(name)
         self._log_samples(name)
         poses = session.poses.get(name, (None,) * session.target.panels)
         for panel, pose in enumerate(poses):
             corners = np.zeros((0, 3)) if pose is None else pose.transform(_panel(session.target, panel)[0])
-            self._log(f"world/sheet/{panel}", rr.Mesh3D.from_fields(vertex_positions=corners))
+            self.sink.log(f"world/sheet/{panel}", rr.Mesh3D.from_fields(vertex_positions=corners))
 
     def _log_reprojection(self, name: str) -> None:
         origins, vectors, good = [np.zeros((0, 2))], [np.zeros((0, 2))], [np.zeros(0, bool)]
@@ -244,7 +229,7 @@ class _Recording:
             colors=colours.astype(np.uint8),
             radii=rr.Radius.ui_points(1.0),
         )
-        self._log("picture/reprojection", arrows)
+        self.sink.log("picture/reprojection", arrows)
 
     def _log_samples(self, name: str) -> None:
         session, light = self.session, self.session.light
@@ -253,49 +238,28 @@ class _Recording:
         colours = np.full((int(here.sum()), 3), GREY, dtype=np.uint8)
         if light is not None:
             used = light.used[here]
-            colours[used] = _diverging(light.residuals[here][used] / (3 * light.sigma))
+            colours[used] = blue_white_red(light.residuals[here][used] / (3 * light.sigma))
         places = self._places(session.camera.project(session.samples.points[here]))
-        self._log("picture/samples", rr.Points2D(places, colors=colours, radii=rr.Radius.ui_points(4.0)))
+        self.sink.log("picture/samples", rr.Points2D(places, colors=colours, radii=rr.Radius.ui_points(4.0)))
 
     # Iterations -----------------------------------------------------------------------
 
     def _log_step(self, step: FitIterate) -> None:
         unknowns, light = step.unknowns, self.session.light
-        scalars = {
-            "k": unknowns.k,
-            "gamma": unknowns.gamma,
-            "sigma": step.sigma,
-            "cost": step.cost,
-            "change": step.change,
-        }
-        for name, value in scalars.items():
-            if np.isfinite(value):
-                self._log(f"fit/{name}", rr.Scalars(float(value)))
+        numbers = {"k": unknowns.k, "gamma": unknowns.gamma, "sigma": step.sigma}
+        numbers |= {"cost": step.cost, "change": step.change}
+        self.sink.log_scalars({f"fit/{name}": value for name, value in numbers.items()})
         edges = np.linspace(-20, 20, 81)
         count = np.histogram(step.residual[step.used, 0], edges)[0]
         chart = rr.BarChart(count, abscissa=(edges[1:] + edges[:-1]) / 2, widths=np.diff(edges), color=START)
-        self._log("residuals", chart)
+        self.sink.log("residuals", chart)
         if light is None:
             return
         theta, relative, _ = brdf_of(light)
         pinned = light.photometry.brdf.value(np.cos(theta[:1]), np.cos(theta[:1])) / relative[:1]
         values = np.broadcast_to(np.exp(unknowns.log_brdf) / pinned, theta.shape)
         line = np.column_stack([np.rad2deg(theta), -TALL * values])
-        self._log("brdf/now", rr.LineStrips2D([line], colors=NOW, radii=rr.Radius.ui_points(2.0)))
-
-
-def _curves(session: Session) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Colours and titles of the curves over the frames."""
-    curves: dict[str, tuple[tuple[int, ...], str]] = {
-        "gain": (OUTLIER, "Gain [mm²]"),
-        "distance": (START, "Distance [mm]"),
-        "residual": (NOW, "Residual [grey levels]"),
-    }
-    return curves if session.light is not None else {"distance": curves["distance"]}
-
-
-def _located(session: Session) -> list[Pose]:
-    return [pose for poses in session.poses.values() for pose in poses if pose is not None]
+        self.sink.log("brdf/now", rr.LineStrips2D([line], colors=NOW, radii=rr.Radius.ui_points(2.0)))
 
 
 def _middle(target: Target) -> FloatArray:
@@ -322,10 +286,3 @@ def _texture(target: Target) -> NDArray[np.uint8]:
     y = top + (np.arange(rows) + 0.5) * height / rows
     grey = np.nan_to_num(target.reflectance(np.stack(np.meshgrid(x, y), axis=-1)))
     return np.repeat(np.round(255 * np.sqrt(grey)).astype(np.uint8)[..., None], 3, axis=-1)
-
-
-def _diverging(values: FloatArray) -> NDArray[np.uint8]:
-    """Map -1…1 to blue, white, red, (n, 3)."""
-    nodes = np.linspace(-1, 1, len(BLUE_WHITE_RED))
-    channels = [np.interp(values, nodes, channel) for channel in BLUE_WHITE_RED.T]
-    return np.round(np.stack(channels, axis=-1)).astype(np.uint8)

@@ -1,7 +1,8 @@
 """How the Rerun viewer opens a recording: what is shown, where, and how large.
 
 `reconstruction` shows everything about a run, `convergence` its curves at large, `comparison`
-several runs side by side, `calibration` a calibration's frames, sheet and fit.
+several runs side by side, `sequence` a video's frames, `calibration` a calibration's frames,
+sheet and fit.
 """
 
 from __future__ import annotations
@@ -20,29 +21,16 @@ BACKGROUND = (45, 50, 58)
 
 @dataclass(frozen=True)
 class Shown:
-    """What a recorded run holds, as far as the layout depends on it.
+    """What a recorded run holds, as far as the layout depends on it."""
 
-    Attributes
-    ----------
-    run : str
-        Its name, which its entities begin with; empty if the run is alone.
-    unit : str
-        Of distances.
-    terms, maps : tuple of str
-        Names of the energy's terms and of the solver's maps.
-    low, high : (3,) float array
-        Ends of the surface along x, y and z.
-    far : float
-        z up to which the section is shown.
-    """
-
-    run: str
-    unit: str
-    terms: tuple[str, ...]
-    maps: tuple[str, ...]
-    low: FloatArray
+    run: str  # its name, which its entities begin with; empty if the run is alone
+    unit: str  # of distances
+    terms: tuple[str, ...]  # of the energy
+    maps: tuple[str, ...]  # of the solver
+    low: FloatArray  # (3,), ends of the surface along x, y and z
     high: FloatArray
-    far: float
+    far: float  # z up to which the section is shown
+    staged: bool = False  # whether there are several stages
 
     def at(self, entity: str) -> str:
         """Path of an entity."""
@@ -54,6 +42,7 @@ class Shown:
 
 
 def _opened(layout: rrb.Container, timeline: str = TIMELINE) -> rrb.Blueprint:
+    """A layout with the timeline to open on, and without panels beside it."""
     return rrb.Blueprint(
         layout,
         rrb.TimePanel(state="collapsed", timeline=timeline),
@@ -75,13 +64,28 @@ def _depth(shown: Shown) -> rrb.Spatial2DView:
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:
     target = (shown.low + shown.high) / 2
-    # From behind the camera, to its left and above it.
-    eye = target + 0.9 * np.linalg.norm(shown.high - shown.low) * np.array([-0.5, -0.35, -0.8])
+    away = 0.9 * float(np.linalg.norm(shown.high - shown.low))
+    hidden = [shown.at("world/truth")]
+    return _space(shown.called("Surface"), target, away, origin=shown.at("world"), hidden=hidden)
+
+
+def _space(
+    name: str,
+    target: FloatArray,
+    away: float,
+    *,
+    direction: Sequence[float] = (-0.5, -0.35, -0.8),  # from behind the camera, to its left and above it
+    origin: str = "/world",
+    hidden: Sequence[str] = (),
+) -> rrb.Spatial3DView:
+    """A view of what lies about `target`, from `away` in that direction."""
+    eye = target + away * np.array(direction)
+    invisible = rrb.EntityBehavior(visible=False)
     return rrb.Spatial3DView(
-        origin=shown.at("world"),
-        name=shown.called("Surface"),
+        origin=origin,
+        name=name,
         eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=[0, -1, 0]),
-        overrides={shown.at("world/truth"): rrb.EntityBehavior(visible=False)},
+        overrides=dict.fromkeys(hidden, invisible),
         background=BACKGROUND,
         line_grid=False,
     )
@@ -115,6 +119,10 @@ def reconstruction(shown: Shown) -> rrb.Blueprint:
     residual: list[rrb.View] = [_picture(shown, "residual", "Residual")]
     residual += [_picture(shown, f"front/{name}", name.capitalize()) for name in shown.maps]
     settings = rrb.TextDocumentView(origin=shown.at("settings"), name="Settings")
+    words: rrb.View | rrb.Container = rrb.Tabs(settings, _others(shown, ["energy", *shown.terms], "Steps"))
+    if shown.staged:
+        stage = rrb.TextDocumentView(origin=shown.at("stage"), name="Stage")
+        words = rrb.Vertical(stage, words, row_shares=[1, 7])
     return _opened(
         rrb.Vertical(
             rrb.Horizontal(
@@ -126,7 +134,7 @@ def reconstruction(shown: Shown) -> rrb.Blueprint:
             rrb.Horizontal(
                 _surface(shown),
                 rrb.Vertical(_energy(shown), _section([shown])),
-                rrb.Tabs(settings, _others(shown, ["energy", *shown.terms], "Steps")),
+                words,
                 column_shares=[2, 1.4, 1],
             ),
             row_shares=[1, 1.4],
@@ -166,26 +174,36 @@ def comparison(runs: Sequence[Shown]) -> rrb.Blueprint:
     return _opened(rrb.Horizontal(*columns, plots, column_shares=[*(1.0 for _ in runs), 1.2]))
 
 
+def sequence(unit: str, middle: float, far: float, timeline: str) -> rrb.Blueprint:
+    """Pictures of a video's frame above, its surface and the curves over the frames below.
+
+    `middle` and `far` are distances of the first surface, in `unit`.
+    """
+    titles = {"input": "Frame", "depth": f"Distance [{unit}]", "normals": "Normals"}
+    pictures = [rrb.Spatial2DView(origin=f"/{entity}", name=title) for entity, title in titles.items()]
+    curves = {
+        "Energy": ["energy"],
+        f"Median distance [{unit}]": ["median_distance"],
+        "Gain": ["gain"],
+        "Iterations, seconds": ["iterations", "seconds"],
+    }
+    plots = [
+        rrb.TimeSeriesView(origin="/", contents=[f"/plots/{name}" for name in names], name=title)
+        for title, names in curves.items()
+    ]
+    surface = _space(f"Surface [{unit}]", np.array([0.0, 0.0, middle]), 1.5 * far)
+    below = rrb.Horizontal(surface, rrb.Grid(*plots, grid_columns=2), column_shares=[1, 1.2])
+    return _opened(rrb.Vertical(rrb.Horizontal(*pictures), below, row_shares=[1, 1.3]), timeline)
+
+
 def calibration(
     centre: FloatArray, distance: float, curves: Mapping[str, str], light: bool, timeline: str
 ) -> rrb.Blueprint:
     """The frame, the sheet in space, the curves over the frames, and the light's fit behind a tab.
 
-    Parameters
-    ----------
-    centre : (3,) float array
-        Where the sheet mostly is, mm.
-    distance : float
-        How far that is, mm.
-    curves : mapping of str to str
-        Titles of the curves below ``plots``.
-    light : bool
-        Whether the light was fitted.
-    timeline : str
-        The one to open on.
+    The sheet is mostly at `centre`, (3,), mm, `distance` away; `curves` are titles of what lies
+    below ``plots``; `light` tells whether it was fitted.
     """
-    target = centre / 2  # between the camera and where the sheet mostly is
-    eye = target + 2.0 * distance * np.array([-0.6, -0.4, -0.7])
     fit: list[rrb.View | rrb.Container] = [
         rrb.TimeSeriesView(origin="/fit", contents=["/fit/k", "/fit/gamma"], name="k and γ"),
         rrb.TimeSeriesView(origin="/fit", contents=["/fit/sigma"], name="σ [grey levels]"),
@@ -195,13 +213,8 @@ def calibration(
     fit.append(rrb.BarChartView(origin="/residuals", name="Residuals [grey levels]"))
     found = ["/picture", "/picture/detected", "/picture/reprojection"]
     read = ["/picture", "/picture/samples"]
-    sheet = rrb.Spatial3DView(
-        origin="/world",
-        name="Sheet",
-        eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=[0, -1, 0]),
-        background=BACKGROUND,
-        line_grid=False,
-    )
+    # Between the camera and where the sheet mostly is.
+    sheet = _space("Sheet", centre / 2, 2.0 * distance, direction=(-0.6, -0.4, -0.7))
     plots = [rrb.TimeSeriesView(origin=f"/plots/{entity}", name=title) for entity, title in curves.items()]
     return _opened(
         rrb.Horizontal(

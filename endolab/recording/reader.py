@@ -12,9 +12,11 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from endolab.depth.result import SOLUTION
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.recording.layouts import TIMELINE
+from endolab.recording.stream import stage_of
 
 # Rows of a component: iteration (None if it stays) to its arrow values.
 Rows = dict[int | None, Any]
@@ -81,22 +83,9 @@ def _chunks(path: Path) -> list[Any]:
 
 
 class Recording:
-    """A recording, or one run of it.
+    """A recording of the file `path`, or one run of it."""
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    entities : mapping
-        Rows of each component of each entity.
-    run : str, optional
-        The run to give; by default the only one.
-
-    Attributes
-    ----------
-    path : Path
-    """
-
+    # Of each entity the rows of each component; without a run, it is the only one.
     def __init__(self, path: Path, entities: dict[str, dict[str, Rows]], run: str | None = None) -> None:
         self.path, self._entities, self._run = path, entities, run
 
@@ -163,26 +152,41 @@ class Recording:
         return tuple(self._timed("depth", "buffer"))
 
     @property
+    def stages(self) -> list[tuple[int, str, int]]:
+        """Stages of the run: first iteration, name, and round (0 if there is one only)."""
+        texts = {k or 0: stage_of(text[0].as_py()) for k, text in self._rows("stage", "text").items()}
+        first = int(self.scalars["energy"][0][0])
+        return [(k, *texts[k]) for k in sorted(texts)] or [(first, SOLUTION, 0)]
+
+    def _standing(self, entity: str, component: str, k: int | None = None) -> Any:
+        """What stays for a run or a stage, at an iteration; by default at the end."""
+        rows = self._rows(entity, component)
+        return rows[max((at for at in rows if at is not None and (k is None or at <= k)), default=None)]
+
+    @property
     def unit(self) -> str:
-        """Of distances: "mm", or "relative units" where the gain was unknown."""
-        meter = next(iter(self._rows("depth", "meter").values()))[0].as_py()
+        """Of distances: "mm", or "relative units" where the gain was unknown; of the last stage."""
+        meter = self._rows("depth", "meter")[self._chosen(-1)][0].as_py()
         return "mm" if meter == 1000 else "relative units"
 
     @property
     def mask(self) -> BoolArray:
-        """Pixels that took part, (h, w)."""
-        rows, shape = self._rows("mask", "buffer"), self._rows("mask", "format")
-        return _array(rows[None], shape[None], np.uint8).astype(bool)
+        """Pixels that took part, (h, w); of the last stage."""
+        return self._mask()
+
+    def _mask(self, k: int | None = None) -> BoolArray:
+        values, form = (self._standing("mask", component, k) for component in ("buffer", "format"))
+        return _array(values, form, np.uint8).astype(bool)
 
     @property
     def picture(self) -> FloatArray:
-        """The frame as it looked, (h, w, 3), in [0, 1]; maybe thinned."""
-        return _decoded(self._rows("input", "blob")[None])
+        """The frame as it looked, (h, w, 3), in [0, 1]; maybe thinned; of the last stage."""
+        return _decoded(self._standing("input", "blob"))
 
     @property
     def settings(self) -> str:
-        """What was solved and how, as Markdown."""
-        return str(self._rows("settings", "text")[None][0].as_py())
+        """What was solved and how, as Markdown; of the last stage."""
+        return str(self._standing("settings", "text")[0].as_py())
 
     def depth(self, iteration: int = -1) -> FloatArray:
         """Distance at an iteration.
@@ -195,7 +199,8 @@ class Recording:
         Returns
         -------
         (h, w) float array
-            In `unit`; nan outside the mask; thinned if the frame was wider than the recording.
+            In `unit`; nan outside the mask; thinned if the frame was wider than the recording. An
+            earlier stage may be on a smaller grid and in relative units.
 
         Raises
         ------
@@ -203,14 +208,14 @@ class Recording:
             If the iteration has no picture.
         """
         k = self._chosen(iteration)
-        return _array(self._rows("depth", "buffer")[k], self._rows("depth", "format")[k], np.float32).astype(
-            float
-        )
+        values, form = (self._rows("depth", component)[k] for component in ("buffer", "format"))
+        return _array(values, form, np.float32).astype(float)
 
     def normals(self, iteration: int = -1) -> FloatArray:
         """Unit normals at an iteration, (h, w, 3), to half a degree; nan outside the mask; see `depth`."""
-        colours = _decoded(self._rows("normals", "blob")[self._chosen(iteration)])
-        n = np.where(self.mask[..., None], 2 * colours - 1, np.nan)
+        k = self._chosen(iteration)
+        colours = _decoded(self._rows("normals", "blob")[k])
+        n = np.where(self._mask(k)[..., None], 2 * colours - 1, np.nan)
         return n / np.linalg.norm(n, axis=-1, keepdims=True)
 
     def _chosen(self, iteration: int) -> int:

@@ -1,8 +1,7 @@
 """Recordings of a run for the Rerun viewer: every iterate on the timeline "iteration".
 
 `record` makes an observer for `run`; what it logs, and under which names, is in `Recorder`.
-A file is written when the run has ended, interrupted or not, whole or not at all: Rerun's own
-writer can hang for good on a full disk, so the recording is kept in memory until then.
+A file is written when the run has ended, interrupted or not, whole or not at all.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -19,28 +19,37 @@ from numpy.typing import NDArray
 
 from endolab.depth.energy import model_image
 from endolab.depth.problem import Problem
-from endolab.depth.result import Iterate
+from endolab.depth.result import SOLUTION, Iterate
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import FloatArray
+from endolab.plots.diverging import blue_white_red
 from endolab.recording.layouts import BLUEPRINTS, TIMELINE, Shown, comparison
-from endolab.recording.stream import START, THIN, Sink, as_bytes, camera_shape, grey
+from endolab.recording.stream import (
+    NOW,
+    START,
+    THIN,
+    TRUTH,
+    Sink,
+    as_bytes,
+    camera_shape,
+    depth_map,
+    every,
+    grey,
+    in_colour,
+    png,
+    stage_text,
+)
 
-ALL_UNTIL, GROWTH = 20, 1.5  # pictures of the first iterates, then each time k has grown by half
+ALL_UNTIL, GROWTH = 20, 1.5  # pictures of a stage's first iterates, then each time k has grown by half
 CLOUD_WIDTH = 160  # columns of a cloud: coordinates would be most of a recording
 WAITING = 4  # iterates that may wait to be encoded
-BLUE_WHITE_RED = np.array(
-    [[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]], float
-)
 SHADES = 65  # of the residual: fewer than a byte tells, and a picture that is half as large
-_mixed = [np.interp(np.linspace(0, 4, SHADES), range(5), channel) for channel in BLUE_WHITE_RED.T]
-DIVERGING = np.append(np.round(_mixed).T, [[0, 0, 0]], axis=0).astype(np.uint8)  # the last: black
-
+DIVERGING = np.append(blue_white_red(np.linspace(-1, 1, SHADES)), np.zeros((1, 3), np.uint8), axis=0)
 
 # How PNG is compressed, which costs more than all else: few shades repeat themselves as they are.
 PLAIN = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, 0, cv2.IMWRITE_PNG_FILTER, 8)
 COLOURS = {"energy": (230, 159, 0), "data": (86, 180, 233), "regulariser": (213, 94, 0)}
 RUNS = ((230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66))  # none like the start's
-NOW, TRUTH = (230, 159, 0), (160, 160, 160)
 
 
 def record(
@@ -135,7 +144,7 @@ class Comparison:
             recorder.close()
         shown = [recorder.shown for recorder in self._runs.values() if recorder.shown is not None]
         if shown and self._sink.open:
-            self._sink.stream.send_blueprint(comparison(shown))
+            self._sink.open_as(comparison(shown))
         self._sink.close()
 
     def __enter__(self) -> Comparison:
@@ -150,13 +159,14 @@ class Recorder:
 
     Notes
     -----
-    Static: ``input``, ``mask``, ``settings``, ``world/camera``, ``world/truth``,
-    ``section/start``, ``section/truth``. Per iterate: ``depth`` (distance), ``normals``
-    ((n + 1)/2), ``residual`` (model - image), ``front/<name>`` (the iterate's maps),
+    Of the problem: ``input``, ``mask``, ``settings``, ``world/camera``, ``world/truth``,
+    ``section/start``, ``section/truth``; static, but where a run has several stages these are
+    logged when each begins, with its name, ``stage``. Per iterate: ``depth`` (distance),
+    ``normals`` ((n + 1)/2), ``residual`` (model - image), ``front/<name>`` (the iterate's maps),
     ``world/cloud``, ``section/now``, ``plots/<name>``. Scalars are logged for every iterate,
-    pictures for the first 20, the last, and between them each time k has grown by half.
-    In a `Comparison` all names begin with the run's. Encoding is left to a thread, so that the
-    solver can go on meanwhile.
+    pictures for the first 20 of a stage, its last, and between them each time k has grown by half.
+    The timeline runs on over all stages. In a `Comparison` all names begin with the run's.
+    Encoding is left to a thread, so that the solver can go on meanwhile.
     """
 
     def __init__(
@@ -175,11 +185,16 @@ class Recorder:
         self.shown: Shown | None = None
         self._sink, self._blueprint, self._run, self._colour = sink, blueprint, run, colour
         self._last: Iterate | None = None
+        self._began = 0, SOLUTION  # where the run begins on the timeline, and with which stage
+        self._several = False  # whether there are several stages
+        self._before = 0  # places on the timeline before this stage's k = 0
         self._pictured = -1  # k of the last iterate whose pictures were logged
         self._open = True
         self._encoder = ThreadPoolExecutor(1)
         self._jobs: deque[Future[None]] = deque()
         self._curves: dict[str, list[tuple[int, float]]] = {}  # what is still to be logged
+        # What stays for a stage, until it is known whether it stays for ever.
+        self._held: list[tuple[str, tuple[rr.AsComponents, ...]]] | None = None if self.path is None else []
 
     @property
     def path(self) -> Path | None:
@@ -192,10 +207,19 @@ class Recorder:
             raise ValueError("the recording is closed")
         if self._sink.gone:
             return  # the run goes on
-        if self._last is None:
-            self._check(iterate.problem)
-            self._sink.begin()
-            self._defer(self._begin, iterate)
+        last = self._last
+        if last is None or (last.stage, last.round) != (iterate.stage, iterate.round):
+            truth = self._truth_of(iterate)
+            if last is None:
+                self._sink.begin()
+                self._began = iterate.k, stage_text(iterate.stage, iterate.round)
+            else:
+                self._end_stage(last)
+                if not self._several:
+                    self._several = True
+                    self._defer(self._release, self._began[0])
+                self._before += last.k + 1 - iterate.k
+            self._defer(partial(self._begin, iterate, truth), self._before + iterate.k)
         self._last = iterate
         self._note_scalars(iterate)
         if iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * self._pictured:
@@ -212,8 +236,9 @@ class Recorder:
         if not self._open:
             return
         self._open = False
-        if self._last is not None and self._last.k != self._pictured:
-            self._picture(self._last)
+        if self._last is not None:
+            self._end_stage(self._last)
+            self._defer(self._finish, self._began[0])
         self._log_scalars()
         try:
             while self._jobs:
@@ -223,86 +248,130 @@ class Recorder:
             if not self._run:
                 self._sink.close()
 
+    def _end_stage(self, last: Iterate) -> None:
+        if last.k != self._pictured:
+            self._picture(last)
+        self._pictured = -1
+
     def _picture(self, iterate: Iterate) -> None:
         self._pictured = iterate.k
-        self._defer(self._log_pictures, iterate)
+        self._defer(partial(self._log_pictures, iterate), self._before + iterate.k)
 
-    def _defer(self, task: Callable[[Iterate], None], iterate: Iterate) -> None:
-        """Let the thread do it, but not fall behind for ever: iterates take memory."""
+    def _defer(self, task: Callable[[], None], place: int) -> None:
+        """Let the thread do it at a place of the timeline, but not fall behind: iterates take memory."""
 
         def job() -> None:
-            self._sink.stream.set_time(TIMELINE, sequence=iterate.k)  # counts for this thread only
-            task(iterate)
+            self._sink.at(TIMELINE, place)
+            task()
 
         self._jobs.append(self._encoder.submit(job))
         while len(self._jobs) > 3 * WAITING:
             self._jobs.popleft().result()
 
-    def _check(self, problem: Problem) -> None:
-        if self.truth is not None and self.truth.shape != problem.mask.shape:
-            raise ValueError(f"truth has shape {self.truth.shape}, the frame {problem.mask.shape}")
+    def _truth_of(self, iterate: Iterate) -> FloatArray | None:
+        """The truth on the grid of an iterate; stages before the solution may have a smaller one."""
+        truth, shape = self.truth, iterate.mask.shape
+        if truth is None or truth.shape == shape:
+            return truth
+        if iterate.stage == SOLUTION or abs(truth.shape[0] * shape[1] / truth.shape[1] - shape[0]) > 1:
+            raise ValueError(f"truth has shape {truth.shape}, the frame {shape}")
+        return np.asarray(cv2.resize(truth, shape[::-1], interpolation=cv2.INTER_AREA))
 
     def _log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
-        self._sink.stream.log(f"{self._run}/{entity}", *what, static=static, strict=True)
+        self._sink.log(f"{self._run}/{entity}", *what, static=static)
 
-    def _log_colours(
-        self, entity: str, colours: NDArray, static: bool = False, how: tuple[int, ...] = ()
-    ) -> None:
-        """Log (h, w) or (h, w, 3) bytes, or values in [0, 1], as PNG; nan is black."""
-        stored = colours if colours.dtype == np.uint8 else as_bytes(colours)
-        contents = cv2.imencode(".png", stored[..., ::-1] if stored.ndim == 3 else stored, how)[1].tobytes()
-        self._log(entity, rr.EncodedImage(contents=contents, media_type="image/png"), static=static)
+    def _log_of_stage(self, entity: str, *what: rr.AsComponents) -> None:
+        """Log what stays for a stage; it is static if a file has no other stage."""
+        # In the viewer, what is static hides all that comes on the timeline.
+        if self._held is None:
+            self._log(entity, *what)
+        else:
+            self._held.append((entity, what))
+
+    def _release(self) -> None:
+        """Log what was held back of the first stage: now, if there are others."""
+        held, self._held = self._held or [], None
+        for entity, what in held:
+            self._log(entity, *what, static=not self._several)
+        if self._several or self._began[1] != SOLUTION:
+            self._log("stage", rr.TextDocument(self._began[1]))
 
     # What stays -----------------------------------------------------------------------
 
-    def _begin(self, iterate: Iterate) -> None:
-        problem, step = iterate.problem, -(-iterate.problem.camera.width // self.max_width)
-        self._thin = thin = (slice(None, None, step), slice(None, None, step))
+    def _begin(self, iterate: Iterate, truth: FloatArray | None) -> None:
+        problem, inside = iterate.problem, iterate.mask
+        self._thin = thin = every(problem.camera.width, self.max_width)
         # Clouds are thinned further, by a whole number.
+        step = thin[0].step
         step *= max(1, -(-problem.camera.width // (step * CLOUD_WIDTH)))
-        self._sparse = sparse = (slice(None, None, step), slice(None, None, step))
-        inside = problem.mask[thin]
-        self._range = np.percentile(iterate.distance[problem.mask], [1, 99])
-        error = model_image(problem, iterate.log_distance)[problem.mask] - problem.image[problem.mask]
+        self._sparse = sparse = (slice(None, None, step),) * 2
+        near, middle, far = (float(value) for value in np.percentile(iterate.distance[inside], [1, 50, 99]))
+        self._range = near, far
+        error = model_image(problem, iterate.log_distance)[inside] - problem.image[inside]
         self._grey_levels = max(5.0, float(np.ceil(255 * np.percentile(np.abs(error), 98))))
-        picture = _colour_picture(problem)[thin]
-        self._log_colours("input", picture, static=True)
+        picture = in_colour(problem.image if problem.picture is None else problem.picture)
+        self._log_of_stage("input", png(picture[thin]))
         classes = rr.AnnotationContext([(0, "left out", (0, 0, 0, 255)), (1, "used", (0, 0, 0, 0))])
-        self._log("mask", classes, rr.SegmentationImage(inside.astype(np.uint8), opacity=1.0), static=True)
+        mask = rr.SegmentationImage(inside[thin].astype(np.uint8), opacity=1.0)
+        self._log_of_stage("mask", classes, mask)
         text = rr.TextDocument(self._settings(problem), media_type="text/markdown")
-        self._log("settings", text, static=True)
-        for name in ("energy", *iterate.terms, *(["change"] if self._run else [])):
-            colour = self._colour if self._run else COLOURS.get(name)
-            style = rr.SeriesLines(colors=colour, names=f"{self._run} {name}".strip(), widths=2)
-            self._log(f"plots/{name}", style, static=True)
-
-        self._log("world", rr.ViewCoordinates.RDF, static=True)
-        size = 0.35 * float(np.median(iterate.distance[problem.mask]))
-        self._log("world/camera", camera_shape(problem.camera, size), static=True)
+        self._log_of_stage("settings", text)
+        self._log_of_stage("world/camera", camera_shape(problem.camera, 0.35 * middle))
         # The colours of the cloud never change: logged once.
-        seen = _colour_picture(problem)[sparse][problem.mask[sparse]]
-        cloud = rr.Points3D.from_fields(colors=as_bytes(seen), radii=rr.Radius.ui_points(2.5))
-        self._log("world/cloud", cloud, static=True)
+        seen = as_bytes(picture[sparse][inside[sparse]])
+        self._log_of_stage(
+            "world/cloud", rr.Points3D.from_fields(colors=seen, radii=rr.Radius.ui_points(2.5))
+        )
 
-        self._log_section("start", iterate.distance, problem, START, static=True)
-        shown = iterate.points[thin][inside]
-        if self.truth is not None and np.isfinite(self.truth[problem.mask]).any():
-            unit = 1.0 if problem.metric else np.nanmedian((iterate.distance / self.truth)[problem.mask])
-            distance = np.where(problem.mask, unit * self.truth, np.nan)
-            self._log_section("truth", distance, problem, TRUTH, static=True)
-            truth = distance[..., None] * problem.field.rays
-            shown = truth[thin][np.isfinite(truth[thin]).all(axis=-1)]
-            self._log("world/truth", rr.Points3D(shown, colors=TRUTH, radii=THIN), static=True)
+        self._log_of_stage("section/start", _section(iterate.distance, problem, START))
+        shown = iterate.points[thin][inside[thin]]
+        if truth is not None and np.isfinite(truth[inside]).any():
+            unit = 1.0 if problem.metric else np.nanmedian((iterate.distance / truth)[inside])
+            distance = np.where(inside, unit * truth, np.nan)
+            self._log_of_stage("section/truth", _section(distance, problem, TRUTH))
+            points = (distance[..., None] * problem.field.rays)[thin]
+            shown = points[np.isfinite(points).all(axis=-1)]
+            self._log_of_stage("world/truth", rr.Points3D(shown, colors=TRUTH, radii=THIN))
         far = float(np.percentile(shown[:, 2], 99))
         power = 10 ** np.floor(np.log10(far / 3))
         length = max(power * factor for factor in (1, 2, 5) if power * factor <= far / 3)
         label = f"{length:g} {problem.unit}"
         bar = rr.LineStrips2D([[[0, 0], [length, 0]]], colors=TRUTH, radii=THIN, labels=label)
-        self._log("section/scale", bar, static=True)
+        self._log_of_stage("section/scale", bar)
         low, high = np.percentile(shown, [1, 99], axis=0)
-        self.shown = Shown(self._run, problem.unit, tuple(iterate.terms), tuple(iterate.maps), low, high, far)
-        if self._blueprint is not None:
-            self._sink.stream.send_blueprint(BLUEPRINTS[self._blueprint](self.shown))
+        self._log_views(iterate, low, high, far)
+
+    def _log_views(self, iterate: Iterate, low: FloatArray, high: FloatArray, far: float) -> None:
+        """Log what a new stage has to show beside the others, and hide what it has not."""
+        terms, maps = tuple(iterate.terms), tuple(iterate.maps)
+        earlier = self.shown
+        if earlier is None:
+            self._log("world", rr.ViewCoordinates.RDF, static=True)
+        else:
+            self._log("stage", rr.TextDocument(stage_text(iterate.stage, iterate.round)))
+            for name in set(earlier.maps) - set(maps):
+                self._log(f"front/{name}", rr.Clear(recursive=False))
+            terms, maps = (
+                tuple(dict.fromkeys(both)) for both in (earlier.terms + terms, earlier.maps + maps)
+            )
+        for name in ("energy", *terms, *(["change"] if self._run else [])):
+            colour = self._colour if self._run else COLOURS.get(name)
+            style = rr.SeriesLines(colors=colour, names=f"{self._run} {name}".strip(), widths=2)
+            self._log(f"plots/{name}", style, static=True)
+        unit = iterate.problem.unit
+        self.shown = Shown(self._run, unit, terms, maps, low, high, far, earlier is not None)
+        if self.path is None:  # someone is watching
+            self._log_blueprint()
+
+    def _finish(self) -> None:
+        if not self._several:
+            self._release()
+        if self.path is not None:
+            self._log_blueprint()
+
+    def _log_blueprint(self) -> None:
+        if self._blueprint is not None and self.shown is not None:
+            self._sink.open_as(BLUEPRINTS[self._blueprint](self.shown))
 
     def _settings(self, problem: Problem) -> str:
         gain = problem.photometry.gain
@@ -339,58 +408,43 @@ class Recorder:
         scalars = {"energy": iterate.energy, **iterate.terms, "change": iterate.change, **iterate.scalars}
         for name, value in scalars.items():
             if np.isfinite(value):
-                self._curves.setdefault(name, []).append((iterate.k, float(value)))
+                self._curves.setdefault(name, []).append((self._before + iterate.k, float(value)))
         if self.path is None:  # someone is watching
             self._log_scalars()
 
     def _log_scalars(self) -> None:
-        """Log the curves' new pieces: all at once costs little more than one value."""
+        """Log the curves' new pieces."""
         for name, pieces in self._curves.items():
-            steps, values = zip(*pieces, strict=True)
-            at, columns = rr.TimeColumn(TIMELINE, sequence=steps), rr.Scalars.columns(scalars=values)
-            self._sink.stream.send_columns(f"{self._run}/plots/{name}", [at], columns, strict=True)
+            at, values = zip(*pieces, strict=True)
+            self._sink.log_curve(f"{self._run}/plots/{name}", TIMELINE, at, values)
         self._curves.clear()
 
     def _log_pictures(self, iterate: Iterate) -> None:
         problem, thin, sparse = iterate.problem, self._thin, self._sparse
         # The viewer paints nan like the nearest distance: the blueprint lays the mask over it.
-        distance = iterate.distance[thin].astype(np.float32)
-        meter = 1000.0 if problem.metric else 1.0
-        self._log("depth", rr.DepthImage(distance, meter=meter, colormap="viridis", depth_range=self._range))
-        self._log_colours("normals", (iterate.normals[thin] + 1) / 2)
+        self._log("depth", depth_map(iterate.distance[thin], problem.metric, self._range))
+        self._log("normals", png((iterate.normals[thin] + 1) / 2))
         error = model_image(problem, iterate.log_distance)[thin] - problem.image[thin]
-        self._log_colours("residual", _diverging(255 * error / self._grey_levels), how=PLAIN)
+        self._log("residual", png(_residual(255 * error / self._grey_levels), PLAIN))
         for name, values in iterate.maps.items():
-            self._log_colours(f"front/{name}", grey(np.asarray(values)[thin], problem.mask[thin]))
+            self._log(f"front/{name}", png(grey(np.asarray(values)[thin], problem.mask[thin])))
         # Not the iterate's points: to make them all and keep them takes longer.
         cloud = (iterate.distance[sparse][..., None] * problem.field.rays[sparse])[problem.mask[sparse]]
         self._log("world/cloud", rr.Points3D.from_fields(positions=cloud))
-        self._log_section("now", iterate.distance, problem, self._colour)
-
-    def _log_section(
-        self,
-        name: str,
-        distance: FloatArray,
-        problem: Problem,
-        colour: tuple[int, ...],
-        static: bool = False,
-    ) -> None:
-        """Log where the middle column cuts the surface: z to the right, y down."""
-        middle = distance.shape[1] // 2
-        line = distance[:, middle, None] * problem.field.rays[:, middle][:, [2, 1]]
-        seen = np.isfinite(line).all(axis=-1)
-        runs = np.ma.clump_unmasked(np.ma.masked_array(seen, ~seen))
-        strips = [line[run] for run in runs if run.stop - run.start > 1]
-        shape = rr.LineStrips2D(strips, colors=[colour] * len(strips), radii=THIN)
-        self._log(f"section/{name}", shape, static=static)
+        self._log("section/now", _section(iterate.distance, problem, self._colour))
 
 
-def _colour_picture(problem: Problem) -> FloatArray:
-    picture = problem.image if problem.picture is None else problem.picture
-    return np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
+def _section(distance: FloatArray, problem: Problem, colour: tuple[int, ...]) -> rr.LineStrips2D:
+    """Where the middle column cuts the surface: z to the right, y down."""
+    middle = distance.shape[1] // 2
+    line = distance[:, middle, None] * problem.field.rays[:, middle][:, [2, 1]]
+    seen = np.isfinite(line).all(axis=-1)
+    runs = np.ma.clump_unmasked(np.ma.masked_array(seen, ~seen))
+    strips = [line[run] for run in runs if run.stop - run.start > 1]
+    return rr.LineStrips2D(strips, colors=[colour] * len(strips), radii=THIN)
 
 
-def _diverging(values: FloatArray) -> NDArray[np.uint8]:
+def _residual(values: FloatArray) -> NDArray[np.uint8]:
     """Map -1…1 to shades of blue, white, red, (h, w, 3); nan is black."""
     index = np.rint((np.clip(values, -1, 1) + 1) * ((SHADES - 1) / 2))
     return DIVERGING.take(np.where(np.isnan(index), SHADES, index).astype(np.uint8), axis=0)

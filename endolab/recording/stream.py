@@ -5,31 +5,29 @@ from __future__ import annotations
 import contextlib
 import subprocess
 import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.model.cameras import Camera, Pinhole
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.recording.viewer import start_viewer, viewer_address
+from endolab.recording.viewer import follow, start_viewer, viewer_address
 
-START = (86, 180, 233)
+NOW, START, TRUTH, OUTLIER = (230, 159, 0), (86, 180, 233), (160, 160, 160), (213, 94, 0)
 THIN = rr.Radius.ui_points(1.5)
 
 
 class Sink:
-    """Where a recording goes: a file, which is kept in memory until it is whole, or a viewer.
+    """Where a recording goes: a file, ``.rrd``, or the viewer, native or (`live`) in the notebook.
 
-    Parameters
-    ----------
-    path : path, optional
-        The file, ``.rrd``.
-    live : bool
-        Without a path: the viewer in the notebook rather than the native one.
+    A file is kept in memory until it is whole: Rerun's own writer can hang for good on a full disk.
+    As a context manager it is closed at the end, and an error leaves no file.
     """
 
     def __init__(self, path: PathLike | None, live: bool = False) -> None:
@@ -51,8 +49,6 @@ class Sink:
             except OSError as error:
                 raise OSError(f"cannot write the recording {self.path}: {error.strerror or error}") from error
         elif live:
-            from endolab.recording.viewer import follow
-
             follow(self.stream)
         else:
             self._viewer = start_viewer()
@@ -69,6 +65,32 @@ class Sink:
         if self.path is not None and self._memory is None:
             self._memory = rr.binary_stream(self.stream)
 
+    def at(self, timeline: str, number: int) -> None:
+        """Log at this place of a timeline, and of no other, from now on; counts for this thread only."""
+        self.stream.reset_time()
+        self.stream.set_time(timeline, sequence=number)
+
+    def log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
+        """Log something, now or for all times."""
+        self.stream.log(entity, *what, static=static, strict=True)
+
+    def log_scalars(self, scalars: Mapping[str, float]) -> None:
+        """Log numbers by their entities, now; not those that are not finite."""
+        for entity, value in scalars.items():
+            if np.isfinite(value):
+                self.log(entity, rr.Scalars(float(value)))
+
+    def log_curve(
+        self, entity: str, timeline: str, at: Sequence[int], values: Sequence[float] | FloatArray
+    ) -> None:
+        """Log numbers at many places of a timeline: all at once costs little more than one."""
+        columns = rr.Scalars.columns(scalars=values)
+        self.stream.send_columns(entity, [rr.TimeColumn(timeline, sequence=at)], columns, strict=True)
+
+    def open_as(self, layout: rrb.Blueprint) -> None:
+        """Tell the viewer how to show it; the last word counts."""
+        self.stream.send_blueprint(layout)
+
     def close(self) -> None:
         """Write the file, if something was logged; a second call does nothing."""
         if not self.open:
@@ -80,6 +102,15 @@ class Sink:
         elif self._memory is not None:
             write_atomically(self.path, self._memory.read() or b"")
         self.stream.disconnect()
+
+    def __enter__(self) -> Sink:
+        return self
+
+    def __exit__(self, failure: object, *_: object) -> None:
+        if failure is not None and self.open and self._memory is not None:
+            self._memory.read()
+            self._memory = None
+        self.close()
 
 
 def camera_shape(camera: Camera, size: float) -> rr.Pinhole | rr.LineStrips3D:
@@ -109,6 +140,34 @@ def camera_shape(camera: Camera, size: float) -> rr.Pinhole | rr.LineStrips3D:
     return rr.LineStrips3D([rim, *spokes], colors=START, radii=THIN)
 
 
+def every(width: int, most: int) -> tuple[slice, slice]:
+    """Rows and columns of a map that is that wide, thinned by a whole number to `most` columns."""
+    return (slice(None, None, max(1, -(-width // most))),) * 2
+
+
+def depth_map(distance: FloatArray, metric: bool, limits: tuple[float, float]) -> rr.DepthImage:
+    """Distance, (h, w), mm if `metric`; the viewer paints nan like the nearest distance."""
+    values, meter = distance.astype(np.float32), 1000.0 if metric else 1.0
+    return rr.DepthImage(values, meter=meter, colormap="viridis", depth_range=limits)
+
+
+def png(colours: NDArray, how: tuple[int, ...] = ()) -> rr.EncodedImage:
+    """Encode (h, w) or (h, w, 3) bytes, or values in [0, 1]; nan is black."""
+    return _encoded(colours, "png", how)
+
+
+def jpeg(colours: NDArray, quality: int = 95) -> rr.EncodedImage:
+    """Encode as `png` does, with losses."""
+    return _encoded(colours, "jpeg", (cv2.IMWRITE_JPEG_QUALITY, quality))
+
+
+def _encoded(colours: NDArray, kind: str, how: tuple[int, ...]) -> rr.EncodedImage:
+    stored = colours if colours.dtype == np.uint8 else as_bytes(colours)
+    stored = stored[..., ::-1] if stored.ndim == 3 else stored
+    contents = cv2.imencode(f".{kind}", stored, how)[1].tobytes()
+    return rr.EncodedImage(contents=contents, media_type=f"image/{kind}")
+
+
 def as_bytes(colours: FloatArray) -> NDArray[np.uint8]:
     """Turn [0, 1] into bytes; nan becomes 0. OpenCV's way takes a tenth of NumPy's time."""
     return np.asarray(cv2.convertScaleAbs(np.ascontiguousarray(np.maximum(colours, 0)), alpha=255))
@@ -120,3 +179,19 @@ def grey(values: NDArray, inside: BoolArray) -> FloatArray:
     seen = values[np.isfinite(values)]
     low, high = min(seen.min(initial=0.0), 0.0), max(seen.max(initial=1.0), 1.0)
     return (values - low) / (high - low)
+
+
+def in_colour(picture: FloatArray) -> FloatArray:
+    """Give a picture, (h, w) or (h, w, 3), three channels."""
+    return np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
+
+
+def stage_text(name: str, round: int) -> str:
+    """Name a stage of a run; `stage_of` is the way back."""
+    return f"{name}, round {round}" if round else name
+
+
+def stage_of(text: str) -> tuple[str, int]:
+    """Name and round of a stage."""
+    name, _, round = text.partition(", round ")
+    return name, int(round or 0)
