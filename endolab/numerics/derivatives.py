@@ -27,19 +27,9 @@ def shifted(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
 
 
 def links(mask: BoolArray, cuts: BoolArray | None = None) -> BoolArray:
-    """Steps that derivatives may take.
+    """Steps that derivatives may take, (2, H, W): to the right and to the lower neighbour.
 
-    Parameters
-    ----------
-    mask : (H, W) bool array
-        Where maps are defined.
-    cuts : (2, H, W) bool array, optional
-        Forbidden steps from each pixel to its right (first) and lower (second) neighbour.
-
-    Returns
-    -------
-    (2, H, W) bool array
-        Whether a pixel and its right, lower neighbour are both in the mask and not cut apart.
+    Both pixels must be in the mask, and the step not among the `cuts`, (2, H, W), that are forbidden.
     """
     joined = np.stack([mask & shifted(mask, 1, axis, False) for axis in (1, 0)])
     return joined if cuts is None else joined & ~cuts
@@ -71,24 +61,11 @@ def _derivative(f: FloatArray, inside: BoolArray, link: BoolArray, axis: int, ed
 def gradient(
     f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None, edge_order: int = 2
 ) -> tuple[FloatArray, FloatArray]:
-    """Gradient of a map per pixel: central differences, one-sided where a step is missing.
+    """Gradient of a map (H, W): central differences, one-sided where a step is missing.
 
-    Parameters
-    ----------
-    f : (H, W) float array
-        The map. Values outside the mask are not read.
-    mask : (H, W) bool array, optional
-        Where the map is defined; everywhere by default.
-    cuts : (2, H, W) bool array, optional
-        Steps not to take, see `links`.
-    edge_order : {2, 1}
-        Accuracy of the one-sided differences: from three pixels or from two.
-
-    Returns
-    -------
-    f_u, f_v : (H, W) float arrays
-        Derivatives along columns (u, to the right) and rows (v, downwards), per pixel.
-        nan outside the mask; 0 along an axis on which a pixel has no neighbour.
+    `edge_order` is the accuracy of the one-sided ones: from three pixels (2) or from two (1). Returns the
+    derivatives along columns (u, to the right) and rows (v, downwards), per pixel: nan outside the mask,
+    everywhere by default; 0 along an axis on which a pixel has no neighbour.
     """
     inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, np.asarray(f, dtype=np.float64), 0.0)
@@ -114,22 +91,7 @@ def gradient_adjoint(
 def forward_gradient(
     f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
 ) -> FloatArray:
-    """Differences to the right and lower neighbour.
-
-    Parameters
-    ----------
-    f : (H, W) float array
-        The map. Values outside the mask are not read.
-    mask : (H, W) bool array, optional
-        Where the map is defined; everywhere by default.
-    cuts : (2, H, W) bool array, optional
-        Steps not to take, see `links`.
-
-    Returns
-    -------
-    (2, H, W) float array
-        f_u, f_v per pixel; 0 where there is no such step.
-    """
+    """Differences to the right and lower neighbour, (2, H, W), per pixel; 0 where there is no such step."""
     inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, f, 0.0)
     return np.stack([(shifted(f, 1, axis, 0.0) - f) * link[i] for i, axis in ((0, 1), (1, 0))])
@@ -155,22 +117,10 @@ def hessian_stencils(link: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
 
 
 def hessian(f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None) -> FloatArray:
-    """Second differences, such that the norm of the three is the Hessian's Frobenius norm.
+    """Second differences (3, H, W), such that the norm of the three is the Hessian's Frobenius norm.
 
-    Parameters
-    ----------
-    f : (H, W) float array
-        The map. Values outside the mask are not read.
-    mask : (H, W) bool array, optional
-        Where the map is defined; everywhere by default.
-    cuts : (2, H, W) bool array, optional
-        Steps not to take, see `links`.
-
-    Returns
-    -------
-    (3, H, W) float array
-        f_uu, √2 f_uv, f_vv per pixel squared; 0 where the stencil (three in a row, or a square
-        of four) is not whole.
+    f_uu, √2 f_uv, f_vv per pixel squared; 0 where the stencil (three in a row, or a square of four) is
+    not whole.
     """
     inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, f, 0.0)

@@ -9,34 +9,11 @@ from endolab.numerics.arrays import FloatArray
 
 
 def huber(r: ArrayLike, threshold: float) -> FloatArray:
-    """Huber penalty: r²/2 up to the threshold t, then t(|r| - t/2).
+    """Huber penalty: r²/2 up to the threshold t > 0, then t(|r| - t/2); in the unit of r squared.
 
-    Parameters
-    ----------
-    r : array of float
-        Residual, of any shape.
-    threshold : float
-        Where the parabola becomes a line; same unit as `r`, positive.
-
-    Returns
-    -------
-    array of float
-        The penalty, in the unit of `r` squared.
-
-    Raises
-    ------
-    ValueError
-        If the threshold is not positive and finite.
-
-    Notes
-    -----
-    ``huber(r, epsilon) / epsilon`` is the Huber norm of DTAM [1]_ that the paper writes
-    ‖·‖_ε: total variation that is smooth within ε.
-
-    References
-    ----------
-    .. [1] Newcombe, Lovegrove, Davison, "DTAM: dense tracking and mapping in real-time",
-       ICCV 2011.
+    ``huber(r, epsilon) / epsilon`` is the Huber norm of DTAM (Newcombe, Lovegrove, Davison, "DTAM: dense
+    tracking and mapping in real-time", ICCV 2011) that the paper writes ‖·‖_ε: total variation that is
+    smooth within ε.
     """
     if not (np.isfinite(threshold) and threshold > 0):
         raise ValueError(f"threshold must be positive and finite, got {threshold}")

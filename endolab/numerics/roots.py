@@ -12,19 +12,7 @@ from endolab.numerics.arrays import FloatArray
 
 
 def smallest_positive_root(coefficients: ArrayLike, limit: float) -> float:
-    """Return the first positive real root of a polynomial, `limit` if there is none below it.
-
-    Parameters
-    ----------
-    coefficients : (n,) array of float
-        Lowest degree first.
-    limit : float
-        The largest value that is of interest.
-
-    Returns
-    -------
-    float
-    """
+    """Return a polynomial's first positive real root, `limit` if none is below it; lowest degree first."""
     roots = polynomial.polyroots(np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b"))
     real = roots.real[(np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots.real))) & (roots.real > 0)]
     return float(min(real.min(initial=limit), limit))
@@ -36,23 +24,11 @@ def invert_increasing(
     low: float,
     high: float,
 ) -> FloatArray:
-    """Solve f(x) = target by Newton steps kept inside a shrinking bracket.
+    """Solve f(x) = target, of any shape, by Newton steps kept inside a shrinking bracket; to rounding.
 
-    A step is Newton's where that stays inside the bracket and halves it elsewhere.
-
-    Parameters
-    ----------
-    function : callable
-        Returns f and its derivative; increasing on [low, high], of the order of one there.
-    target : array of float
-        Values of f, between f(low) and f(high).
-    low, high : float
-        Where to look.
-
-    Returns
-    -------
-    array of float
-        x, to rounding.
+    A step is Newton's where that stays inside the bracket and halves it elsewhere. The function returns f
+    and its derivative; f increases on [low, high] and is of the order of one there, and the targets lie
+    between f(low) and f(high).
     """
     wanted = np.asarray(target, dtype=np.float64).ravel()
     x = np.clip(wanted, low, high)

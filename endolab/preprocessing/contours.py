@@ -25,23 +25,12 @@ UNEVEN = 0.025  # change of log d₀ per 1/320 of the width, within the band, th
 
 
 def find_contours(log_facing: FloatArray, mask: BoolArray) -> tuple[BoolArray, BoolArray]:
-    """Find the occluding contours of a picture.
+    """Find the occluding contours of a picture, given log d₀ (`Problem.log_facing`) where it is known.
 
-    Parameters
-    ----------
-    log_facing : (H, W) float array
-        log d₀, see `Problem.log_facing`.
-    mask : (H, W) bool array
-        Where it is known.
-
-    Returns
-    -------
-    edges : (H, W) bool array
-        Pixels on a contour, a line a pixel or two wide.
-    cuts : (2, H, W) bool array
-        Steps over which the surface is torn, as `Problem.cuts` takes them: those through a contour,
-        and within the band that blur makes of it all that are steep. There d₀ lies between near and
-        far, and would start a march at a wrong distance.
+    Returns the pixels on a contour, a line a pixel or two wide, and the steps (2, H, W) over which the
+    surface is torn, as `Problem.cuts` takes them: those through a contour, and within the band that blur
+    makes of it all that are steep. There d₀ lies between near and far, and would start a march at a wrong
+    distance.
     """
     unit = mask.shape[1] / REFERENCE_WIDTH
     known = np.where(mask, log_facing, 0.0)

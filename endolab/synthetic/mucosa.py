@@ -17,24 +17,11 @@ VESSELS = ((9.0, 0.7, 1.0), (4.0, 0.4, 0.5))  # mm between them, mm of half widt
 def tissue(
     points: FloatArray, albedo: FloatArray, texture: float, vessels: float, seed: int = 0
 ) -> FloatArray:
-    """Albedo of mucosa: mottled, with vessels that take green and blue more than red.
+    """Albedo (..., 3) of mucosa at points (..., 3), mm: mottled, with vessels; between 0.01 and 0.95.
 
-    Parameters
-    ----------
-    points : (..., 3) float array
-        Places on the wall, mm.
-    albedo : (3,) float array
-        Without either, of red, green and blue.
-    texture : float
-        Standard deviation of the logarithm of the albedo of green and blue.
-    vessels : float
-        What the middle of a vessel takes from the logarithm of the green albedo.
-    seed : int
-
-    Returns
-    -------
-    (..., 3) float array
-        Between 0.01 and 0.95.
+    `albedo` is that of red, green and blue without either, `texture` the standard deviation of the
+    logarithm of that of green and blue, `vessels` what the middle of a vessel takes from the logarithm of
+    the green one.
     """
     if texture == vessels == 0:
         return np.broadcast_to(np.clip(albedo, 0.01, 0.95), points.shape).copy()
@@ -56,20 +43,10 @@ def rippled(points: FloatArray, normals: FloatArray, seed: int = 0) -> FloatArra
 
 
 def film_radiance(points: FloatArray, normals: FloatArray, light: SpotLight, film: float) -> FloatArray:
-    """Light that a wet film mirrors from one light to the optical centre.
+    """Light (n,) that a wet film mirrors from one light to the optical centre.
 
-    Parameters
-    ----------
-    points, normals : (n, 3) float arrays
-        Of the film, mm.
-    light : SpotLight
-    film : float
-        Share reflected at normal incidence; 0.02 is water.
-
-    Returns
-    -------
-    (n,) float array
-        E D F G / (4 cos θ_i cos θ_v) cos θ_i (Walter et al. 2007), with the light's E at normal incidence.
+    E D F G / (4 cos θ_i cos θ_v) cos θ_i (Walter et al. 2007), with the light's E at normal incidence;
+    `film` is the share reflected at normal incidence; 0.02 is water. Points in mm.
     """
     radiance, reach = light.illuminate(points)
     to_light = (np.asarray(light.position) - points) / reach[:, None]

@@ -49,28 +49,17 @@ GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
 
 @dataclass(frozen=True)
 class Traced(Rendered):
-    """A path-traced frame, its truth, and where its light came from.
+    """A path-traced frame, its truth, and where its light came from, 1 being the sensor's maximum."""
 
-    Attributes
-    ----------
-    direct, indirect : (H, W, 3) float arrays
-        Linear light times gain, 1 being the sensor's maximum; averages over the pixel.
-    mirrored : (H, W) float array
-        The same, of the wet film; equal in all channels.
-    """
-
-    direct: FloatArray
-    indirect: FloatArray
-    mirrored: FloatArray
+    direct: FloatArray  # (H, W, 3), linear light times gain; an average over the pixel
+    indirect: FloatArray  # (H, W, 3), the same
+    mirrored: FloatArray  # (H, W), the same, of the wet film; equal in all channels
 
 
 def mitsuba() -> tuple[Any, Any]:
     """Return the modules `mitsuba`, set to its LLVM variant, and `drjit`.
 
-    Raises
-    ------
-    OSError
-        In one sentence with the command that installs it, if Mitsuba or LLVM cannot be used.
+    OSError in one sentence with the command that installs it, if Mitsuba or LLVM cannot be used.
     """
     try:
         mi, dr = import_module("mitsuba"), import_module("drjit")

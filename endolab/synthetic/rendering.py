@@ -20,29 +20,14 @@ VEIL = 0.02  # linear value, of sensor maximum 1, that fog tends to in the dista
 
 @dataclass(frozen=True)
 class Rendered:
-    """A rendered frame and its truth.
+    """A rendered frame and its truth."""
 
-    Attributes
-    ----------
-    image : (H, W) or (H, W, 3) float array
-        Stored values in [0, 1].
-    distance : (H, W) float array
-        Euclidean distance from the optical centre, mm; nan where there is no surface.
-    normals : (H, W, 3) float array
-        Unit normals in the camera frame, towards the camera.
-    mask : (H, W) bool array
-        Pixels that see the surface.
-    camera : Camera
-    photometry : Photometry
-        With the gain that was used.
-    """
-
-    image: FloatArray
-    distance: FloatArray
-    normals: FloatArray
-    mask: BoolArray
+    image: FloatArray  # (H, W) or (H, W, 3), stored values in [0, 1]
+    distance: FloatArray  # (H, W), Euclidean, from the optical centre, mm; nan where there is no surface
+    normals: FloatArray  # (H, W, 3), unit normals in the camera frame, towards the camera
+    mask: BoolArray  # (H, W), pixels that see the surface
     camera: Camera
-    photometry: Photometry
+    photometry: Photometry  # with the gain that was used
 
     @property
     def z(self) -> FloatArray:
