@@ -2,46 +2,15 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
-import rerun as rr
 
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.summary import brdf_of, mean_distances
 from endolab.plots.calibration import samples_of
 from endolab.recording.calibration import LightRecorder, record_calibration
+from tests.tools.recorded import Recorded
 from tests.tools.simulated_session import COUNT, LOST, NOISE, refused, simulated
-
-
-def flat(values):
-    while str(values.type).startswith(("fixed_size_list", "list")):
-        values = values.flatten()
-    return values.to_numpy(zero_copy_only=False)
-
-
-class Recorded:
-    """A recording, read back: values of a component by frame or iteration, None where static."""
-
-    def __init__(self, path):
-        self.rows = {}
-        for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
-            batch = chunk.to_record_batch()
-            entity = batch.schema.metadata[b"rerun:entity_path"].decode()
-            times = [name for name in ("frame", "iteration") if name in batch.schema.names]
-            at = batch.column(times[0]).to_pylist() if times else [None] * len(batch)
-            for name in batch.schema.names:
-                if ":" not in name:
-                    continue
-                column = batch.column(name)
-                found = self.rows.setdefault(entity, {}).setdefault(name.split(":")[1], {})
-                found |= {k: column[i].values for i, k in enumerate(at) if column[i].is_valid}
-
-    def numbers(self, entity, component):
-        return {k: flat(values) for k, values in sorted(self.rows[entity][component].items(), key=str)}
-
-    def at(self, entity, component, k):
-        return flat(self.rows[entity][component][k])
 
 
 @pytest.fixture(scope="module", params=["vicalib_small", "vicalib_folded"])
@@ -55,21 +24,19 @@ def recorded(request, tmp_path_factory):
 
 def test_every_entity_is_there(recorded):
     session, _, _, file = recorded
-    entities = {name for name in file.rows if not name.startswith("/__")}
     picture = {"/picture", "/picture/detected", "/picture/reprojection", "/picture/samples"}
     sheets = {f"/world/sheet/{panel}" for panel in range(session.target.panels)}
     plots = {"/plots/gain", "/plots/distance", "/plots/residual"}
     fit = {"/fit/k", "/fit/gamma", "/fit/sigma", "/fit/cost", "/fit/change", "/residuals"}
     brdf = {"/brdf/now", "/brdf/fitted", "/brdf/grid", "/brdf/ticks"}
-    assert entities == picture | sheets | plots | fit | brdf | {"/account", "/world", "/world/camera"}
+    assert file.entities == picture | sheets | plots | fit | brdf | {"/account", "/world", "/world/camera"}
 
 
 def test_every_frame_has_its_picture_and_its_features(recorded):
     session, frames, _, file = recorded
     names = list(session.detections)
-    pictures = file.numbers("/picture", "blob")
-    assert sorted(pictures) == list(range(len(names)))
-    shown = cv2.imdecode(pictures[4].astype(np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert list(file.rows["/picture"]["blob"]) == list(range(len(names)))
+    shown = file.picture("/picture", 4, grey=True)
     assert np.abs(shown / 255 - frames[4][1]).mean() < 0.1  # JPEG of noise
     for number, name in enumerate(names):
         pixels = file.at("/picture/detected", "positions", number).reshape(-1, 2)
@@ -175,8 +142,7 @@ def test_large_pictures_are_thinned(tmp_path):
     session, frames, _ = simulated()
     record_calibration(session, frames, tmp_path / "calibration.rrd", max_width=50)
     file = Recorded(tmp_path / "calibration.rrd")
-    shown = cv2.imdecode(file.at("/picture", "blob", 0).astype(np.uint8), cv2.IMREAD_GRAYSCALE)
-    assert shown.shape == (30, 40)
+    assert file.picture("/picture", 0, grey=True).shape == (30, 40)
     pixels = file.at("/picture/detected", "positions", 0).reshape(-1, 2)
     assert np.allclose(pixels, session.detections["frame_0"].pixels / 4 + 0.5, atol=1e-3)
 

@@ -9,6 +9,7 @@ from endolab import datasets
 from endolab.depth.result import Iterate
 from endolab.recording.reader import Recording, read_recording
 from endolab.recording.recorder import Comparison, record
+from tests.tools.recorded import spoiled
 
 
 @pytest.fixture(scope="module")
@@ -94,21 +95,6 @@ def test_a_comparison_of_nothing_leaves_no_file(tmp_path):
     with Comparison(tmp_path / "both.rrd") as both:
         both.run("never_started")
     assert list(tmp_path.iterdir()) == []
-
-
-def spoiled(content: bytes) -> dict[str, tuple[bytes, str]]:
-    """Files that are no recordings of ours, and what is said about them."""
-    middle = len(content) // 2
-    return {
-        "empty": (b"", "is empty"),
-        "text": (b"hello, world\n" * 99, "is no Rerun recording"),
-        "start": (content[:6], "is truncated"),
-        "half": (content[:middle], "is truncated"),
-        "last byte": (content[:-1], "is truncated"),
-        "hole": (content[:600] + bytes(400) + content[1000:], "is damaged"),
-        "older": (content[:4] + bytes([0, 5, 0, 0]) + content[8:], "another version: Rerun 0.5, and here is"),
-        "newer": (content[:4] + bytes([0, 99, 0, 0]) + content[8:], "another version: Rerun 0.99, and here"),
-    }
 
 
 def test_a_file_that_is_no_recording_is_named(solved, tmp_path):

@@ -5,12 +5,9 @@ import resource
 import socket
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-import rerun as rr
 
 from endolab.depth.energy import model_image
 from endolab.depth.problem import Problem
@@ -23,6 +20,7 @@ from endolab.recording import viewer
 from endolab.recording.recorder import record
 from endolab.synthetic.rendering import Rendered, render
 from endolab.synthetic.scenes import SCENES
+from tests.tools.recorded import Recorded
 
 PAPER = KannalaBrandt(
     1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -0.0012396, 0.00091258, -0.000040716)
@@ -61,42 +59,6 @@ def small() -> tuple[Rendered, Problem]:
     return frame(PAPER.resize(80, 60))
 
 
-class Recorded:
-    """A recording, read back."""
-
-    def __init__(self, path: Path) -> None:
-        self.rows: dict[str, dict[str, list[tuple[int | None, list]]]] = {}
-        for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
-            batch = chunk.to_record_batch()
-            entity = batch.schema.metadata[b"rerun:entity_path"].decode()
-            at = (
-                batch.column("iteration").to_pylist()
-                if "iteration" in batch.schema.names
-                else [None] * len(batch)
-            )
-            for name in batch.schema.names:
-                if ":" in name:
-                    values = batch.column(name)
-                    rows = [(k, values[i].values) for i, k in enumerate(at) if values[i].is_valid]
-                    self.rows.setdefault(entity, {}).setdefault(name.split(":")[1], []).extend(rows)
-
-    def numbers(self, entity: str, component: str) -> dict[int | None, np.ndarray]:
-        """Values of a component, by iteration (None if static)."""
-        found = {}
-        for k, values in self.rows[entity][component]:
-            while hasattr(values, "flatten") and str(values.type).startswith(("fixed_size_list", "list")):
-                values = values.flatten()
-            found[k] = values.to_numpy(zero_copy_only=False)
-        return found
-
-    def text(self, entity: str, component: str) -> str:
-        return self.rows[entity][component][0][1][0].as_py()
-
-    def picture(self, entity: str, k: int | None) -> np.ndarray:
-        png = self.numbers(entity, "blob")[k].astype(np.uint8)
-        return cv2.imdecode(png, cv2.IMREAD_COLOR)[..., ::-1]
-
-
 @pytest.fixture(scope="module")
 def recorded(small, tmp_path_factory) -> tuple[list[Iterate], Recorded]:
     seen, problem = small
@@ -109,12 +71,11 @@ def recorded(small, tmp_path_factory) -> tuple[list[Iterate], Recorded]:
 
 
 def test_every_entity_is_there(recorded):
-    entities = {name for name in recorded[1].rows if not name.startswith("/__")}
     plots = {f"/plots/{name}" for name in ("energy", "data", "regulariser", "change", "step")}
     section = {f"/section/{name}" for name in ("now", "start", "truth", "scale")}
     world = {"/world", "/world/camera", "/world/cloud", "/world/truth"}
     pictures = {"/input", "/mask", "/depth", "/normals", "/residual", "/front/arrived"}
-    assert entities == pictures | plots | section | world | {"/settings"}
+    assert recorded[1].entities == pictures | plots | section | world | {"/settings"}
 
 
 def test_scalars_are_those_of_the_iterates(recorded):

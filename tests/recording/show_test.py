@@ -16,7 +16,7 @@ from endolab.recording import show as embed
 from endolab.recording import viewer
 from endolab.recording.reader import read_recording
 from endolab.recording.recorder import Comparison, record
-from tests.recording.reader_test import spoiled
+from tests.tools.recorded import spoiled
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,67 @@
+"""Recordings read back as they are, component by component; and files that are none."""
+
+import cv2
+import numpy as np
+import rerun as rr
+
+
+def flat(values):
+    """Numbers of an arrow array."""
+    while str(values.type).startswith(("fixed_size_list", "list")):
+        values = values.flatten()
+    return values.to_numpy(zero_copy_only=False)
+
+
+class Recorded:
+    """A recording: values of each component by frame or iteration, None where static."""
+
+    def __init__(self, path):
+        self.rows = {}
+        for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
+            batch = chunk.to_record_batch()
+            entity = batch.schema.metadata[b"rerun:entity_path"].decode()
+            times = [name for name in ("frame", "iteration") if name in batch.schema.names]
+            at = batch.column(times[0]).to_pylist() if times else [None] * len(batch)
+            for name in batch.schema.names:
+                if ":" in name:
+                    column = batch.column(name)
+                    found = self.rows.setdefault(entity, {}).setdefault(name.split(":")[1], {})
+                    found |= {k: column[i].values for i, k in enumerate(at) if column[i].is_valid}
+
+    @property
+    def entities(self):
+        """Names of all that was logged, Rerun's own apart."""
+        return {name for name in self.rows if not name.startswith("/__")}
+
+    def numbers(self, entity, component):
+        """Values of a component, by frame or iteration."""
+        return {k: flat(values) for k, values in sorted(self.rows[entity][component].items(), key=_order)}
+
+    def at(self, entity, component, k):
+        return flat(self.rows[entity][component][k])
+
+    def text(self, entity, component, k=None):
+        return self.rows[entity][component][k][0].as_py()
+
+    def picture(self, entity, k, grey=False):
+        stored = cv2.imdecode(self.at(entity, "blob", k).astype(np.uint8), 0 if grey else 1)
+        return stored if grey else stored[..., ::-1]
+
+
+def _order(row):
+    return -1 if row[0] is None else row[0]
+
+
+def spoiled(content):
+    """Files made from a recording that are none of ours, and what is said about them."""
+    middle = len(content) // 2
+    return {
+        "empty": (b"", "is empty"),
+        "text": (b"hello, world\n" * 99, "is no Rerun recording"),
+        "start": (content[:6], "is truncated"),
+        "half": (content[:middle], "is truncated"),
+        "last byte": (content[:-1], "is truncated"),
+        "hole": (content[:600] + bytes(400) + content[1000:], "is damaged"),
+        "older": (content[:4] + bytes([0, 5, 0, 0]) + content[8:], "another version: Rerun 0.5, and here is"),
+        "newer": (content[:4] + bytes([0, 99, 0, 0]) + content[8:], "another version: Rerun 0.99, and here"),
+    }
