@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 
 from tests.tools.notebook_solutions import solutions
+from tests.tools.renew_links import line_of, renewed
 
 ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-PAGES = [*NOTEBOOKS, ROOT / "notebooks" / "README.md"]
-LINK = re.compile(r"\]\(([^)\s]+)\)")
+PAGES = [*NOTEBOOKS, *(ROOT / name for name in ("notebooks/README.md", "README.md"))]
+LINK = re.compile(r'\]\(([^)\s]+)(?: "(\w+)")?\)')  # its target and, for a line of code, what is there
 MOST_CELLS, MOST_LINES, MOST_COLUMNS, MOST_BYTES = 60, 15, 110, 100_000
 
 
@@ -34,7 +35,7 @@ def code_of(cells):
 
 
 def links_of(path):
-    """Targets of the links in a notebook's or a page's text, code left out."""
+    """Targets and titles of the links in a notebook's or a page's text, code left out."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".ipynb":
         cells = json.loads(text)["cells"]
@@ -56,21 +57,18 @@ def thick(source):
 
 
 def broken(path):
-    """Relative links that lead nowhere: to no file, or to a line of code where nothing is defined."""
-    for link in links_of(path):
+    """Relative links that lead nowhere: to no file, or to a line where what they name is not defined."""
+    for link, name in links_of(path):
         if re.match(r"[a-z]+:", link) or link.startswith("#"):
             continue
         target, _, anchor = link.partition("#")
         file = path.parent / target
-        lines = [int(number) for number in re.findall(r"L(\d+)", anchor)]
         if not file.exists():
             yield f"{link}: no such file"
-        elif lines:
-            source = ["", *file.read_text(encoding="utf-8").splitlines()]
-            if max(lines) >= len(source):
-                yield f"{link}: the file is shorter"
-            elif not all(re.match(r"\s*(def|class) ", source[number]) for number in lines):
-                yield f"{link}: nothing is defined there"
+        elif anchor:
+            line = line_of(name, file.read_text(encoding="utf-8")) if name else None
+            if anchor != f"L{line}":
+                yield f"{link}: {name or 'it'} is not defined there"
 
 
 def test_it_is_committed_without_what_running_it_leaves(cells):
@@ -135,13 +133,20 @@ def test_its_links_lead_somewhere(page):
     assert list(broken(page)) == []
 
 
-def test_a_broken_link_is_found(tmp_path):
+def test_a_broken_link_is_found_and_a_stale_one_renewed(tmp_path):
     (tmp_path / "code.py").write_text("import one\ndef two():\n")
     page = tmp_path / "page.md"
-    page.write_text("[a](code.py#L2) [b](code.py#L3) [c](none.py) [d](https://example.org) ```[e](no.py)```")
-    assert list(broken(page)) == ["code.py#L3: the file is shorter", "none.py: no such file"]
-    page.write_text("[a](code.py#L1) [b](code.py)")
-    assert list(broken(page)) == ["code.py#L1: nothing is defined there"]
+    page.write_text('[a](code.py#L2 "two") [c](none.py) [d](https://example.org) ```[e](no.py)```')
+    assert list(broken(page)) == ["none.py: no such file"]
+    stale = '[a](code.py#L1 "two") [b](code.py#L2)'
+    page.write_text(stale)
+    assert list(broken(page)) == [
+        "code.py#L1: two is not defined there",
+        "code.py#L2: it is not defined there",
+    ]
+    assert renewed(stale, tmp_path) == '[a](code.py#L2 "two") [b](code.py#L2)'
+    with pytest.raises(ValueError, match="defines no one"):
+        renewed('[a](code.py "one")', tmp_path)
 
 
 def test_each_notebook_leads_to_the_next_one_and_to_the_library():
@@ -150,9 +155,9 @@ def test_each_notebook_leads_to_the_next_one_and_to_the_library():
         closing = "".join(cells[-1]["source"]).split("**Next:**")
         assert len(closing) == 2, f"{path.name} does not end in **Next:** and a link"
         assert f"({after.name if after else 'README.md'})" in closing[1], path.name
-        assert any(link.startswith("../endolab/") for link in links_of(path)), path.name
+        assert any(link.startswith("../endolab/") for link, _ in links_of(path)), path.name
 
 
 def test_the_course_plan_lists_every_notebook():
-    listed = set(links_of(ROOT / "notebooks" / "README.md"))
+    listed = {link for link, _ in links_of(ROOT / "notebooks" / "README.md")}
     assert {path.name for path in NOTEBOOKS} <= listed
