@@ -5,6 +5,7 @@ import resource
 import socket
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,8 @@ from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
 from endolab.model.photometry import Photometry
 from endolab.numerics.iteration import Status
 from endolab.recording import viewer
-from endolab.recording.recorder import record
+from endolab.recording.reader import Recording, read_recording
+from endolab.recording.recorder import Comparison, record
 from endolab.synthetic.rendering import Rendered, render
 from endolab.synthetic.scenes import SCENES
 from tests.tools.recorded import Recorded
@@ -288,3 +290,126 @@ def test_a_viewer_without_a_screen_says_so(monkeypatch):
         monkeypatch.delenv(variable, raising=False)
     with pytest.raises(OSError, match="needs a screen"):
         record(spawn=True)
+
+
+# Stages ----------------------------------------------------------------------------------
+
+
+def in_stages(round_by_round: int = 2) -> tuple[list[Iterate], np.ndarray]:
+    """Iterates of a run that begins on a smaller grid and ends in mm, and the truth."""
+    coarse, fine = (frame(PAPER.resize(*size), metric=False) for size in ((40, 30), (80, 60)))
+    steps = [
+        replace(step, stage="bounced light", round=n, maps={"light": step.maps["arrived"]})
+        for n in range(1, round_by_round + 1)
+        for step in towards(*coarse, 3)
+    ]
+    steps += towards(*fine, 4)
+    mm = replace(fine[1], metric=True)
+    last = replace(steps[-1], problem=mm, log_distance=steps[-1].log_distance + np.log(2.0), stage="scaled")
+    return [*steps, last], fine[0].distance
+
+
+@pytest.fixture(scope="module")
+def staged(tmp_path_factory) -> tuple[list[Iterate], Recorded, Recording]:
+    path = tmp_path_factory.mktemp("recording") / "stages.rrd"
+    steps, truth = in_stages()
+    with contextlib.closing(record(path, truth=truth)) as recorder:
+        for step in steps:
+            recorder(step)
+    return steps, Recorded(path), read_recording(path)
+
+
+def test_the_timeline_runs_on_over_all_stages(staged):
+    steps, file, recording = staged
+    assert list(file.numbers("/plots/energy", "scalars")) == list(range(len(steps)))
+    assert list(recording.table()["energy"]) == [step.energy for step in steps]
+    assert recording.pictured == tuple(range(len(steps)))
+    stages = [(0, "bounced light", 1), (3, "bounced light", 2), (6, "solution", 0), (10, "scaled", 0)]
+    assert recording.stages == stages
+    assert file.text("/stage", "text", 3) == "bounced light, round 2"
+
+
+def test_what_stays_for_a_stage_is_logged_as_it_begins_and_never_for_all_times(staged):
+    steps, file, _ = staged
+    begins = [0, 3, 6, 10]
+    for entity, component in (
+        *(("/input", "blob"), ("/mask", "buffer"), ("/settings", "text"), ("/world/camera", "strips")),
+        *(("/world/cloud", "colors"), ("/world/truth", "positions"), ("/section/scale", "strips")),
+        *(("/section/start", "strips"), ("/section/truth", "strips")),
+    ):
+        assert list(
+            file.numbers(entity, component) if component != "text" else file.rows[entity][component]
+        ) == (begins)
+    assert file.picture("/input", 3).shape == (30, 40, 3)
+    assert file.picture("/input", 6).shape == (60, 80, 3)
+    sizes = {k: colours.size for k, colours in file.numbers("/world/cloud", "colors").items()}
+    assert sizes == {k: steps[k].mask.sum() for k in begins}
+    assert "**relative units**" in file.text("/settings", "text", 6)
+    assert "| distances | mm |" in file.text("/settings", "text", 10)
+    assert set(file.rows["/front/light"]["is_recursive"]) == {6}  # gone with its stage
+    # The truth lies where the stage believes it, on the grid of the stage, and in mm at the end.
+    for k in begins:
+        truth = file.at("/world/truth", "positions", k).reshape(-1, 3)
+        cloud = file.at("/world/cloud", "positions", k).reshape(-1, 3)
+        assert len(truth) <= len(cloud)
+        if k < 10:
+            ratio = np.median(np.linalg.norm(cloud, axis=1)) / np.median(np.linalg.norm(truth, axis=1))
+            assert ratio == pytest.approx(1, abs=0.05)
+
+
+def test_each_stage_is_read_back_on_its_own_grid(staged):
+    steps, _, recording = staged
+    for k in (0, 4, 6, 10):
+        step = steps[k]
+        assert np.allclose(recording.depth(k), step.distance, rtol=1e-6, equal_nan=True)
+        cosine = np.sum(recording.normals(k) * step.normals, axis=-1)[step.mask]
+        assert np.rad2deg(np.arccos(np.clip(cosine, -1, 1))).max() < 0.5
+        assert np.array_equal(np.isfinite(recording.normals(k)).all(axis=-1), step.mask)
+    assert recording.unit == "mm"
+    assert np.array_equal(recording.mask, steps[-1].mask)
+    assert recording.picture.shape == (60, 80, 3)
+    assert "| distances | mm |" in recording.settings
+    assert np.allclose(recording.depth(), 2 * recording.depth(9), rtol=1e-6, equal_nan=True)
+
+
+def test_a_run_of_one_stage_stays_as_it_was(recorded, tmp_path):
+    steps, file = recorded
+    assert None in file.rows["/input"]["blob"]
+    run(iter_of(steps), observers=[record(tmp_path / "run.rrd")])
+    assert read_recording(tmp_path / "run.rrd").stages == [(0, "solution", 0)]
+    run(iter_of([replace(step, stage="march") for step in steps]), observers=[record(tmp_path / "march.rrd")])
+    assert read_recording(tmp_path / "march.rrd").stages == [(0, "march", 0)]
+
+
+def test_the_layout_shows_the_stage_and_what_all_stages_have(tmp_path):
+    recorder = record(tmp_path / "run.rrd")
+    steps, _ = in_stages()
+    run(iter_of(steps), observers=[recorder])
+    assert recorder.shown.staged
+    assert recorder.shown.unit == "mm"
+    assert recorder.shown.maps == ("light", "arrived")
+
+
+def test_stages_side_by_side(tmp_path):
+    steps, truth = in_stages(1)
+    with Comparison(tmp_path / "both.rrd", truth=truth) as both:
+        for name, seen in (("all", steps), ("last", steps[3:7])):
+            observer = both.run(name)
+            for step in seen:
+                observer(step)
+    runs = read_recording(tmp_path / "both.rrd").runs
+    assert [name for _, name, _ in runs["all"].stages] == ["bounced light", "solution", "scaled"]
+    assert runs["last"].stages == [(0, "solution", 0)]
+    assert runs["last"].pictured == (0, 1, 2, 3)
+
+
+def test_a_truth_must_fit_the_solution_or_have_its_shape(tmp_path):
+    steps, truth = in_stages()
+    with contextlib.closing(record(tmp_path / "run.rrd", truth=truth[::2])) as recorder:
+        with pytest.raises(ValueError, match=r"truth has shape \(30, 80\), the frame \(30, 40\)"):
+            recorder(steps[0])
+
+
+def iter_of(steps: list[Iterate]) -> Iterator[Iterate]:
+    yield from steps
+    return Status.CONVERGED
