@@ -352,7 +352,7 @@ def test_what_stays_for_a_stage_is_logged_as_it_begins_and_never_for_all_times(s
         assert len(truth) <= len(cloud)
         if k < 10:
             ratio = np.median(np.linalg.norm(cloud, axis=1)) / np.median(np.linalg.norm(truth, axis=1))
-            assert ratio == pytest.approx(1, abs=0.05)
+            assert ratio == pytest.approx(1, abs=0.1)
 
 
 def test_each_stage_is_read_back_on_its_own_grid(staged):
