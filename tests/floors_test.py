@@ -33,7 +33,7 @@ ORDER = [
     "cli",
 ]
 CORE = ORDER[: ORDER.index("io")]
-BESIDE = {"_deprecated", "__main__"}  # files at the top: what makes old names work, and the way in
+BESIDE = {"_deprecated", "_extras", "__main__"}  # files at the top
 MOST_LEVELS = 9
 
 UPSTAIRS_ONLY = {"rerun", "matplotlib", "ipywidgets", "IPython", "open3d", "tqdm", "pathlib", "io", "csv"}

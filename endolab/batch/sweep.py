@@ -16,10 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from endolab.batch.table import Row, measured, read_numbers, write_rows
 from endolab.depth.result import Result
 from endolab.depth.solvers import DEFAULT_SOLVER
-from endolab.io.atomic import PathLike, as_json, write_atomically
+from endolab.io.atomic import PathLike, as_json
 from endolab.io.images import read_frame
+from endolab.io.surfaces import read_depth
 from endolab.metrics.depth_errors import compare
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
@@ -32,7 +34,6 @@ ERRORS = ("mean_mm", "median_mm", "mean_percent", "median_percent", "mean_degree
 MEASURED = ("iterations", "energy", "data", "regulariser_energy", "seconds", *ERRORS)
 COLUMNS = (*KEY, "status", *MEASURED, "error")
 
-Row = dict[str, Any]
 Truth = tuple[FloatArray, FloatArray | None] | FloatArray | PathLike
 
 
@@ -62,13 +63,13 @@ def sweep(
         Of all frames.
     lam, xi, regulariser : iterables
         Values of these settings of `endolab.reconstruct`, each with each.
-    solver : str
-        See `endolab.reconstruct`.
+    solver, **options
+        The same for all, see `endolab.reconstruct`; the column `options` tells them.
     truth : sequence, optional
         For each frame the true distances (H, W), mm, or a pair of these and the normals (H, W, 3),
         or the path of a ``truth.npz``.
     table : path
-        CSV with the columns `COLUMNS`: a row for every reconstruction; errors in mm, % and degrees
+        CSV with the columns `COLUMNS`, a row for every reconstruction: errors in mm, % and degrees
         (of results in relative units after scaling by the median); an error is one sentence. It is
         replaced whole after each reconstruction. Rows that are there already are not made again,
         but for those with an error and those that lack a truth which is given now; other rows of
@@ -79,8 +80,6 @@ def sweep(
         process takes one thread for each reconstruction.
     progress : callable, optional
         Called as ``progress(done, total, row)`` after each reconstruction.
-    **options
-        The same for all, see `endolab.reconstruct`; the column `options` tells them.
 
     Returns
     -------
@@ -103,7 +102,7 @@ def sweep(
     todo = [task for task in tasks if _unfinished(rows.get(_key(task[0])), task[2] is not None)]
     total = len(tasks)
     calibration = replace(calibration, camera=replace(calibration.camera))  # its ray field stays here
-    write_table(target, rows.values())  # now, rather than after an hour's run
+    write_rows(target, COLUMNS, rows.values())  # now, rather than after an hour's run
     with _config(backend):
         parallel = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
         try:
@@ -119,7 +118,7 @@ def sweep(
                     raise KeyboardInterrupt(_interruption(done, total))
                 done += 1
                 rows[_key(row)] = row
-                write_table(target, rows.values())
+                write_rows(target, COLUMNS, rows.values())
                 if progress is not None:
                     progress(done, total, row)
         except KeyboardInterrupt as interrupt:
@@ -198,16 +197,7 @@ def _solved(
         errors = {} if truth is None else _errors(result, truth)
     except (ValueError, OSError, MemoryError) as error:
         return row | {"error": " ".join(str(error).split()) or "out of memory"}
-    terms = result.iterate.terms
-    return row | {
-        "status": result.status.name,
-        "iterations": result.iterations,
-        "energy": result.energy,
-        "data": terms.get("data", math.nan),
-        "regulariser_energy": terms.get("regulariser", math.nan),
-        "seconds": time.perf_counter() - started,
-        **errors,
-    }
+    return row | measured(result) | {"seconds": time.perf_counter() - started} | errors
 
 
 def _errors(result: Result, truth: Truth) -> Row:
@@ -216,8 +206,8 @@ def _errors(result: Result, truth: Truth) -> Row:
     elif isinstance(truth, np.ndarray):
         distance, normals = truth, None
     else:
-        with np.load(truth, allow_pickle=False) as archive:
-            distance, normals = archive["distance"], archive.get("normals")
+        known = read_depth(truth, ("distance",))
+        distance, normals = known["distance"], known.get("normals")
     found = compare(
         result.distance,
         distance.astype(np.float64),
@@ -229,33 +219,10 @@ def _errors(result: Result, truth: Truth) -> Row:
     return {name: getattr(found, name) for name in ERRORS}
 
 
-# The table ------------------------------------------------------------------------------
-def write_table(path: PathLike, rows: Iterable[Row]) -> None:
-    """Write rows as CSV, whole or not at all; nan as an empty cell."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow({name: "" if row[name] != row[name] else row[name] for name in COLUMNS})
-    write_atomically(path, text.getvalue().encode())
-
-
 def read_table(path: PathLike) -> dict[tuple[object, ...], Row]:
-    """Read a table that `sweep` wrote.
+    """Read a table that `sweep` wrote: rows by their key, the values of `KEY`; an empty cell is nan.
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    dict
-        Rows by their key, the values of `KEY`; numbers as float, an empty cell as nan.
-
-    Raises
-    ------
-    ValueError, OSError
-        In one sentence, if it cannot be read or is another table.
+    ValueError or OSError in one sentence, if it cannot be read or is another table.
     """
     try:
         content = Path(path).read_text(encoding="utf-8")
@@ -269,10 +236,9 @@ def read_table(path: PathLike) -> dict[tuple[object, ...], Row]:
     rows = {}
     for number, cells in enumerate(reader, start=2):
         try:
-            values: Row = {name: float(cells[name].strip() or "nan") for name in ("lam", *MEASURED)}
+            values = read_numbers(cells, ("lam", *MEASURED))
         except (AttributeError, ValueError) as error:
             raise ValueError(f"{path}, line {number}: not a row of a sweep") from error
         row = {name: values.get(name, cells[name]) for name in COLUMNS}
-        row["iterations"] = row["iterations"] if math.isnan(row["iterations"]) else int(row["iterations"])
         rows[_key(row)] = row
     return rows

@@ -1,4 +1,4 @@
-"""The folder of a video's results: what is done stays, and the next call goes on from there."""
+"""A video's frames as a folder of results: what is done stays, and the next call goes on from there."""
 
 from __future__ import annotations
 
@@ -6,33 +6,139 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from endolab._extras import lacking
+from endolab.batch.table import Row, measured, read_numbers, write_rows
 from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
+from endolab.io.images import read_mask
 from endolab.io.surfaces import save_depth
+from endolab.io.video import Frames, open_frames
+from endolab.model.endoscope import Endoscope
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.iteration import Status
+from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.assumptions import meaning
-from endolab.reconstruction.sequence import Step, Surface
+from endolab.reconstruction.sequence import Step, Surface, reconstruct_sequence
 
 if TYPE_CHECKING:
     from endolab.depth.result import Result
-    from endolab.io.video import Frames
     from endolab.model.cameras import Camera
-    from endolab.preprocessing.frame import Frame
     from endolab.recording.sequence import SequenceRecorder
 
 NUMBERS = (
     *("iterations", "energy", "data", "regulariser_energy", "seconds", "gain"),
     *("median_distance", "pixels"),
 )
-COUNTS = ("iterations", "pixels")
 COLUMNS = ("index", "frame", "status", "warm", "unit", *NUMBERS, "error")
 PLOTTED = ("energy", "iterations", "seconds", "gain", "median_distance")
+FILES = ("frames", "frames.csv", "recording.rrd", "report.json")
 
-Row = dict[str, Any]
+
+@dataclass(frozen=True)
+class VideoSummary:
+    """What `reconstruct_video` leaves in its folder."""
+
+    rows: list[Row]  # of ``frames.csv``, one for each frame that was asked for, in order
+    done_before: int  # how many of these an earlier call had done
+    paths: tuple[Path, ...]  # those of `FILES` that are there
+
+
+def reconstruct_video(
+    source: PathLike,
+    calibration: Endoscope,
+    out: PathLike,
+    *,
+    mask: PathLike | None = None,
+    every: int = 1,
+    limit: int | None = None,
+    progress: Callable[[int, int, Row], object] | None = None,
+    **options: Any,
+) -> VideoSummary:
+    """Reconstruct the frames of a folder or a video that are not done yet, each from the last.
+
+    Parameters
+    ----------
+    source : path
+        As for `endolab.open_frames`.
+    calibration : Endoscope
+    out : path
+        Folder for ``frames/NAME/depth.npz``, ``frames.csv``, ``report.json`` and, where Rerun is
+        installed, ``recording.rrd``. Nothing is written before the first frame is done.
+    mask : path, optional
+        A picture, bright where the frames are to be used.
+    every, limit : int
+        Only every so many-th frame, and so many at most.
+    progress : callable, optional
+        Called as ``progress(done, total, row)`` after each frame.
+    **options
+        See `endolab.reconstruct_sequence`; such as JSON can hold.
+
+    Returns
+    -------
+    VideoSummary
+
+    Raises
+    ------
+    ValueError, OSError
+        In one sentence, if the folder holds results of another video or other settings, if no frame
+        could be reconstructed, or if something cannot be read or written.
+    KeyboardInterrupt, MemoryError
+        Of these, too, what is done stays, and the same call goes on.
+    """
+    for name, value in (("every", every), ("limit", limit)):
+        if value is not None and value < 1:
+            raise ValueError(f"{name} must be at least 1, got {value}")
+    inside = None if mask is None else read_mask(mask)
+    frames = open_frames(source)
+    wanted = list(frames.names[::every][:limit])
+    known = {key: value for key, value in calibration.to_dict().items() if key != "evidence"}
+    settings = {**options, "mask": None if mask is None else str(mask), "calibration": known}
+    folder = SequenceFolder(out, str(frames.path.resolve()), frames.names, settings)
+    recording = _Recording(folder, frames, calibration.camera)
+    before = [name for name in wanted if folder.done(name)]
+    done = len(before)
+    try:
+        if recording.possible and before and (done < len(wanted) or not recording.path.exists()):
+            recording.begin_again(before)
+        for neighbour, names in folder.gaps(wanted):
+            surface = None if neighbour is None else folder.surface(neighbour)
+            pictures = _pictures(frames, names, inside)
+            for step in reconstruct_sequence(pictures, calibration, before=surface, **options):
+                if step.result is not None and step.result.status is Status.STOPPED:
+                    raise KeyboardInterrupt("interrupted")
+                folder.add(step)
+                if step.result is not None:
+                    recording.add(step.name, step.result)
+                done += 1
+                if progress is not None:
+                    progress(done, len(wanted), folder.rows[step.name])
+    except (KeyboardInterrupt, OSError, MemoryError) as failure:
+        count = sum(folder.done(name) for name in wanted)
+        if not count:
+            raise
+        with suppress(OSError):  # there is a failure to tell already
+            folder.report(wanted)
+        with suppress(OSError):
+            recording.close()
+        said = str(failure) or ("interrupted" if isinstance(failure, KeyboardInterrupt) else "out of memory")
+        kind = OSError if isinstance(failure, OSError) else type(failure)
+        raise kind(
+            f"{said}; {count} of {len(wanted)} frames are done and stay, the same command goes on"
+        ) from failure
+    rows = [folder.rows[name] for name in wanted]
+    if all(row["error"] for row in rows):
+        raise ValueError(f"no frame could be reconstructed; the first: {rows[0]['error']}")
+    folder.report(wanted)
+    recording.close()
+    paths = (folder.folder / name for name in FILES)
+    return VideoSummary(rows, len(before), tuple(path for path in paths if path.exists()))
 
 
 class SequenceFolder:
@@ -41,7 +147,8 @@ class SequenceFolder:
     Parameters
     ----------
     folder : path
-        Nothing is written before the first frame is done.
+        Nothing is written before the first frame is done. One that holds results of something else
+        is a ValueError or OSError in one sentence.
     source : str
         What the frames are of.
     names : iterable of str
@@ -51,15 +158,12 @@ class SequenceFolder:
 
     Attributes
     ----------
+    index : dict of str to int
+        Each frame's place in the source.
     rows : dict of str to dict
         What is known of each frame, by its name.
     meaning : list of str
         What the numbers of the first frame that was done mean; the others take their scale from it.
-
-    Raises
-    ------
-    ValueError, OSError
-        In one sentence, if the folder holds results of something else.
     """
 
     def __init__(self, folder: PathLike, source: str, names: Iterable[str], settings: dict[str, Any]) -> None:
@@ -67,32 +171,31 @@ class SequenceFolder:
         self.settings = json.loads(as_json(settings))
         self.rows: dict[str, Row] = {}
         self.meaning: list[str] = []
-        self.names = tuple(names)
-        stems = [Path(name).stem for name in self.names]
+        self.index = {name: index for index, name in enumerate(names)}
+        stems = [Path(name).stem for name in self.index]
         alone = len(set(stems)) == len(stems)
-        self._places = dict(zip(self.names, stems if alone else self.names, strict=True))
+        self._places = dict(zip(self.index, stems if alone else self.index, strict=True))
         if (self.folder / "report.json").exists():
             self._resume()
 
     def _resume(self) -> None:
         try:
             report = json.loads((self.folder / "report.json").read_text(encoding="utf-8"))
-            found = report["sequence"], report["settings"]
+            source, settings = report["sequence"], report["settings"]
             table = self.folder / "frames.csv"
             self.meaning = list(report.get("meaning", ()))
             text = table.read_text(encoding="utf-8") if table.exists() else ""  # stopped just before it
-            reader = csv.DictReader(io.StringIO(text))
-            for cells in reader:
-                row: Row = dict(cells)
-                row |= {name: float(cells[name] or "nan") for name in NUMBERS}
-                row |= {name: int(row[name]) for name in COUNTS if cells[name]}
-                self.rows[row["frame"]] = row | {"index": int(row["index"])}
-        except (ValueError, KeyError, TypeError) as error:
+            for cells in csv.DictReader(io.StringIO(text)):
+                numbers = read_numbers(cells, NUMBERS) | {
+                    name: int(cells[name]) for name in ("index", "warm")
+                }
+                self.rows[cells["frame"]] = {**cells, **numbers}
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"{self.folder} holds other results; choose another folder") from error
-        if found[0] != self.source:
-            raise ValueError(f"{self.folder} holds the frames of {found[0]}; choose another folder")
-        for name in sorted({*found[1], *self.settings}):
-            old, new = found[1].get(name), self.settings.get(name)
+        if source != self.source:
+            raise ValueError(f"{self.folder} holds the frames of {source}; choose another folder")
+        for name in sorted({*settings, *self.settings}):
+            old, new = settings.get(name), self.settings.get(name)
             if old != new:
                 told = "" if isinstance(old, dict) or isinstance(new, dict) else f" ({old}, not {new})"
                 raise ValueError(
@@ -107,6 +210,21 @@ class SequenceFolder:
         """Whether a frame needs not be done again."""
         return name in self.rows and not self.rows[name]["error"] and self.depth(name).is_file()
 
+    def gaps(self, wanted: list[str]) -> Iterator[tuple[str | None, list[str]]]:
+        """Give each row of frames that are still to do, and a neighbour whose scale they take up."""
+        there = [self.done(name) for name in wanted]  # now: they are done while one goes through this
+        before = next((name for name, done in zip(wanted, there, strict=True) if done), None)
+        gap: list[str] = []
+        for name, done in zip(wanted, there, strict=True):
+            if not done:
+                gap.append(name)
+                continue
+            if gap:
+                yield before, gap
+            before, gap = name, []
+        if gap:
+            yield before, gap
+
     def surface(self, name: str) -> Surface:
         """Read what a frame that is done came to."""
         row, path = self.rows[name], self.depth(name)
@@ -117,72 +235,39 @@ class SequenceFolder:
             raise ValueError(f"{path}: not a depth.npz that endolab wrote; remove it") from error
         return Surface(distance, normals, row["gain"], row["unit"] == "mm")
 
-    def add(self, index: int, step: Step) -> None:
-        """Write what became of a frame.
-
-        Parameters
-        ----------
-        index : int
-            Of the frame in its source.
-        step : Step
-
-        Raises
-        ------
-        OSError
-            In one sentence, if it cannot be written; what was there stays.
-        """
+    def add(self, step: Step) -> None:
+        """Write what became of a frame; OSError in one sentence, and what was there stays."""
         row: Row = dict.fromkeys(NUMBERS, math.nan)
-        row |= {"index": index, "frame": step.name, "status": "", "warm": int(step.warm), "unit": ""}
-        row |= {"error": " ".join(step.error.split()), "seconds": step.seconds}
+        row |= {"index": self.index[step.name], "frame": step.name, "status": "", "warm": int(step.warm)}
+        row |= {"unit": "", "seconds": step.seconds, "error": " ".join(step.error.split())}
         result = step.result
         if result is not None:
-            first = not any(not known["error"] for known in self.rows.values())
             with staged_folder(self.depth(step.name).parent) as staging:
-                save_depth(
-                    staging / "depth.npz",
-                    result.distance,
-                    result.z,
-                    result.normals,
-                    result.mask,
-                    result.metric,
-                )
-            terms = result.iterate.terms
-            row |= {
-                "status": result.status.name,
+                save_depth(staging / "depth.npz", result, result.metric)
+            row |= measured(result) | {
                 "unit": result.problem.unit,
-                "iterations": result.iterations,
-                "energy": result.energy,
-                "data": terms.get("data", math.nan),
-                "regulariser_energy": terms.get("regulariser", math.nan),
                 "gain": result.problem.photometry.gain,
                 "median_distance": float(np.median(result.distance[result.mask])),
                 "pixels": int(result.mask.sum()),
             }
-            self.rows[step.name] = row
-            if first:
-                self.meaning = list(meaning(result))
-                self.report([])
+        first = all(known["error"] for known in self.rows.values())
         self.rows[step.name] = row
-        if any(not known["error"] for known in self.rows.values()):
-            self._write_table()
-
-    def _write_table(self) -> None:
-        text = io.StringIO()
-        writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        for row in sorted(self.rows.values(), key=lambda row: row["index"]):
-            writer.writerow({name: "" if row[name] != row[name] else row[name] for name in COLUMNS})
-        write_atomically(self.folder / "frames.csv", text.getvalue().encode())
+        if result is not None and first:
+            self.meaning = list(meaning(result))
+            self.report([])
+        if result is not None or not first:
+            rows = sorted(self.rows.values(), key=lambda row: row["index"])
+            write_rows(self.folder / "frames.csv", COLUMNS, rows)
 
     def report(self, wanted: Iterable[str]) -> None:
         """Write ``report.json``; `wanted` are the frames that were asked for."""
         wanted = list(wanted)
-        done = [name for name in self.names if self.done(name)]
+        done = [name for name in self.index if self.done(name)]
         broken = {name: row["error"] for name, row in self.rows.items() if row["error"]}
         content = {
             "sequence": self.source,
             "complete": bool(wanted) and all(name in broken or self.done(name) for name in wanted),
-            "frames": len(self.names),
+            "frames": len(self.index),
             "done": len(done),
             "unit": next((self.rows[name]["unit"] for name in done), None),
             "meaning": self.meaning,
@@ -192,27 +277,10 @@ class SequenceFolder:
         write_atomically(self.folder / "report.json", as_json(content))
 
 
-def _gaps(wanted: list[str], folder: SequenceFolder) -> Iterator[tuple[str | None, list[str]]]:
-    """Give each row of frames that are still to do, and a neighbour whose scale they take up."""
-    state = [(name, folder.done(name)) for name in wanted]
-    first = next((name for name, there in state if there), None)
-    before: str | None = None
-    gap: list[str] = []
-    for name, there in state:
-        if not there:
-            gap.append(name)
-            continue
-        if gap:
-            yield before or first, gap
-        before, gap = name, []
-    if gap:
-        yield before, gap
-
-
-def _pictures(frames: Frames, names: list[str], mask: Any) -> Iterator[tuple[str, Frame | Any]]:
+def _pictures(
+    frames: Frames, names: list[str], mask: BoolArray | None
+) -> Iterator[tuple[str, Frame | FloatArray | None]]:
     """Give names and pictures, within the mask; one of another size is left to be refused."""
-    from endolab.preprocessing.frame import Frame
-
     for name, image in frames.read(names):
         if image is not None and mask is not None and mask.shape == image.shape[:2]:
             yield name, Frame(image, mask, name)
@@ -221,13 +289,13 @@ def _pictures(frames: Frames, names: list[str], mask: Any) -> Iterator[tuple[str
 
 
 class _Recording:
-    """The recording of a folder's frames, begun once there is one."""
+    """The recording of a folder's frames, begun once there is one; none without Rerun."""
 
     def __init__(self, folder: SequenceFolder, frames: Frames, camera: Camera) -> None:
         self.folder, self.frames, self.camera = folder, frames, camera
-        self.path = Path(folder.folder) / "recording.rrd"
+        self.path = folder.folder / "recording.rrd"
+        self.possible = not lacking("rerun")
         self.recorder: SequenceRecorder | None = None
-        self.number = {name: index for index, name in enumerate(frames.names)}
 
     def begin_again(self, names: list[str]) -> None:
         """Log frames that an earlier call has done."""
@@ -243,17 +311,19 @@ class _Recording:
         """Log a frame."""
         problem = result.problem
         picture = problem.image if problem.picture is None else problem.picture
-        self._log(name, picture, result.distance, result.normals, problem.camera)
+        if self.possible:
+            self._log(name, picture, result.distance, result.normals, problem.camera)
 
-    def _log(self, name: str, picture: Any, distance: Any, normals: Any, camera: Camera) -> None:
-        from endolab.batch.video import PLOTTED
+    def _log(
+        self, name: str, picture: FloatArray, distance: FloatArray, normals: FloatArray, camera: Camera
+    ) -> None:
         from endolab.recording.sequence import SequenceRecorder
 
         row = self.folder.rows[name]
         if self.recorder is None:
             self.recorder = SequenceRecorder(self.path, row["unit"])
         scalars = {key: row[key] for key in PLOTTED}
-        self.recorder.log(self.number[name], picture, distance, normals, camera, scalars)
+        self.recorder.log(self.folder.index[name], picture, distance, normals, camera, scalars)
 
     def close(self) -> None:
         """Write it, if there is something new in it."""

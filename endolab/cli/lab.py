@@ -15,9 +15,10 @@ import urllib.request
 from collections.abc import Sequence
 from pathlib import Path
 
+from endolab._extras import need
+
 PORTS = 50  # that are tried, one after the other
 PATIENCE = 120.0  # seconds until the server must answer
-
 
 # Open3D brings a Dash extension, for which JupyterLab would ask, over the whole page, to be built again.
 SETTINGS = {
@@ -33,13 +34,7 @@ SETTINGS = {
 
 
 def write_settings(folder: str | os.PathLike[str]) -> None:
-    """Write the settings that keep JupyterLab quiet.
-
-    Parameters
-    ----------
-    folder : path
-        One that Jupyter reads its configuration from, as ``.venv/etc/jupyter``; made if it is missing.
-    """
+    """Write what keeps JupyterLab quiet into a folder of its configuration, as ``.venv/etc/jupyter``."""
     config = Path(folder) / "labconfig"
     config.mkdir(parents=True, exist_ok=True)
     for name, content in SETTINGS.items():
@@ -47,13 +42,7 @@ def write_settings(folder: str | os.PathLike[str]) -> None:
 
 
 def write_kernel(folder: str | os.PathLike[str]) -> None:
-    """Write a kernel named endolab, of the Python that runs this.
-
-    Parameters
-    ----------
-    folder : path
-        One that Jupyter reads its data from, as ``.venv/share/jupyter``; made if it is missing.
-    """
+    """Write a kernel named endolab, of this Python, among Jupyter's data: ``.venv/share/jupyter``."""
     kernel = Path(folder) / "kernels" / "endolab"
     kernel.mkdir(parents=True, exist_ok=True)
     # Without frozen modules, for else the debugger warns in the first cell.
@@ -68,15 +57,7 @@ def write_kernel(folder: str | os.PathLike[str]) -> None:
 
 
 def free_port(first: int) -> int:
-    """Find the first port from `first` on that nobody listens to on this machine.
-
-    Raises
-    ------
-    ValueError
-        If `first` is no port.
-    OSError
-        If all of the ports that are tried are taken.
-    """
+    """Find the first port from `first` on that nobody listens to; OSError if all that are tried are taken."""
     if not 1 <= first <= 65535:
         raise ValueError(f"--port must be from 1 to 65535, got {first}")
     last = min(first + PORTS - 1, 65535)
@@ -93,16 +74,9 @@ def free_port(first: int) -> int:
 
 
 def lab_options(root: str | os.PathLike[str], port: int, folder: str = "notebooks") -> list[str]:
-    """JupyterLab's options.
+    """JupyterLab's options: its file browser shows `root`, where `folder` is opened first.
 
-    Parameters
-    ----------
-    root : path
-        What its file browser shows.
-    port : int
-        Where it listens, on this machine only.
-    folder : str
-        In `root`, opened first.
+    It listens on `port`, on this machine only.
     """
     options = [f"--notebook-dir={root}", "--ip=127.0.0.1", f"--port={port}", "--ServerApp.port_retries=0"]
     options += [f"--LabApp.default_url=/lab/tree/{folder}", "--LabApp.extension_manager=readonly"]
@@ -152,24 +126,13 @@ def open_lab(
 ) -> None:
     """Run JupyterLab until it is told to stop; print the link to it as soon as it answers.
 
-    Parameters
-    ----------
-    notebooks : path, optional
-        The folder that is opened; those of the checkout of endolab by default.
-    port : int
-        Where to listen; if it is taken, the next one that is free.
-    options : sequence of str
-        More options for JupyterLab, such as ``--no-browser``.
-
-    Raises
-    ------
-    OSError
-        If there are no notebooks, or no port is free.
-    ValueError
-        If the port is none.
+    `notebooks` is the folder that is opened, by default that of endolab's checkout; `port` is where to
+    listen, or on the next that is free; `options`, such as ``--no-browser``, are passed on. OSError if
+    there are no notebooks or no port is free, `MissingPackage` if JupyterLab is not installed.
     """
+    need("jupyterlab")
     folder = (
-        Path(__file__).resolve().parents[1] / "notebooks" if notebooks is None else Path(notebooks).resolve()
+        Path(__file__).resolve().parents[2] / "notebooks" if notebooks is None else Path(notebooks).resolve()
     )
     if not folder.is_dir():
         wanted = "run this from a checkout of endolab, or name a folder with --notebooks"
@@ -197,6 +160,6 @@ def open_lab(
         LabApp.launch_instance([*lab_options(folder.parent, free, folder.name), *options])
 
 
-if __name__ == "__main__":  # python -m endolab.lab .venv, for a JupyterLab that is started by hand
+if __name__ == "__main__":  # python -m endolab.cli.lab .venv, for a JupyterLab that is started by hand
     write_settings(Path(sys.argv[1]) / "etc" / "jupyter")
     write_kernel(Path(sys.argv[1]) / "share" / "jupyter")

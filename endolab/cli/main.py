@@ -5,20 +5,18 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import NoReturn
 
-import numpy as np
-
+from endolab._extras import MissingPackage
 from endolab.cli.calibrate import SHEET, add_calibration_commands, add_sheet_options, simulate_sheet
 from endolab.cli.reconstruct import add_reconstruct_commands
 
 
 def _simulate(arguments: argparse.Namespace) -> None:
+    import numpy as np
+
     from endolab.datasets.known_endoscopes import load_calibration
     from endolab.io.atomic import staged_folder
     from endolab.io.images import write_image
@@ -53,40 +51,26 @@ def _simulate(arguments: argparse.Namespace) -> None:
     with staged_folder(arguments.out) as folder:
         write_image(folder / "frame.png", rendered.image, arguments.bits)
         replace(calibration, photometry=rendered.photometry).save(folder / "endoscope.json")
-        save_depth(folder / "truth.npz", rendered.distance, rendered.z, rendered.normals, rendered.mask, True)
+        save_depth(folder / "truth.npz", rendered, True)
     known = rendered.distance[rendered.mask]
     print(f"{arguments.scene}: {known.min():.1f} to {known.max():.1f} mm, median {np.median(known):.1f} mm")
     print(f"written to {arguments.out}: endoscope.json, frame.png, truth.npz")
 
 
-def _read_maps(path: str) -> dict[str, np.ndarray]:
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"{path}: there is no such file")
-    try:
-        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            maps = {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
-        raise ValueError(f"{path}: not a depth.npz that endolab wrote") from error
-    for name, tail in (("distance", ()), ("z", ()), ("normals", (3,))):
-        if name not in maps and name != "normals":
-            raise ValueError(f"{path}: {name} is missing")
-        found = maps.get(name, np.empty((*maps["distance"].shape, *tail)))
-        if found.dtype.kind != "f" or found.shape != (*maps["distance"].shape[:2], *tail) or found.ndim < 2:
-            raise ValueError(f"{path}: {name} is not a map of the size of distance")
-    return maps
-
-
 def _evaluate(arguments: argparse.Namespace) -> None:
+    import numpy as np
+
     from endolab.datasets.folders import true_z
+    from endolab.io.surfaces import read_depth
     from endolab.metrics.depth_errors import compare
 
-    depth = _read_maps(arguments.depth)
+    depth = read_depth(arguments.depth)
     distance = depth["distance"].astype(np.float64)
     distance[~(distance > 0)] = np.nan
     cos_alpha = depth["z"] / distance
     true_normals = None
     if arguments.truth.endswith(".npz"):
-        known = _read_maps(arguments.truth)
+        known = read_depth(arguments.truth)
         truth, true_normals = known["distance"].astype(np.float64), known.get("normals")
     else:
         z = true_z(arguments.truth)
@@ -187,17 +171,11 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command.
-
-    Returns
-    -------
-    int
-        0 when all is done, 2 after bad input, which is said in one sentence on stderr.
-    """
+    """Run a command: 0 when all is done, 2 after bad input, which is said in one sentence on stderr."""
     arguments = _parser().parse_args(argv)
     try:
         arguments.run(arguments)
-    except (ValueError, OSError, MemoryError) as error:
+    except (ValueError, OSError, MemoryError, MissingPackage) as error:
         print(f"endolab: {str(error) or 'out of memory'}", file=sys.stderr)
         return 2
     except KeyboardInterrupt as interrupt:

@@ -37,14 +37,7 @@ def calibration_of(arguments: argparse.Namespace) -> Any:
 
 
 def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) -> None:
-    """Add what `solving_keywords` and `calibration_of` read.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-    several : bool
-        Whether λ, ξ and order may be lists, as for a sweep.
-    """
+    """Add what `solving_keywords` and `calibration_of` read; `several`: λ, ξ and order may be lists."""
     add = parser.add_argument
     more = "; several as 1,2,3" if several else ""
     add("--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name")
@@ -83,13 +76,7 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
 
 
 def solving_keywords(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the keywords of `endolab.reconstruct` that the options stand for.
-
-    Raises
-    ------
-    ValueError
-        In one sentence, if there is no such channel.
-    """
+    """Return the keywords of `endolab.reconstruct` that the options stand for."""
     from endolab.depth.solvers import DEFAULT_SOLVER
 
     names = ("xi", "regulariser", "lam", "channel", "width", "smooth", "median_distance")
@@ -105,10 +92,7 @@ def solving_keywords(arguments: argparse.Namespace) -> dict[str, Any]:
 def known_length(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the one length that the options know, as `known_distance` or `known_diameter`.
 
-    Raises
-    ------
-    ValueError
-        In one sentence, if it is none, or if more than one option fixes the scale.
+    ValueError in one sentence, if it is none, or if more than one option fixes the scale.
     """
     from endolab.reconstruction.scale import check_scale
 

@@ -4,99 +4,10 @@ from __future__ import annotations
 
 import argparse
 import time
-from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-
-from endolab.batch.video import _gaps, _pictures, _Recording
-from endolab.cli.options import add_solving_options, calibration_of, known_length, solving_keywords
-
-if TYPE_CHECKING:
-    from endolab.batch.video import SequenceFolder
-
-
-def reconstruct_video(arguments: argparse.Namespace) -> None:
-    """Reconstruct the frames of a folder or a video that are not done yet, and tell what came of them."""
-    from tqdm import tqdm
-
-    from endolab.batch.video import SequenceFolder
-    from endolab.io.images import read_mask
-    from endolab.io.video import open_frames
-    from endolab.numerics.iteration import Status
-    from endolab.reconstruction.sequence import reconstruct_sequence
-
-    for option in ("every", "limit"):
-        value = getattr(arguments, option)
-        if value is not None and value < 1:
-            raise ValueError(f"--{option} must be at least 1, got {value}")
-    if arguments.mesh or arguments.prepare or arguments.snapshots is not None:
-        raise ValueError("--mesh, --prepare and --snapshots are of one frame, not of a folder or a video")
-    calibration = calibration_of(arguments)
-    keywords = solving_keywords(arguments) | known_length(arguments)
-    mask = None if arguments.mask is None else read_mask(arguments.mask)
-    frames = open_frames(arguments.frame)
-    wanted = list(frames.names[:: arguments.every or 1][: arguments.limit])
-    known = {key: value for key, value in calibration.to_dict().items() if key != "evidence"}
-    settings = {**keywords, "mask": arguments.mask, "calibration": known}
-    folder = SequenceFolder(arguments.out, str(frames.path.resolve()), frames.names, settings)
-    recording = _Recording(folder, frames, calibration.camera)
-    number = {name: index for index, name in enumerate(frames.names)}
-    done = [name for name in wanted if folder.done(name)]
-    bar = tqdm(total=len(wanted), initial=len(done), unit="frame", leave=False, disable=None, desc="video")
-    try:
-        with bar:
-            if done and (len(done) < len(wanted) or not recording.path.exists()):
-                recording.begin_again(done)
-            for before, names in _gaps(wanted, folder):
-                pictures = _pictures(frames, names, mask)
-                surface = None if before is None else folder.surface(before)
-                for step in reconstruct_sequence(pictures, calibration, before=surface, **keywords):
-                    result = step.result
-                    if result is not None and result.status is Status.STOPPED:
-                        raise KeyboardInterrupt("interrupted")
-                    folder.add(number[step.name], step)
-                    if result is not None:
-                        recording.add(step.name, result)
-                        bar.set_postfix_str(f"energy {result.energy:.3e}", refresh=False)
-                    bar.update()
-    except (KeyboardInterrupt, OSError, MemoryError) as failure:
-        count = sum(folder.done(name) for name in wanted)
-        if not count:
-            raise
-        with suppress(OSError):  # there is a failure to tell already
-            folder.report(wanted)
-        with suppress(OSError):
-            recording.close()
-        said = str(failure) or ("interrupted" if isinstance(failure, KeyboardInterrupt) else "out of memory")
-        kind = OSError if isinstance(failure, OSError) else type(failure)
-        raise kind(
-            f"{said}; {count} of {len(wanted)} frames are done and stay, the same command goes on"
-        ) from failure
-    _tell(folder, wanted, len(done), recording, arguments.out)
-
-
-def _tell(folder: SequenceFolder, wanted: list[str], before: int, recording: _Recording, out: str) -> None:
-    """End the folder and say what is in it; so many frames were done by an earlier call."""
-    rows = [folder.rows[name] for name in wanted]
-    done, broken = ([row for row in rows if bool(row["error"]) is wrong] for wrong in (False, True))
-    if not done:
-        raise ValueError(f"no frame could be reconstructed; the first: {broken[0]['error']}")
-    folder.report(wanted)
-    recording.close()
-    for row in broken:
-        print(f"not done: {row['error']}")
-    seconds = sum(row["seconds"] for row in done)
-    warm = sum(int(row["warm"]) for row in done)
-    print(f"{len(done)} of {len(rows)} frames, {warm} started from the last, {seconds:.2f} s")
-    if before:
-        print(f"done by an earlier call: {before} of them")
-    middle = [row["median_distance"] for row in done]
-    print(f"median distance: {min(middle):.4g} to {max(middle):.4g} ({done[0]['unit']})")
-    if done[0]["unit"] != "mm":
-        print("The gain is unknown: distances have no unit, but nearly the same one in all frames.")
-    print(f"written to {out}: frames, frames.csv, recording.rrd, report.json")
-
+from endolab._extras import lacking
+from endolab.cli.options import add_solving_options, calibration_of, known_length, listed, solving_keywords
 
 SNAPSHOTS = 12  # of a march, in its recording
 
@@ -118,18 +29,24 @@ class _Progress:
 
 
 def _reconstruct(arguments: argparse.Namespace) -> None:
+    from endolab.io.video import is_sequence
+
+    if is_sequence(arguments.frame):
+        _reconstruct_video(arguments)
+    else:
+        _reconstruct_frame(arguments)
+
+
+def _reconstruct_frame(arguments: argparse.Namespace) -> None:
+    import numpy as np
+
     from endolab.io.atomic import staged_folder
     from endolab.io.images import read_frame
-    from endolab.io.video import is_sequence
     from endolab.preprocessing.prepare import prepare
     from endolab.reconstruction.assumptions import notes
     from endolab.reconstruction.reconstruct import reconstruct
-    from endolab.recording.recorder import record
     from endolab.reports.result import save_result
 
-    if is_sequence(arguments.frame):
-        reconstruct_video(arguments)
-        return
     for option in ("every", "limit"):
         if getattr(arguments, option) is not None:
             raise ValueError(f"--{option} is of a folder or a video, and {arguments.frame} is one picture")
@@ -140,27 +57,21 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
     solver, snapshots = keywords["solver"], arguments.snapshots
     if snapshots is None and solver == "fast_marching":
         snapshots = SNAPSHOTS
-    options = {} if snapshots is None else {"snapshots": snapshots}
+    if snapshots is not None:
+        keywords["snapshots"] = snapshots
+    unrecorded = lacking("rerun")
     started = time.perf_counter()
     with staged_folder(arguments.out) as folder:
-        result = reconstruct(
-            frame if prepared is None else prepared.frame,
-            calibration,
-            **keywords,
-            observers=[record(folder / "recording.rrd"), _Progress(snapshots)],
-            **options,
-        )
+        observers: list[Any] = [_Progress(snapshots)]
+        if not unrecorded:
+            from endolab.recording.recorder import record
+
+            observers.insert(0, record(folder / "recording.rrd"))
+        picture = frame if prepared is None else prepared.frame
+        result = reconstruct(picture, calibration, observers=observers, **keywords)
         seconds = time.perf_counter() - started  # with all that came before the solver
-        save_result(result, folder)
-        if prepared is not None:
-            from endolab.plots.preparation import prepare_figure
-
-            prepare_figure(prepared, result).savefig(folder / "preparation.png")
-        if arguments.mesh:
-            from endolab.io.surfaces import write_mesh
-            from endolab.reconstruction.mesh import make_mesh
-
-            write_mesh(folder / "mesh.ply", make_mesh(result))
+        save_result(result, folder, mesh=arguments.mesh, prepared=prepared)
+        written = sorted(path.name for path in folder.iterdir())
     near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
     print(f"{result.status.name}: {result.status.value}")
     count, first = result.iterations, result.history[0]["energy"]
@@ -177,16 +88,64 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
         )
     for note in (*(prepared.notes if prepared is not None else ()), *notes(result)):
         print(note)
-    mesh = "mesh.ply, " if arguments.mesh else ""
-    drawn = "overview.png" if prepared is None else "overview.png, preparation.png"
-    print(f"written to {arguments.out}: cloud.ply, depth.npz, {mesh}{drawn}, recording.rrd, report.json")
+    if unrecorded:
+        print(f"There is no recording.rrd: {unrecorded}.")
+    print(f"written to {arguments.out}: {', '.join(written)}")
+
+
+def _reconstruct_video(arguments: argparse.Namespace) -> None:
+    from tqdm import tqdm
+
+    from endolab.batch.video import reconstruct_video
+
+    for option in ("every", "limit"):
+        value = getattr(arguments, option)
+        if value is not None and value < 1:
+            raise ValueError(f"--{option} must be at least 1, got {value}")
+    if arguments.mesh or arguments.prepare or arguments.snapshots is not None:
+        raise ValueError("--mesh, --prepare and --snapshots are of one frame, not of a folder or a video")
+    calibration = calibration_of(arguments)
+    keywords = solving_keywords(arguments) | known_length(arguments)
+    with tqdm(unit="frame", leave=False, disable=None, desc="video") as bar:
+
+        def show(done: int, total: int, row: dict[str, Any]) -> None:
+            bar.total = total
+            if not row["error"]:
+                bar.set_postfix_str(f"energy {row['energy']:.3e}", refresh=False)
+            bar.update(done - bar.n)
+
+        found = reconstruct_video(
+            arguments.frame,
+            calibration,
+            arguments.out,
+            mask=arguments.mask,
+            every=arguments.every or 1,
+            limit=arguments.limit,
+            progress=show,
+            **keywords,
+        )
+    done = [row for row in found.rows if not row["error"]]
+    for row in found.rows:
+        if row["error"]:
+            print(f"not done: {row['error']}")
+    seconds, warm = sum(row["seconds"] for row in done), sum(row["warm"] for row in done)
+    print(f"{len(done)} of {len(found.rows)} frames, {warm} started from the last, {seconds:.2f} s")
+    if found.done_before:
+        print(f"done by an earlier call: {found.done_before} of them")
+    middle = [row["median_distance"] for row in done]
+    print(f"median distance: {min(middle):.4g} to {max(middle):.4g} ({done[0]['unit']})")
+    if done[0]["unit"] != "mm":
+        print("The gain is unknown: distances have no unit, but nearly the same one in all frames.")
+    written = [path.name for path in found.paths]
+    if "recording.rrd" not in written:
+        print(f"There is no recording.rrd: {lacking('rerun')}.")
+    print(f"written to {arguments.out}: {', '.join(written)}")
 
 
 def _sweep(arguments: argparse.Namespace) -> None:
     from tqdm import tqdm
 
     from endolab.batch.sweep import sweep
-    from endolab.cli.options import listed
 
     keywords = solving_keywords(arguments)
     for name, kind in (("lam", float), ("xi", str), ("regulariser", str)):

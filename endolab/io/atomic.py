@@ -14,25 +14,12 @@ from typing import Any
 PathLike = str | os.PathLike[str]
 
 
-# Writing --------------------------------------------------------------------------------
 @contextmanager
 def staged_folder(folder: PathLike) -> Iterator[Path]:
     """Give a temporary folder whose files move into `folder` only if the block succeeds.
 
-    Parameters
-    ----------
-    folder : path
-        Made if it does not exist; removed again if it was made here and nothing came of it.
-
-    Yields
-    ------
-    Path
-        Where to write.
-
-    Raises
-    ------
-    OSError
-        In one sentence, if the folder cannot be written.
+    `folder` is made if need be, and removed again if it was made here and nothing came of it.
+    OSError in one sentence, if it cannot be written.
     """
     target = Path(folder)
     made: list[Path] = []
@@ -65,22 +52,33 @@ def staged_folder(folder: PathLike) -> Iterator[Path]:
             path.rmdir()
 
 
+@contextmanager
+def staged_file(path: PathLike) -> Iterator[Path]:
+    """Give a temporary file of the same suffix, which becomes `path` only if the block succeeds.
+
+    OSError in one sentence, if it cannot be written; then there is nothing, or what was there before.
+    """
+    target, temporary = Path(path), None
+    try:
+        handle, name = tempfile.mkstemp(target.suffix, f".{target.stem}-", target.parent)
+        temporary = Path(name)
+        os.close(handle)
+        yield temporary
+        temporary.chmod(0o644)
+        temporary.replace(target)
+    except OSError as error:
+        if error.strerror is None:  # it is a sentence already
+            raise
+        raise OSError(f"cannot write {target}: {error.strerror}") from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
 def write_atomically(path: PathLike, content: bytes) -> None:
     """Write a file so that it is either whole or not there."""
-    target = Path(path)
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{target.name}-", dir=target.parent)
-    except OSError as error:
-        raise OSError(f"cannot write {target}: {error.strerror or error}") from error
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
-    except OSError as error:
-        raise OSError(f"cannot write {target}: {error.strerror or error}") from error
-    finally:
-        Path(temporary).unlink(missing_ok=True)
+    with staged_file(path) as temporary:
+        temporary.write_bytes(content)
 
 
 def as_json(content: dict[str, Any]) -> bytes:
@@ -89,19 +87,7 @@ def as_json(content: dict[str, Any]) -> bytes:
 
 
 def read_json(path: PathLike, what: str) -> Any:
-    """Read a JSON file.
-
-    Parameters
-    ----------
-    path : path
-    what : str
-        Kind of file, for the complaint that there is none.
-
-    Raises
-    ------
-    OSError, ValueError
-        In one sentence, if the file cannot be read or is not JSON.
-    """
+    """Read a JSON file; OSError or ValueError in one sentence, which calls it `what` if there is none."""
     source = Path(path)
     if not source.is_file():
         raise FileNotFoundError(f"{source}: there is no such {what}")

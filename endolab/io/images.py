@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,8 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.frame import Frame
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from endolab.model.endoscope import Endoscope
 
 
@@ -25,23 +28,18 @@ def write_image(path: PathLike, image: FloatArray, bits: int = 8) -> None:
     write_atomically(path, content.tobytes())
 
 
-# Pictures -------------------------------------------------------------------------------
+def write_figure(path: PathLike, figure: Figure) -> None:
+    """Write a figure of matplotlib as PNG."""
+    content = io.BytesIO()
+    figure.savefig(content, format="png")
+    write_atomically(path, content.getvalue())
+
+
 def read_image(path: PathLike) -> FloatArray:
-    """Read a grey or colour picture of 8 or 16 bits: PNG, JPEG, TIFF.
+    """Read a grey or colour picture of 8 or 16 bits (PNG, JPEG, TIFF) as (H, W) or (H, W, 3).
 
-    Parameters
-    ----------
-    path : path
-
-    Returns
-    -------
-    (H, W) or (H, W, 3) float array
-        Stored values over their maximum (255 or 65535); R, G, B. An alpha channel is dropped.
-
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        In one sentence, if there is no such file or it is not such a picture.
+    Stored values over their maximum (255 or 65535); R, G, B. An alpha channel is dropped. OSError or
+    ValueError in one sentence, if there is no such file or it is not such a picture.
     """
     stored = read_stored(path)
     if stored.dtype not in (np.uint8, np.uint16):

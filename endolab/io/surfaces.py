@@ -3,95 +3,62 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+import zipfile
+import zlib
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.model.mesh import Mesh
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from endolab.depth.result import Result
+    from endolab.synthetic.rendering import Rendered
+
+FRAME = "camera frame: x right, y down, z forward"
+MAPS = {"distance": (), "z": (), "normals": (3,)}  # what a depth.npz holds for each pixel
 
 
-def as_ply(
-    points: FloatArray,
-    normals: FloatArray,
-    colours: FloatArray,
-    triangles: NDArray | None = None,
-    comments: Sequence[str] = (),
-) -> bytes:
-    """Encode points, and triangles between them if there are any, as binary PLY.
-
-    Parameters
-    ----------
-    points, normals : (n, 3) float arrays
-    colours : (n, 3) float array
-        R, G, B; values outside [0, 1] are clipped.
-    triangles : (m, 3) int array, optional
-        Numbers of points, from 0.
-    comments : sequence of str
-        Lines of the header.
-
-    Returns
-    -------
-    bytes
-    """
-    vertices = np.empty(len(points), dtype=[("place", "<f4", 6), ("colour", "u1", 3)])
-    vertices["place"][:, :3], vertices["place"][:, 3:] = points, normals
-    vertices["colour"] = np.round(np.clip(colours, 0, 1) * 255)
-    header = ["ply", "format binary_little_endian 1.0", *(f"comment {text}" for text in comments)]
-    header += [f"element vertex {len(points)}"]
-    header += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
-    header += [f"property uchar {name}" for name in ("red", "green", "blue")]
-    body = vertices.tobytes()
-    if triangles is not None:
-        faces = np.empty(len(triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
-        faces["count"], faces["corners"] = 3, triangles
-        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
-        body += faces.tobytes()
-    return "\n".join([*header, "end_header", ""]).encode() + body
+# Depth maps -----------------------------------------------------------------------------
+def save_depth(path: PathLike, surface: Result | Rendered, metric: bool) -> None:
+    """Write `depth.npz`: distance and z (H, W), normals (H, W, 3), mask, metric."""
+    maps = {name: getattr(surface, name).astype(np.float32) for name in MAPS}
+    content = io.BytesIO()
+    np.savez_compressed(content, **maps, mask=surface.mask, metric=np.array(metric))
+    write_atomically(path, content.getvalue())
 
 
+def read_depth(path: PathLike, needed: Sequence[str] = ("distance", "z")) -> dict[str, np.ndarray]:
+    """Read what `save_depth` wrote; ValueError or OSError in one sentence if it is something else."""
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    try:
+        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            maps = {name: archive[name] for name in archive.files}
+    except (ValueError, OSError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+        raise ValueError(f"{path}: not a depth.npz that endolab wrote") from error
+    for name in needed:
+        if name not in maps:
+            raise ValueError(f"{path}: {name} is missing")
+    size = maps["distance"].shape[:2]
+    for name in (name for name in MAPS if name in maps):
+        found = maps[name]
+        if found.dtype.kind != "f" or found.shape != (*size, *MAPS[name]) or len(size) < 2:
+            raise ValueError(f"{path}: {name} is not a map of the size of distance")
+    return maps
+
+
+# Clouds and meshes ----------------------------------------------------------------------
 def write_cloud(path: PathLike, points: FloatArray, normals: FloatArray, colours: FloatArray) -> None:
-    """Write a point cloud as binary PLY.
-
-    Parameters
-    ----------
-    path : path
-    points : (n, 3) float array
-        Camera frame, mm or relative.
-    normals : (n, 3) float array
-    colours : (n, 3) float array
-        R, G, B in [0, 1].
-    """
+    """Write a point cloud as binary PLY: all (n, 3); camera frame, mm or relative; R, G, B in [0, 1]."""
     write_atomically(path, as_ply(points, normals, colours))
 
 
-# Results --------------------------------------------------------------------------------
-def save_depth(
-    path: PathLike, distance: FloatArray, z: FloatArray, normals: FloatArray, mask: BoolArray, metric: bool
-) -> None:
-    """Write `depth.npz`: distance and z (H, W), normals (H, W, 3), mask, metric."""
-    try:
-        with open(path, "wb") as stream:
-            np.savez_compressed(
-                stream,
-                distance=distance.astype(np.float32),
-                z=z.astype(np.float32),
-                normals=normals.astype(np.float32),
-                mask=mask,
-                metric=np.array(metric),
-            )
-    except OSError as error:
-        Path(path).unlink(missing_ok=True)
-        raise OSError(f"cannot write {path}: {error.strerror or error}") from error
-
-
-FRAME = "camera frame: x right, y down, z forward"
-
-
-# Writing --------------------------------------------------------------------------------
 def write_mesh(path: PathLike, mesh: Mesh) -> None:
     """Write a mesh with its colours and normals.
 
@@ -109,14 +76,42 @@ def write_mesh(path: PathLike, mesh: Mesh) -> None:
         In one sentence, if the file cannot be written; then there is none.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in WRITERS:
+    if suffix == ".ply":
+        comments = f"unit: {mesh.unit}", FRAME
+        content = as_ply(mesh.vertices, mesh.normals, mesh.colours, mesh.triangles, comments)
+    elif suffix == ".obj":
+        content = _as_obj(mesh)
+    else:
         raise ValueError(f"{path}: meshes are written as .ply or .obj, found {suffix or 'no suffix'}")
-    write_atomically(path, WRITERS[suffix](mesh))
+    write_atomically(path, content)
 
 
-def _as_ply(mesh: Mesh) -> bytes:
-    comments = f"unit: {mesh.unit}", FRAME
-    return as_ply(mesh.vertices, mesh.normals, mesh.colours, mesh.triangles, comments)
+def as_ply(
+    points: FloatArray,
+    normals: FloatArray,
+    colours: FloatArray,
+    triangles: NDArray | None = None,
+    comments: Sequence[str] = (),
+) -> bytes:
+    """Encode points, and triangles between them if there are any, as binary PLY.
+
+    `triangles`, (m, 3), hold numbers of points, from 0; the others are (n, 3), `colours` R, G, B, of
+    which values outside [0, 1] are clipped; `comments` are lines of the header.
+    """
+    vertices = np.empty(len(points), dtype=[("place", "<f4", 6), ("colour", "u1", 3)])
+    vertices["place"][:, :3], vertices["place"][:, 3:] = points, normals
+    vertices["colour"] = np.round(np.clip(colours, 0, 1) * 255)
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {text}" for text in comments)]
+    header += [f"element vertex {len(points)}"]
+    header += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
+    header += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    body = vertices.tobytes()
+    if triangles is not None:
+        faces = np.empty(len(triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+        faces["count"], faces["corners"] = 3, triangles
+        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+        body += faces.tobytes()
+    return "\n".join([*header, "end_header", ""]).encode() + body
 
 
 def _as_obj(mesh: Mesh) -> bytes:
@@ -126,6 +121,3 @@ def _as_obj(mesh: Mesh) -> bytes:
     np.savetxt(text, mesh.normals, fmt="vn %.5f %.5f %.5f")
     np.savetxt(text, np.repeat(mesh.triangles + 1, 2, axis=1), fmt="f %d//%d %d//%d %d//%d")
     return text.getvalue()
-
-
-WRITERS: dict[str, Callable[[Mesh], bytes]] = {".ply": _as_ply, ".obj": _as_obj}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import tempfile
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from endolab.io.atomic import PathLike
+from endolab.io.atomic import PathLike, staged_file
 from endolab.io.images import read_image
 from endolab.numerics.arrays import FloatArray
 
@@ -33,11 +32,6 @@ class Frames:
     Iterating gives ``(name, image)``: the file's name, or the frame's number in the video, and
     the stored values in [0, 1], (H, W) or (H, W, 3); None for a picture that cannot be read, and
     for what a video promises and then does not hold.
-
-    Attributes
-    ----------
-    path : Path
-    names : tuple of str
     """
 
     path: Path
@@ -148,40 +142,23 @@ def open_frames(path: PathLike) -> Frames:
 def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0) -> None:
     """Write a video without loss (FFV1), whole or not at all.
 
-    Parameters
-    ----------
-    path : path
-        Ends in .mkv.
-    images : iterable of (H, W) or (H, W, 3) float arrays
-        Stored values in [0, 1], all of one size; 8 bits are kept.
-    rate : float
-        Frames per second.
-
-    Raises
-    ------
-    OSError, ValueError
-        In one sentence, if the name is another or the file cannot be written.
+    `path` ends in .mkv. `images` are (H, W) or (H, W, 3), all of one size, of stored values in [0, 1],
+    of which 8 bits are kept; `rate` is in frames per second. OSError or ValueError in one sentence.
     """
     target = Path(path)
     if target.suffix != ".mkv":
         raise ValueError(f"a video's name ends in .mkv, got {target.name}")
     writer: cv2.VideoWriter | None = None
-    handle, temporary = tempfile.mkstemp(prefix=f".{target.stem}-", suffix=".mkv", dir=target.parent)
-    os.close(handle)
-    try:
+    with staged_file(target) as temporary:
         for image in images:
             grey = np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
             stored = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR if grey.ndim == 2 else cv2.COLOR_RGB2BGR)
             if writer is None:
                 size = stored.shape[1], stored.shape[0]
-                writer = cv2.VideoWriter(temporary, cv2.VideoWriter.fourcc(*"FFV1"), rate, size)
+                writer = cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*"FFV1"), rate, size)
                 if not writer.isOpened():
                     raise OSError(f"cannot write {target}: OpenCV has no FFV1 encoder here")
             writer.write(stored)
         if writer is None:
             raise ValueError(f"cannot write {target}: there is no frame")
         writer.release()
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
-    finally:
-        Path(temporary).unlink(missing_ok=True)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from endolab._extras import need
 from endolab.model.mesh import Mesh
 from endolab.numerics.arrays import FloatArray
 
@@ -34,6 +35,7 @@ class SurfaceDistance:
 # Open3D ---------------------------------------------------------------------------------
 def load_open3d() -> Any:
     """Import Open3D, or say in one sentence why it cannot be."""
+    need("open3d")
     try:
         import open3d
     except (ImportError, OSError) as error:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from endolab.depth.result import Result
 from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
-from endolab.io.surfaces import save_depth, write_cloud
+from endolab.io.images import write_figure
+from endolab.io.surfaces import save_depth, write_cloud, write_mesh
 from endolab.reconstruction.assumptions import meaning
+from endolab.reconstruction.mesh import make_mesh
 from endolab.reconstruction.scale import scale_of
+
+if TYPE_CHECKING:
+    from endolab.preprocessing.prepare import Prepared
 
 
 def report(result: Result) -> dict[str, Any]:
@@ -39,14 +44,20 @@ def report(result: Result) -> dict[str, Any]:
     }
 
 
-def save_result(result: Result, folder: PathLike) -> None:
+def save_result(
+    result: Result, folder: PathLike, *, mesh: bool = False, prepared: Prepared | None = None
+) -> None:
     """Write `depth.npz`, `cloud.ply`, `overview.png` and `report.json` into a folder.
 
     Parameters
     ----------
     result : Result
     folder : path
-        Made if need be. Either all four files are written or none.
+        Made if need be. Either all files are written or none.
+    mesh : bool
+        Whether to write `mesh.ply` too, with triangles that are torn at folds.
+    prepared : Prepared, optional
+        What `endolab.prepare` came to, to be drawn in `preparation.png`.
 
     Raises
     ------
@@ -54,17 +65,17 @@ def save_result(result: Result, folder: PathLike) -> None:
         In one sentence, if they cannot be written.
     """
     from endolab.plots.maps import overview
+    from endolab.plots.preparation import prepare_figure
 
     with staged_folder(folder) as staging:
-        save_depth(
-            staging / "depth.npz", result.distance, result.z, result.normals, result.mask, result.metric
-        )
+        save_depth(staging / "depth.npz", result, result.metric)
         picture = result.problem.picture if result.problem.picture is not None else result.problem.image
         colour = np.broadcast_to(picture[..., None], (*picture.shape, 3)) if picture.ndim == 2 else picture
         inside = result.mask
         write_cloud(staging / "cloud.ply", result.points[inside], result.normals[inside], colour[inside])
         write_atomically(staging / "report.json", as_json(report(result)))
-        try:
-            overview(result).savefig(staging / "overview.png")
-        except OSError as error:
-            raise OSError(f"cannot write overview.png: {error.strerror or error}") from error
+        write_figure(staging / "overview.png", overview(result))
+        if prepared is not None:
+            write_figure(staging / "preparation.png", prepare_figure(prepared, result))
+        if mesh:
+            write_mesh(staging / "mesh.ply", make_mesh(result))

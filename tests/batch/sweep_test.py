@@ -14,7 +14,6 @@ from endolab import datasets
 from endolab.batch import sweep as sweeps
 from endolab.batch.sweep import COLUMNS, read_table, sweep
 from endolab.cli import main as cli
-from endolab.io import atomic
 from endolab.io.images import write_image
 from endolab.io.surfaces import save_depth
 from endolab.numerics.iteration import Status
@@ -123,15 +122,15 @@ def test_a_run_that_was_stopped_is_no_row(frames, tmp_path, monkeypatch):
 
 
 def test_a_full_disk_keeps_the_rows_that_are_there(frames, tmp_path, monkeypatch):
-    real, writes = atomic.write_atomically, []
+    real, writes = sweeps.write_rows, []
 
-    def write(path, content):
+    def write(path, *table):
         writes.append(path)
         if len(writes) > 3:
             raise OSError(f"cannot write {path}: No space left on device")
-        real(path, content)
+        real(path, *table)
 
-    monkeypatch.setattr(sweeps, "write_atomically", write)
+    monkeypatch.setattr(sweeps, "write_rows", write)
     with pytest.raises(OSError, match="No space left"):
         sweep(frames, CALIBRATION, lam=(0.1, 1), table=tmp_path / "t.csv")
     assert len(read_table(tmp_path / "t.csv")) == 2
@@ -192,7 +191,7 @@ def test_the_command(seen, tmp_path, capsys):
     paths, truths = [], []
     for name, one in seen.items():
         write_image(tmp_path / f"{name}.png", one.image)
-        save_depth(tmp_path / f"{name}.npz", one.distance, one.z, one.normals, one.mask, True)
+        save_depth(tmp_path / f"{name}.npz", one, True)
         paths.append(str(tmp_path / f"{name}.png"))
         truths.append(str(tmp_path / f"{name}.npz"))
     out = tmp_path / "sweep.csv"

@@ -1,7 +1,6 @@
 """Files in and out: pictures against other programs, and nothing left half-written."""
 
 import errno
-import io
 import json
 import os
 import resource
@@ -300,24 +299,16 @@ def test_a_file_is_replaced_whole(tmp_path):
     assert path.stat().st_mode & 0o777 == 0o644
 
 
-class Full(io.BytesIO):
-    """A file on a full disk."""
-
-    def write(self, content):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
 @pytest.mark.parametrize("there", [True, False])
 def test_a_full_disk_leaves_the_old_file(tmp_path, monkeypatch, there):
     path = tmp_path / "a.bin"
     if there:
         path.write_bytes(b"old")
 
-    def fdopen(handle, mode):
-        os.close(handle)
-        return Full()
+    def full(self, content):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(os, "fdopen", fdopen)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(OSError, match=r"cannot write .*a\.bin: No space left on device"):
         write_atomically(path, b"new")
     assert contents(tmp_path) == (["a.bin"] if there else [])

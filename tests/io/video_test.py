@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from endolab.io.images import write_image
-from endolab.io.video import open_frames, write_video
+from endolab.io.video import is_sequence, open_frames, write_video
 
 
 @pytest.fixture
@@ -97,3 +97,11 @@ def test_a_video_is_written_whole_or_not_at_all(tmp_path, pictures):
         write_video(tmp_path / "v.mp4", pictures)
     with pytest.raises(ValueError, match="there is no frame"):
         write_video(tmp_path / "v.mkv", [])
+
+
+def test_a_sequence_is_known_by_what_it_is(tmp_path):
+    (tmp_path / "a.png").mkdir()
+    assert is_sequence(tmp_path)
+    assert is_sequence("none.MP4")
+    assert not is_sequence("none")
+    assert not is_sequence(tmp_path / "a.png")

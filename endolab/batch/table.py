@@ -1,0 +1,44 @@
+"""A table of reconstructions, one a row, as CSV: what is not known is nan, and an empty cell."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from endolab.depth.result import Result
+from endolab.io.atomic import PathLike, write_atomically
+
+COUNTS = ("iterations", "pixels")  # the columns of whole numbers
+
+Row = dict[str, Any]
+
+
+def measured(result: Result) -> Row:
+    """What a row tells of a result: how it ended, its iterations and energies."""
+    terms = result.iterate.terms
+    return {
+        "status": result.status.name,
+        "iterations": result.iterations,
+        "energy": result.energy,
+        "data": terms.get("data", math.nan),
+        "regulariser_energy": terms.get("regulariser", math.nan),
+    }
+
+
+def read_numbers(cells: Mapping[str, str], names: Iterable[str]) -> Row:
+    """Read the cells of these columns; ValueError if one is no number."""
+    values: Row = {name: float(cells[name].strip() or "nan") for name in names}
+    return values | {n: int(values[n]) for n in COUNTS if n in values and not math.isnan(values[n])}
+
+
+def write_rows(path: PathLike, columns: Sequence[str], rows: Iterable[Row]) -> None:
+    """Write a table, whole or not at all."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({name: "" if row[name] != row[name] else row[name] for name in columns})
+    write_atomically(path, text.getvalue().encode())
