@@ -13,22 +13,24 @@ from endolab.depth.result import Iterate
 from endolab.io.surfaces import write_mesh
 from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.metrics.mesh_distance import distance_to, to_open3d
-from endolab.model.brdf import Lambertian
-from endolab.model.cameras import KannalaBrandt
-from endolab.model.photometry import Photometry
 from endolab.plots import surface_view as mesh_views
 from endolab.reconstruction.mesh import make_mesh
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES, Bowl, Plane, Tube
+from tests.tools.problems import COLOURED, paper_camera
 
-CAMERA = KannalaBrandt(
-    1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -0.0012396, 0.00091258, -0.000040716)
-).resize(160, 120)
+CAMERA = paper_camera(160)
 RAYS = CAMERA.field.rays
 
 
 def points_of(scene):
     return scene.distance(RAYS)[..., None] * RAYS
+
+
+def facing(mesh):
+    """Cross product of two sides of each triangle, and its first corner."""
+    corners = mesh.vertices[mesh.triangles]
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners[:, 0]
 
 
 def wall(rows=5, columns=7):
@@ -38,13 +40,12 @@ def wall(rows=5, columns=7):
 
 @pytest.fixture(scope="module")
 def colon():
-    return render(SCENES["colon"], CAMERA, Photometry(brdf=Lambertian((0.75, 0.38, 0.30))))
+    return render(SCENES["colon"], CAMERA, COLOURED)
 
 
 @pytest.fixture(scope="module")
 def coloured(colon):
-    points = colon.distance[..., None] * RAYS
-    return make_mesh(points, colon.image, cuts=occlusion_cuts(colon.distance))
+    return make_mesh(points_of(SCENES["colon"]), colon.image, cuts=occlusion_cuts(colon.distance))
 
 
 # Making ---------------------------------------------------------------------------------
@@ -54,9 +55,7 @@ def test_a_full_grid_has_two_triangles_a_square():
     mesh = make_mesh(wall(5, 7))
     assert mesh.vertices.shape == mesh.colours.shape == mesh.normals.shape == (35, 3)
     assert mesh.triangles.shape == (2 * 4 * 6, 3)
-    corners = mesh.vertices[mesh.triangles]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1) / 2
-    assert area.sum() == pytest.approx(24.0)
+    assert np.linalg.norm(facing(mesh)[0], axis=-1).sum() / 2 == pytest.approx(24.0)
     assert np.allclose(mesh.normals, [0, 0, -1])
     assert mesh.unit == "mm"
 
@@ -76,11 +75,10 @@ def test_a_hole_takes_its_pixel_and_no_more(place):
 
 def test_a_line_of_pixels_or_none_is_no_surface():
     points = np.full((4, 4, 3), np.nan)
-    assert len(make_mesh(points).triangles) == 0
-    points[2] = wall(1, 4)[0]
-    mesh = make_mesh(points)
-    assert mesh.vertices.shape == (0, 3)
-    assert mesh.triangles.shape == (0, 3)
+    for row in (np.nan, wall(1, 4)[0]):
+        points[2] = row
+        mesh = make_mesh(points)
+        assert mesh.vertices.shape == mesh.triangles.shape == (0, 3)
 
 
 def test_no_triangle_crosses_a_cut():
@@ -88,10 +86,9 @@ def test_no_triangle_crosses_a_cut():
     cuts[0, :, 3] = True  # columns 3 and 4 are torn apart
     cuts[1, 2, :4] = True  # and rows 2 and 3 on the left
     mesh = make_mesh(points, cuts=cuts)
-    x, y = mesh.vertices[mesh.triangles][..., 0], mesh.vertices[mesh.triangles][..., 1]
-    left, upper = x < 0.5, y < 0.5
-    assert (left.all(axis=1) | ~left.any(axis=1)).all()
+    left, upper = np.moveaxis(mesh.vertices[mesh.triangles][..., :2] < 0.5, -1, 0)
     at_left = left.all(axis=1)
+    assert (at_left | ~left.any(axis=1)).all()
     assert (upper[at_left].all(axis=1) | ~upper[at_left].any(axis=1)).all()
     assert len(mesh.triangles) == 2 * (3 * 5 + 3 * 2 * 2)
     assert len(mesh.vertices) == 48
@@ -128,21 +125,18 @@ def test_colours_stay_with_their_pixels(coloured, colon):
 @pytest.mark.parametrize("name", SCENES)
 def test_normals_face_the_camera_and_are_the_scenes(name):
     scene = SCENES[name]
-    distance = scene.distance(RAYS)
-    mesh = make_mesh(points_of(scene), cuts=occlusion_cuts(distance))
-    corners = mesh.vertices[mesh.triangles]
-    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert (np.einsum("ni,ni->n", facing, corners[:, 0]) < 0).all()
+    mesh = make_mesh(points_of(scene), cuts=occlusion_cuts(scene.distance(RAYS)))
+    assert (np.einsum("ni,ni->n", *facing(mesh)) < 0).all()
     assert (np.einsum("ni,ni->n", mesh.normals, mesh.vertices) < 0).all()
     assert np.allclose(np.linalg.norm(mesh.normals, axis=-1), 1)
     cosine = np.einsum("ni,ni->n", mesh.normals, scene.normals(mesh.vertices)).clip(-1, 1)
     assert np.rad2deg(np.median(np.arccos(cosine))) < 1.0
 
 
-def test_occlusions_are_torn_by_the_rule_too_and_walls_are_not(colon):
+def test_occlusions_are_torn_by_the_rule_too_and_walls_are_not():
     """With no cuts given, few triangles float between two surfaces; a tube has no tear."""
-    points = colon.distance[..., None] * RAYS
     scene = SCENES["colon"]
+    points = points_of(scene)
 
     def floating(mesh):
         middle = mesh.vertices[mesh.triangles].mean(axis=1)

@@ -9,40 +9,16 @@ import endolab as el
 from endolab import datasets
 from endolab.depth.energy import energy_terms
 from endolab.depth.solvers import DEFAULT_SOLVER, SOLVERS, solve
-from endolab.metrics.depth_errors import compare
 from endolab.reconstruction import problem_setup as posing
-from endolab.reconstruction.problem_setup import pose
+from endolab.reconstruction.problem_setup import make_problem
+from tests.tools.problems import Shot
 
 CALIBRATION = datasets.load_calibration("simple")
 
 
-class Shot:
-    """A rendered frame, the calibration that explains it, and the one that lacks the gain."""
-
-    def __init__(self, scene, calibration=CALIBRATION, photometry=None):
-        self.truth = el.render(
-            el.SCENES[scene], calibration.camera, photometry or calibration.photometry, bits=None
-        )
-        self.frame = el.Frame(self.truth.image, self.truth.mask)
-        self.calibration = replace(calibration, photometry=self.truth.photometry)
-        self.up_to_scale = replace(self.calibration, photometry=replace(self.truth.photometry, gain=None))
-
-    def reconstruct(self, **options):
-        return el.reconstruct(self.frame, self.calibration, **options)
-
-    def errors(self, result):
-        return compare(
-            result.distance,
-            self.truth.distance,
-            self.truth.camera.field.cos_alpha,
-            normals=result.normals,
-            true_normals=self.truth.normals,
-        )
-
-
 @pytest.fixture(scope="module")
 def shots():
-    return {scene: Shot(scene) for scene in ("plane", "curved", "tube")}
+    return {scene: Shot(scene, CALIBRATION) for scene in ("plane", "curved", "tube")}
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +29,18 @@ def ball(shots):
 @pytest.fixture(scope="module")
 def small():
     return Shot("curved", datasets.load_calibration("simple", 80))
+
+
+@pytest.fixture
+def holed(small):
+    """The small frame without a part of its middle."""
+    mask = small.frame.mask.copy()
+    mask[20:30, 30:50] = False
+    return el.Frame(np.where(mask[..., None], small.frame.image, np.nan), mask)
+
+
+every_solver = pytest.mark.parametrize("solver", sorted(SOLVERS))
+every_step_by_step = pytest.mark.parametrize("options", [{"solver": "fast_marching", "snapshots": 5}, {}])
 
 
 # How good --------------------------------------------------------------------------------
@@ -138,7 +126,7 @@ def test_a_grey_frame(small):
 # Scale -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("solver", sorted(SOLVERS))
+@every_solver
 def test_without_a_gain_the_shape_is_the_same(ball, solver):
     known = ball.reconstruct(solver=solver)
     result = el.reconstruct(ball.frame, ball.up_to_scale, solver=solver)
@@ -151,7 +139,7 @@ def test_without_a_gain_the_shape_is_the_same(ball, solver):
 
 
 @pytest.mark.parametrize("gain", ["known", "unknown"])
-@pytest.mark.parametrize("solver", sorted(SOLVERS))
+@every_solver
 def test_the_median_distance_can_be_given(small, solver, gain):
     calibration = small.calibration if gain == "known" else small.up_to_scale
     free = el.reconstruct(small.frame, calibration, solver=solver)
@@ -193,7 +181,7 @@ def test_the_height_follows_the_width(small):
 def test_offset_lights_are_replaced_by_one(shots):
     """Three lights 3 mm off the centre look like one from 60 mm; without them it is exact."""
     lights = tuple(el.SpotLight((x, y, 0), exponent=1.0) for x, y in ((3, 0), (-3, 1), (0, -3)))
-    shot = Shot("curved", photometry=replace(CALIBRATION.photometry, k=1.5, lights=lights))
+    shot = Shot("curved", CALIBRATION, replace(CALIBRATION.photometry, k=1.5, lights=lights))
     assert shot.calibration.photometry.lights == lights
     result = shot.reconstruct()
     used = result.problem.photometry
@@ -206,7 +194,7 @@ def test_offset_lights_are_replaced_by_one(shots):
 def test_a_tabulated_brdf():
     theta = np.linspace(0, np.pi / 2, 15)
     brdf = el.TabulatedBRDF(tuple(theta), tuple(0.2 + 0.1 * np.cos(theta)))
-    shot = Shot("curved", photometry=replace(CALIBRATION.photometry, brdf=brdf))
+    shot = Shot("curved", CALIBRATION, replace(CALIBRATION.photometry, brdf=brdf))
     assert shot.frame.image.ndim == 2
     assert shot.errors(shot.reconstruct()).mean_percent < 0.01
     matt = replace(shot.calibration.photometry, brdf=el.Lambertian(0.3 * np.pi))
@@ -217,21 +205,13 @@ def test_a_tabulated_brdf():
 # Masks -----------------------------------------------------------------------------------
 
 
-def test_maps_have_the_frames_shape_and_are_nan_outside_the_mask(small):
-    mask = small.frame.mask.copy()
-    mask[20:30, 30:50] = False
-    image = np.where(mask[..., None], small.frame.image, np.nan)
-    result = el.reconstruct(el.Frame(image, mask), small.calibration)
-    assert result.mask.shape == (60, 80)
-    assert not np.any(result.mask & ~mask)
-    assert result.mask.sum() > 0.97 * mask.sum()
-    for array, shape in (
-        (result.distance, (60, 80)),
-        (result.z, (60, 80)),
-        (result.normals, (60, 80, 3)),
-        (result.points, (60, 80, 3)),
-    ):
-        assert array.shape == shape
+def test_maps_have_the_frames_shape_and_are_nan_outside_the_mask(small, holed):
+    result = el.reconstruct(holed, small.calibration)
+    assert result.mask.shape == result.distance.shape == result.z.shape == (60, 80)
+    assert result.normals.shape == result.points.shape == (60, 80, 3)
+    assert not np.any(result.mask & ~holed.mask)
+    assert result.mask.sum() > 0.97 * holed.mask.sum()
+    for array in (result.distance, result.z, result.normals, result.points):
         assert np.all(np.isfinite(array[result.mask]))
         assert np.all(np.isnan(array[~result.mask]))
     np.testing.assert_allclose(result.z, result.points[..., 2], rtol=1e-12)
@@ -281,30 +261,28 @@ def test_observers_see_the_front_advance(small):
 
 
 @pytest.mark.parametrize("wish", [True, KeyboardInterrupt])
-@pytest.mark.parametrize("options", [{"solver": "fast_marching", "snapshots": 5}, {}])
+@every_step_by_step
 def test_a_run_can_be_stopped(small, wish, options):
     def observer(iterate):
-        if iterate.k == 2:
-            if wish is True:
-                return True
+        if iterate.k == 2 and wish is not True:
             raise wish
-        return None
+        return iterate.k == 2
 
     result = small.reconstruct(observers=[observer], **options)
     assert (result.status, result.iterations) == (el.Status.STOPPED, 2)
     assert np.all(np.isfinite(result.distance[result.mask]))
 
 
-@pytest.mark.parametrize("options", [{"solver": "fast_marching", "snapshots": 5}, {}])
+@every_step_by_step
 def test_the_most_steps_to_take(small, options):
     result = small.reconstruct(max_iterations=1, **options)
     assert (result.status, result.iterations) == (el.Status.MAX_ITERATIONS, 1)
 
 
-@pytest.mark.parametrize("solver", sorted(SOLVERS))
+@every_solver
 def test_iterates_one_by_one(small, solver):
     steps = list(el.iterate(small.frame, small.calibration, solver=solver, channel="blue", xi="d", smooth=0))
-    problem = pose(small.frame, small.calibration, channel="blue", xi="d", smooth=0)
+    problem = make_problem(small.frame, small.calibration, channel="blue", xi="d", smooth=0)
     result = el.run(solve(problem, solver))
     assert [step.k for step in steps] == [entry["k"] for entry in result.history]
     np.testing.assert_array_equal(steps[-1].log_distance, result.iterate.log_distance)
@@ -320,12 +298,8 @@ def test_an_earlier_result_is_a_good_start(small):
     first = small.reconstruct()
     again = small.reconstruct(start=first, lam=1.1)
     assert (again.status, again.iterations <= 2) == (el.Status.CONVERGED, True)
-    assert again.energy < energy_at(again.problem, first)
+    assert again.energy < sum(energy_terms(again.problem, first.iterate.log_distance).values())
     np.testing.assert_allclose(again.distance, first.distance, rtol=1e-3)
-
-
-def energy_at(problem, result):
-    return sum(energy_terms(problem, result.iterate.log_distance).values())
 
 
 @pytest.mark.parametrize("median_distance", [None, 42.0])
@@ -339,11 +313,8 @@ def test_a_start_takes_the_scale_of_the_new_gain(small, median_distance):
         assert np.median(again.distance[again.mask]) == pytest.approx(42.0, rel=1e-9)
 
 
-def test_a_start_of_a_smaller_mask_is_filled(small):
-    mask = small.frame.mask.copy()
-    mask[20:30, 30:50] = False
-    first = el.reconstruct(el.Frame(small.frame.image, mask), small.calibration)
-    again = small.reconstruct(start=first)
+def test_a_start_of_a_smaller_mask_is_filled(small, holed):
+    again = small.reconstruct(start=el.reconstruct(holed, small.calibration))
     assert np.all(np.isfinite(again.distance[again.mask]))
     assert small.errors(again).mean_percent < 0.05
 
@@ -392,15 +363,12 @@ def test_bad_options(small, options, message):
         small.reconstruct(**options)
 
 
-def test_the_calibration_must_be_of_the_frames_size(small):
+def test_frame_calibration_and_channel_must_fit(small):
     with pytest.raises(ValueError, match="frame is 80x60 px, but the calibration is for 320x240 px"):
         el.reconstruct(small.frame, CALIBRATION)
-
-
-def test_a_grey_frame_has_no_colours(small):
-    frame = el.Frame(small.frame.image[..., 1], small.frame.mask)
+    grey = el.Frame(small.frame.image[..., 1], small.frame.mask)
     with pytest.raises(ValueError, match="the picture is grey and has no red channel"):
-        el.reconstruct(frame, small.calibration, channel="red")
+        el.reconstruct(grey, small.calibration, channel="red")
 
 
 def test_a_picture_with_nan_never_gets_that_far(small):

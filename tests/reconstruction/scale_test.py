@@ -9,7 +9,7 @@ import pytest
 import endolab as el
 from endolab import plots
 from endolab.depth.energy import energy_terms
-from endolab.depth.problem import AT_LEAST, NONE
+from endolab.depth.problem import AT_LEAST, NONE, Origin
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.scale import (
     check_scale,
@@ -17,34 +17,34 @@ from endolab.reconstruction.scale import (
     factor_of_distance,
     rescaled,
     scale_of,
-    scaled,
     with_known_length,
 )
 from endolab.reconstruction.sequence import reconstruct_sequence
+from tests.tools.problems import Shot
 
 CAMERA = el.Pinhole(200, 150, 110.0, 110.0, 99.5, 74.5)
 ONE, OTHER = (41, 50), (150, 109)  # column, row
 
 
 @pytest.fixture(scope="module")
-def rendered():
-    return el.render(el.SCENES["curved"], CAMERA, el.Photometry(brdf=el.Lambertian(0.4)), noise=1.0, seed=3)
+def shot():
+    """A noisy bowl, and the calibration that explains it."""
+    calibration = el.Calibration(CAMERA, el.Photometry(brdf=el.Lambertian(0.4)))
+    return Shot("curved", calibration, noise=1.0, seed=3)
 
 
-def solve(rendered, gain=None, width=None, **options):
-    photometry = replace(rendered.photometry, gain=gain)
-    frame = el.Frame(rendered.image, rendered.mask)
-    return el.reconstruct(frame, el.Calibration(CAMERA, photometry), width=width, **options)
-
-
-@pytest.fixture(scope="module")
-def relative(rendered):
-    return solve(rendered)
+def solve(shot, **options):
+    return el.reconstruct(shot.frame, shot.up_to_scale, **options)
 
 
 @pytest.fixture(scope="module")
-def known(rendered):
-    return solve(rendered, rendered.photometry.gain)
+def relative(shot):
+    return solve(shot)
+
+
+@pytest.fixture(scope="module")
+def known(shot):
+    return shot.reconstruct()
 
 
 def posed(result, **changes):
@@ -52,8 +52,8 @@ def posed(result, **changes):
     return replace(result, iterate=replace(result.iterate, problem=replace(result.problem, **changes)))
 
 
-def point(rendered, pixel):
-    return rendered.distance[pixel[1], pixel[0]] * CAMERA.field.rays[pixel[1], pixel[0]]
+def point(shot, pixel):
+    return shot.truth.distance[pixel[::-1]] * CAMERA.field.rays[pixel[::-1]]
 
 
 def said(result, word):
@@ -68,32 +68,32 @@ def said(result, word):
 
 
 @pytest.mark.parametrize("width", [None, 100, 67])
-def test_one_length_gives_the_true_size(rendered, width):
+def test_one_length_gives_the_true_size(shot, width):
     """Within what noise does to five pixels; the pixel is one of the whole picture, though it was shrunk."""
-    result = solve(rendered, width=width)
-    size = (rendered.image.shape[1], rendered.image.shape[0])
-    distance = float(np.linalg.norm(point(rendered, ONE)))
-    diameter = float(np.linalg.norm(point(rendered, ONE) - point(rendered, OTHER)))
+    result = solve(shot, width=width)
+    size = (CAMERA.width, CAMERA.height)
+    distance = float(np.linalg.norm(point(shot, ONE)))
+    diameter = float(np.linalg.norm(point(shot, ONE) - point(shot, OTHER)))
     for factor in (
         factor_of_distance(result, distance, *ONE, size=size),
         factor_of_diameter(result, diameter, ONE, OTHER, size=size),
     ):
-        whole = scaled(result, factor)
+        whole = rescaled(result, factor)
         assert whole.metric
-        true = np.median(rendered.distance[rendered.mask])
+        true = np.median(shot.truth.distance[shot.truth.mask])
         assert np.median(whole.distance[whole.mask]) == pytest.approx(true, rel=0.015)
 
 
-def test_the_setting_tells_the_size_of_the_picture(rendered):
-    result = solve(rendered, width=100)
-    assert result.problem.settings["picture_size"] == (200, 150)
+def test_the_problem_knows_the_size_of_the_picture(shot):
+    result = solve(shot, width=100)
+    assert result.problem.origin.picture_size == (200, 150)
     assert factor_of_distance(result, 30, *ONE) == factor_of_distance(result, 30, *ONE, size=(200, 150))
     assert factor_of_distance(result, 30, *ONE) != factor_of_distance(result, 30, *ONE, size=(100, 75))
 
 
 def test_one_odd_pixel_does_not_fix_the_scale(relative):
     odd = relative.iterate.log_distance.copy()
-    odd[ONE[1], ONE[0]] += 1.0
+    odd[ONE[::-1]] += 1.0
     wrong = replace(relative, iterate=replace(relative.iterate, log_distance=odd))
     assert factor_of_distance(wrong, 30, *ONE) == pytest.approx(
         factor_of_distance(relative, 30, *ONE), rel=0.01
@@ -108,7 +108,7 @@ def test_the_result_is_the_same_surface_in_another_unit(relative):
     assert not whole.distance.flags.writeable
     terms = energy_terms(whole.problem, whole.iterate.log_distance)
     assert sum(terms.values()) == pytest.approx(relative.energy, rel=1e-9)
-    assert relative.problem.settings.get("known_distance") is None
+    assert relative.problem.origin.scale is None
     assert with_known_length(relative) is relative
     again = rescaled(whole, 1 / factor, False)
     np.testing.assert_allclose(again.distance, relative.distance)
@@ -162,7 +162,7 @@ def test_a_bad_length_is_refused(given, message):
 @pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, np.inf])
 def test_a_bad_factor_is_refused(relative, factor):
     with pytest.raises(ValueError, match="factor must be positive and finite"):
-        scaled(relative, factor)
+        rescaled(relative, factor)
 
 
 def test_a_good_length_passes():
@@ -174,38 +174,36 @@ def test_a_good_length_passes():
 # A video ---------------------------------------------------------------------------------
 
 
-def test_the_first_frames_length_is_that_of_all(rendered):
-    calibration = el.Calibration(CAMERA, replace(rendered.photometry, gain=None))
-    frames = [(name, light * rendered.image) for name, light in (("a", 1.0), ("b", 0.9), ("c", 0.95))]
+def test_the_first_frames_length_is_that_of_all(shot):
+    frames = [(name, light * shot.frame.image) for name, light in (("a", 1.0), ("b", 0.9), ("c", 0.95))]
     length = (30.0, *ONE)
-    steps = list(reconstruct_sequence(frames, calibration, known_distance=length))
+    steps = list(reconstruct_sequence(frames, shot.up_to_scale, known_distance=length))
     results = [step.result for step in steps]
     assert [scale_of(result) for result in results] == ["known distance", "frame before", "frame before"]
     for result in results:
         assert result.metric
         assert 1 / factor_of_distance(result, 1.0, *ONE) == pytest.approx(30, rel=0.05)
     assert "carried over from the frame before" in meaning(results[1])[0]
-    plain = [step.result for step in reconstruct_sequence(frames[:2], calibration)]
+    plain = [step.result for step in reconstruct_sequence(frames[:2], shot.up_to_scale)]
     assert [scale_of(result) for result in plain] == ["none", "frame before"]
     assert "nearly that of the frame before" in meaning(plain[1])[0]
 
 
-def test_a_length_in_a_broken_first_frame_is_not_taken_for_another_frames(rendered):
-    calibration = el.Calibration(CAMERA, replace(rendered.photometry, gain=None))
-    frames = [("a", None), ("b", rendered.image)]
+def test_a_length_in_a_broken_first_frame_is_not_taken_for_another_frames(shot):
+    frames = [("a", None), ("b", shot.frame.image)]
     with pytest.raises(ValueError, match="a: cannot be read"):
-        list(reconstruct_sequence(frames, calibration, known_distance=(30.0, *ONE)))
+        list(reconstruct_sequence(frames, shot.up_to_scale, known_distance=(30.0, *ONE)))
 
 
 # Words -----------------------------------------------------------------------------------
 
 
-def test_how_the_scale_was_fixed_is_said(rendered, relative, known):
+def test_how_the_scale_was_fixed_is_said(shot, relative, known):
     assert scale_of(relative) == "none"
     assert scale_of(known) == "gain"
     assert "the gain of the endoscope is known" in meaning(known)[0]
     assert "their unit is arbitrary" in meaning(relative)[0]
-    middle = solve(rendered, median_distance=33.0)
+    middle = solve(shot, median_distance=33.0)
     assert scale_of(middle) == "median distance"
     assert "said to be 33 mm" in meaning(middle)[0]
     near = with_known_length(relative, known_distance=(30.0, *ONE))
@@ -216,20 +214,19 @@ def test_how_the_scale_was_fixed_is_said(rendered, relative, known):
     assert not any("By the gain" in each for each in meaning(near))
 
 
-def test_a_gain_that_says_another_length_is_not_kept_quiet(rendered, known):
-    true = float(rendered.distance[ONE[1], ONE[0]])
+def test_a_gain_that_says_another_length_is_not_kept_quiet(shot, known):
+    true = float(shot.truth.distance[ONE[::-1]])
     result = with_known_length(known, known_distance=(1.5 * true, *ONE))
     mm = float(re.search(r"would be ([\d.]+) mm", said(result, "By the gain")).group(1))
     assert mm == pytest.approx(true, rel=0.02)
 
 
-def test_ten_percent_of_albedo_is_five_of_every_distance(rendered, known):
+def test_ten_percent_of_albedo_is_five_of_every_distance(shot, known):
     """The sentence, checked by solving with a wall that is taken to be darker than it is."""
     assert "every distance is 5 % too short" in said(known, "square root of albedo times gain")
     assert "one albedo, 0.4;" in said(known, "a patch")
-    darker = replace(rendered.photometry, brdf=el.Lambertian(0.4 / 1.1))
-    frame = el.Frame(rendered.image, rendered.mask)
-    result = el.reconstruct(frame, el.Calibration(CAMERA, darker))
+    darker = replace(shot.truth.photometry, brdf=el.Lambertian(0.4 / 1.1))
+    result = el.reconstruct(shot.frame, el.Calibration(CAMERA, darker))
     np.testing.assert_allclose(np.nanmedian(result.distance / known.distance), 1 / 1.05, rtol=0.005)
 
 
@@ -241,20 +238,17 @@ def test_other_walls_are_described_too(relative, known):
     assert "one albedo, 0.5;" in said(posed(known, photometry=glossy), "patch")
 
 
-def test_what_gamma_does_is_what_it_does(rendered, relative):
+def test_what_gamma_does_is_what_it_does(shot, relative):
     """Solve with γ 0.1 larger: the ratio of the dark to the bright changes by what the sentence says."""
     found = re.search(
         r"γ were (\S+) and not (\S+),.* ([\d.]+) % or more nearer.* ([\d.]+) %", said(relative, "γ")
     )
     more, gamma, nearer, farther = (float(each) for each in found.groups())
     assert (more, gamma) == (pytest.approx(2.3), pytest.approx(2.2))
-    photometry = replace(rendered.photometry, gain=None, gamma=2.3)
-    frame = el.Frame(rendered.image, rendered.mask)
-    other = el.reconstruct(frame, el.Calibration(CAMERA, photometry), solver="facing")
-    plain = solve(rendered, solver="facing")
+    wrong = el.Calibration(CAMERA, replace(shot.up_to_scale.photometry, gamma=2.3))
+    other, plain = (el.reconstruct(shot.frame, each, solver="facing") for each in (wrong, shot.up_to_scale))
     change = np.log(other.distance / plain.distance)
-    image = plain.problem.image
-    mask = plain.mask
+    image, mask = plain.problem.image, plain.mask
     low, middle, high = (
         np.nanmean(change[mask & (np.abs(image - np.percentile(image[mask], at)) < 0.004)])
         for at in (5, 50, 95)
@@ -275,17 +269,9 @@ def test_pixels_that_say_less_are_counted(relative):
 
 def test_bounced_light_and_notes_are_told(relative):
     assert "counts as direct" in said(relative, "bounced")
-    settings = relative.problem.settings | {
-        "channel": "separated",
-        "albedo": (0.75, 0.38, 0.3),
-        "notes": ["The colours say little."],
-    }
-    result = posed(relative, settings=settings)
+    result = posed(relative, origin=Origin(albedo=(0.75, 0.38, 0.3), notes=("The colours say little.",)))
     assert "with albedos of 0.75, 0.38, 0.3 (R, G, B), and taken out" in said(result, "bounced")
     assert meaning(result)[-1] == "The colours say little."
-    assert "was estimated and taken out" in said(
-        posed(relative, settings=settings | {"albedo": None}), "bounced"
-    )
 
 
 def test_an_iterate_means_what_its_result_means(relative):
@@ -297,10 +283,7 @@ def test_an_iterate_means_what_its_result_means(relative):
 def test_the_overview_says_it_at_its_foot(size):
     """Under everything else, and within the page, whatever the frame's shape."""
     camera = el.Pinhole(*size, 110.0, 110.0, size[0] / 2, size[1] / 2)
-    rendered = el.render(el.SCENES["curved"], camera, el.Photometry())
-    frame = el.Frame(rendered.image, rendered.mask)
-    calibration = el.Calibration(camera, replace(rendered.photometry, gain=None))
-    result = el.reconstruct(frame, calibration, solver="facing")
+    result = solve(Shot("curved", el.Calibration(camera, el.Photometry())), solver="facing")
     pixels = [(0.2 * size[0], 0.2 * size[1]), (0.7 * size[0], 0.8 * size[1])]
     for shown in (result, with_known_length(result, known_diameter=(12.25, *pixels))):
         figure = plots.overview(shown)

@@ -10,11 +10,20 @@ import endolab as el
 from endolab.depth.problem import AT_LEAST, NONE
 from endolab.metrics.depth_errors import compare
 from endolab.model.brdf import Lambertian
-from endolab.reconstruction.problem_setup import posed
+from endolab.numerics.iteration import Status, finish
+from endolab.reconstruction.problem_setup import make_problem
 from endolab.reconstruction.separation import NoColour, estimated_albedo, merged, separate
 
 ALBEDO = np.array([0.75, 0.38, 0.30])
 WIDTH = 240  # for speed
+
+
+def solved(frame, calibration, **options):
+    return el.reconstruct(frame, calibration, **{"channel": "separated", "width": WIDTH} | options)
+
+
+def note(result):
+    return result.problem.settings["notes"][0]
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +33,7 @@ def dry():
 
 @pytest.fixture(scope="module")
 def separated(dry):
-    return el.reconstruct(dry.frame, dry.calibration, channel="separated", width=WIDTH)
+    return solved(dry.frame, dry.calibration)
 
 
 def error(result, sample, scale="none"):
@@ -40,7 +49,7 @@ def without(calibration, **changes):
 
 def colours(frame, calibration, width=WIDTH, **options):
     return [
-        posed(frame, calibration, channel=name, width=width, **options)[0]
+        make_problem(frame, calibration, channel=name, width=width, **options)
         for name in ("red", "green", "blue")
     ]
 
@@ -53,12 +62,38 @@ def test_a_third_of_the_error_is_left(dry, separated):
     assert settings["channel"] == "separated"
     assert settings["albedo"] == ALBEDO.tolist()
     assert settings["contours"] is True
-    assert "Bounced light was taken out" in settings["notes"][0]
+    assert "Bounced light was taken out" in note(separated)
     assert separated.metric
 
 
+def test_observers_see_every_solve_with_its_stage_and_round(dry):
+    seen = []
+    result = solved(dry.frame, dry.calibration, observers=[seen.append])
+    named = list(dict.fromkeys((step.stage, step.round) for step in seen))
+    rounds = [("bounced light", "march", "torn march", "contours")] * 3
+    expected = [(name, number) for number, names in enumerate(rounds, 1) for name in names]
+    assert named == [*expected, ("solution", 0)]
+    assert [(stage.name, stage.round) for stage in result.stages] == named
+    assert [step.k for step in seen if step.stage == "solution"] == [row["k"] for row in result.history]
+    assert result.seconds == pytest.approx(sum(stage.seconds for stage in result.stages))
+    assert seen[0].problem.mask.shape == result.mask.shape
+
+
+def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
+    """The surface so far, on all pixels of the frame though it was sought on fewer, and in mm if it can be."""
+    relative = without(dry.calibration, gain=None)
+    large = el.Frame(*(np.repeat(np.repeat(a, 2, 0), 2, 1) for a in (dry.frame.image, dry.frame.mask)))
+    known = el.Calibration(dry.calibration.camera.resize(640, 480), relative.photometry)
+    stop = [lambda step: (step.stage, step.round, step.k) == ("contours", 1, 2)]
+    result = el.reconstruct(large, known, channel="separated", observers=stop, median_distance=50.0)
+    assert result.status is Status.STOPPED
+    assert (result.distance.shape, result.metric) == ((480, 640), True)
+    assert np.median(result.distance[result.mask]) == pytest.approx(50)
+    assert result.stages[-1].name == "contours"
+
+
 def test_the_computed_share_is_the_renderers(dry):
-    found = separate(colours(dry.frame, dry.calibration, 320), ALBEDO)
+    found = finish(separate(colours(dry.frame, dry.calibration, 320), ALBEDO))
     true = np.log1p(dry.indirect / dry.direct)
     made = np.log1p(found.inflation)
     for index, tolerance in enumerate((0.2, 0.08, 0.06)):
@@ -68,19 +103,18 @@ def test_the_computed_share_is_the_renderers(dry):
 def test_albedos_are_found_in_the_colours(dry, separated):
     """Whatever the calibration says of one albedo: the ratios and the level come from the picture."""
     grey = without(dry.calibration, brdf=Lambertian(0.38))
-    result = el.reconstruct(dry.frame, grey, channel="separated", width=WIDTH)
+    result = solved(dry.frame, grey)
     found = np.array(result.problem.settings["albedo"])
     np.testing.assert_allclose(found / found[0], ALBEDO / ALBEDO[0], rtol=0.25)
     assert found[0] == pytest.approx(ALBEDO[0], abs=0.25)
     assert error(result, dry) < 12.5
-    assert "estimated albedos" in result.problem.settings["notes"][0]
+    assert "estimated albedos" in note(result)
 
 
 def test_with_an_unknown_gain_the_shape_is_the_same(dry):
     unknown = without(dry.calibration, gain=None)
     known, relative = (
-        el.reconstruct(dry.frame, calibration, channel="separated", width=WIDTH, contours=False)
-        for calibration in (dry.calibration, unknown)
+        solved(dry.frame, calibration, contours=False) for calibration in (dry.calibration, unknown)
     )
     assert known.metric
     assert not relative.metric
@@ -89,16 +123,14 @@ def test_with_an_unknown_gain_the_shape_is_the_same(dry):
 
 def test_a_known_distance_fixes_the_scale(dry):
     unknown, place = without(dry.calibration, gain=None), (60, 150)
-    result = el.reconstruct(
-        dry.frame, unknown, channel="separated", width=WIDTH, known_distance=(dry.distance[150, 60], *place)
-    )
+    result = solved(dry.frame, unknown, known_distance=(dry.distance[150, 60], *place))
     assert result.metric
     assert result.distance[112, 45] == pytest.approx(dry.distance[150, 60], rel=0.02)
     assert error(result, dry) < 12
 
 
 def test_from_a_result_it_is_one_round(dry, separated):
-    again = el.reconstruct(dry.frame, dry.calibration, channel="separated", width=WIDTH, start=separated)
+    again = solved(dry.frame, dry.calibration, start=separated)
     assert error(again, dry) < error(separated, dry) + 2.5
     assert again.problem.settings["contours"] is True
 
@@ -108,31 +140,24 @@ def test_wider_frames_are_separated_small_and_solved_whole(dry):
     image = cv2.resize(dry.frame.image, (480, 360), interpolation=cv2.INTER_LINEAR)
     frame = el.Frame(image, np.ones((360, 480), bool), "wide")
     wide = replace(dry.calibration, camera=camera)
-    result = el.reconstruct(frame, wide, channel="separated", contours=False)
+    result = solved(frame, wide, width=None, contours=False)
     assert result.distance.shape == (360, 480)
     truth = dry.scene.distance(camera.field.rays)
     assert compare(result.distance, truth, camera.field.cos_alpha, scale="none").mean_percent < 12
 
 
-def test_every_solver_takes_it(dry):
-    for solver in ("facing", "fast_marching", "primal_dual"):
-        result = el.reconstruct(
-            dry.frame,
-            dry.calibration,
-            channel="separated",
-            contours=False,
-            width=80,
-            solver=solver,
-            max_iterations=20 if solver == "primal_dual" else None,
-        )
-        assert np.isfinite(result.distance[result.mask]).all()
+@pytest.mark.parametrize("solver", ["facing", "fast_marching", "primal_dual"])
+def test_every_solver_takes_it(dry, solver):
+    most = 20 if solver == "primal_dual" else None
+    options = {"contours": False, "width": 80, "solver": solver, "max_iterations": most}
+    result = solved(dry.frame, dry.calibration, **options)
+    assert np.isfinite(result.distance[result.mask]).all()
 
 
 def test_highlights_are_no_evidence():
     wet = el.load_traced("wet-1")
     results = {
-        how: el.reconstruct(wet.frame, wet.calibration, channel="separated", width=160, highlights=how)
-        for how in ("ignore", "keep")
+        how: solved(wet.frame, wet.calibration, width=160, highlights=how) for how in ("ignore", "keep")
     }
     errors = {how: error(result, wet) for how, result in results.items()}
     assert errors["ignore"] < 12
@@ -144,14 +169,20 @@ def test_highlights_are_no_evidence():
 # Merging --------------------------------------------------------------------------------
 
 
+def shown(colours, light):
+    """The problems of three colours with other pictures: of this light, everywhere."""
+    everywhere = np.ones_like(colours[0].mask)
+    return [
+        replace(one, image=seen ** (1 / 2.2), mask=everywhere)
+        for one, seen in zip(colours, light, strict=True)
+    ]
+
+
 def test_merging_undoes_what_bounced(dry):
     three = colours(dry.frame, dry.calibration, smooth=0.0)
     inflation = np.full((*three[1].mask.shape, 3), 0.5)
     direct = np.random.default_rng(0).uniform(0.1, 0.4, three[1].mask.shape)
-    lit = [
-        replace(one, image=(direct * (1 + 0.5) * rho / ALBEDO[1]) ** (1 / 2.2), mask=np.ones_like(one.mask))
-        for one, rho in zip(three, ALBEDO, strict=True)
-    ]
+    lit = shown(three, [direct * (1 + 0.5) * rho / ALBEDO[1] for rho in ALBEDO])
     np.testing.assert_allclose(merged(lit, inflation, ALBEDO).image ** 2.2, direct, rtol=1e-9)
 
 
@@ -174,10 +205,7 @@ def test_estimated_albedos_are_exact_where_the_model_is(dry):
     three = colours(dry.frame, dry.calibration)
     f = np.random.default_rng(1).uniform(0.2, 0.8, three[1].mask.shape)
     direct = np.random.default_rng(2).uniform(0.02, 0.1, f.shape)
-    made = [
-        replace(one, image=(direct * rho / (1 - f * rho)) ** (1 / 2.2), mask=np.ones_like(one.mask))
-        for one, rho in zip(three, ALBEDO, strict=True)
-    ]
+    made = shown(three, [direct * rho / (1 - f * rho) for rho in ALBEDO])
     found = estimated_albedo(made, lambda rho: f[..., None] * rho / (1 - f[..., None] * rho))
     np.testing.assert_allclose(found, ALBEDO, rtol=0.01)
 
@@ -188,11 +216,9 @@ def test_estimated_albedos_are_exact_where_the_model_is(dry):
 @pytest.mark.parametrize("brdf", [Lambertian(0.38), Lambertian(tuple(ALBEDO))])
 def test_without_colour_one_channel_is_taken(dry, brdf):
     grey = el.Frame(np.repeat(dry.frame.image[..., 1:2], 3, axis=-1), dry.frame.mask, "grey")
-    result = el.reconstruct(grey, without(dry.calibration, brdf=brdf), channel="separated", width=WIDTH)
+    result = solved(grey, without(dry.calibration, brdf=brdf))
     assert result.problem.settings["channel"] == "green"
-    assert (
-        "tell nothing of bounced light (red, green and blue are one)" in result.problem.settings["notes"][0]
-    )
+    assert "tell nothing of bounced light (red, green and blue are one)" in note(result)
 
 
 def test_colours_of_one_ratio_tell_nothing(dry):
@@ -200,10 +226,8 @@ def test_colours_of_one_ratio_tell_nothing(dry):
     rng = np.random.default_rng(3)
     white = np.clip(dry.frame.image[..., 1:2] + rng.normal(scale=0.02, size=dry.frame.image.shape), 0, 1)
     plain = without(dry.calibration, brdf=Lambertian(0.38))
-    result = el.reconstruct(
-        el.Frame(white, dry.frame.mask, "w"), plain, channel="separated", width=160, smooth=0.0
-    )
-    assert "colours tell nothing of bounced light" in result.problem.settings["notes"][0]
+    result = solved(el.Frame(white, dry.frame.mask, "w"), plain, width=160, smooth=0.0)
+    assert "colours tell nothing of bounced light" in note(result)
     with pytest.raises(NoColour, match="as good as equal"):
         estimated_albedo([result.problem] * 3, lambda rho: np.zeros((*result.mask.shape, 3)))
 
@@ -217,12 +241,12 @@ def test_colours_of_one_ratio_tell_nothing(dry):
 )
 def test_albedos_that_cannot_be_used(dry, albedo, sentence):
     with pytest.raises(ValueError, match=sentence):
-        el.reconstruct(dry.frame, without(dry.calibration, brdf=Lambertian(albedo)), channel="separated")
+        solved(dry.frame, without(dry.calibration, brdf=Lambertian(albedo)))
 
 
 def test_a_grey_frame_and_an_unknown_way_with_highlights(dry):
     grey = el.Frame(dry.frame.image[..., 1], dry.frame.mask, "old.png")
     with pytest.raises(ValueError, match=r"old.png is grey, and channel='separated' needs its three colours"):
-        el.reconstruct(grey, dry.calibration, channel="separated")
+        solved(grey, dry.calibration)
     with pytest.raises(ValueError, match="unknown way with highlights 'melt'; choose keep, ignore, inpaint"):
         el.reconstruct(dry.frame, dry.calibration, highlights="melt")
