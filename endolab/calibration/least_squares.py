@@ -1,7 +1,9 @@
 """Robust least squares with many small blocks of unknowns: the solver of both calibrations.
 
 The unknowns are a few *common* ones (the camera, or k, γ and the BRDF) and, for each group of
-residuals (a view, or a frame), a few of its *own* (its pose, or its gain); see `arrow`.
+residuals (a view, or a frame), a few of its *own* (its pose, or its gain). The normal equations then
+have the shape of an arrow: no two groups' own unknowns meet. `Arrow` eliminates them, group by group,
+and solves for the common ones.
 
 Stages: "huber" brings the start near; "final" keeps the residuals below `CUT` standard deviations,
 all alike, and forgets the others, because a Huber penalty is still pulled by outliers. Within a
@@ -22,51 +24,54 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, frozen
 from endolab.numerics.iteration import Status, drive
 from endolab.numerics.penalties import huber
 
+HUBER = 1.5  # standard deviations where the parabola becomes a line
+CUT = 3.5  # standard deviations beyond which a residual is an outlier
+TOLERANCE = 1e-4  # a step is the last if it moves no unknown by more of its standard error
+NEAR = 1.0  # the same for the first stage, which only has to come near
+ROUNDS = 20  # of freezing σ and the outliers, at most
+SMALLEST = 1e-4  # σ is never less, be it of pixels or stored values: rounding would count
 GONE = 1e-13  # eigenvalue, relative to the diagonal, of a direction that the data do not tell
 ROWS = 256  # of a tall matrix, that are multiplied at once
 
 
+# The problem ----------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Linearised:
-    """Residuals and their derivatives.
+    """Residuals and their derivatives: n measurements of m numbers (2 for pixels, 1 for grey levels)."""
 
-    Attributes
-    ----------
-    residual : (n, m) float array
-        n measurements of m numbers each (2 for pixels, 1 for grey levels).
-    by_common : (n, m, p) float array
-        Derivatives by the common unknowns.
-    by_own : (n, m, b) float array
-        Derivatives by the unknowns of the measurement's own group.
-    prior : (q,) float array
-        Residuals of what is known beforehand, in standard deviations.
-    prior_by_common : (q, p) float array
-        Their derivatives.
-    """
-
-    residual: FloatArray
-    by_common: FloatArray
-    by_own: FloatArray
-    prior: FloatArray
-    prior_by_common: FloatArray
+    residual: FloatArray  # (n, m)
+    by_common: FloatArray  # (n, m, p), derivatives by the common unknowns
+    by_own: FloatArray  # (n, m, b), by the unknowns of the measurement's own group
+    prior: FloatArray  # (q,), residuals of what is known beforehand, in standard deviations
+    prior_by_common: FloatArray  # (q, p)
 
 
-@dataclass(frozen=True)
-class Covariance:
-    """Uncertainty of a fit, at its end.
+class Model(Protocol):
+    """What the solver asks of a calibration problem."""
 
-    Attributes
-    ----------
-    common : (p, p) float array
-        Covariance of the common unknowns; inf on the diagonal of one that the data do not tell.
-    own : (groups, b, b) float array
-        Covariance of each group's own unknowns, the common ones' uncertainty included; inf likewise.
-    """
+    @property
+    def group(self) -> IntArray:
+        """Group of each measurement, (n,), in ascending order, without gaps from 0."""
+        ...
 
-    common: FloatArray
-    own: FloatArray
+    def linearise(self, unknowns: Any) -> Linearised:
+        """Residuals and derivatives at the unknowns."""
+        ...
+
+    def residual(self, unknowns: Any) -> tuple[FloatArray, FloatArray]:
+        """Residuals (n, m) and those of the priors (q,) alone."""
+        ...
+
+    def moved(self, unknowns: Any, common: FloatArray, own: FloatArray) -> Any:
+        """Return the unknowns after a step, (p,) and (groups, b); None if it leads out of bounds."""
+        ...
+
+    def usable(self, unknowns: Any) -> BoolArray:
+        """Which measurements can be believed at all, (n,): not saturated, in front of the camera."""
+        ...
 
 
+# Normal equations -----------------------------------------------------------------------
 def _sums(values: FloatArray, group: IntArray, groups: int) -> FloatArray:
     """Sum over the measurements of each group; the groups are in order, none is empty."""
     total: FloatArray = np.add.reduceat(values, np.searchsorted(group, np.arange(groups)), axis=0)
@@ -74,10 +79,9 @@ def _sums(values: FloatArray, group: IntArray, groups: int) -> FloatArray:
 
 
 def _inverses(matrices: FloatArray, diagonal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Invert symmetric matrices (..., n, n) where they tell something.
+    """Invert symmetric matrices (..., n, n) where they tell something, after scaling to the diagonal.
 
-    Returns the pseudo-inverses and, as columns (..., n, n), the directions they do not tell, zero
-    elsewhere. Both are judged after scaling to the diagonal (..., n).
+    Returns the pseudo-inverses and, as columns (..., n, n), the directions they do not tell, else zero.
     """
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(matrices * scale[..., None] * scale[..., None, :])
@@ -98,6 +102,14 @@ def product(a: FloatArray, b: FloatArray) -> FloatArray:
     left, right = (m[:whole].reshape(pieces, ROWS, m.shape[1]) for m in (a, b))
     total: FloatArray = np.matmul(np.swapaxes(left, 1, 2), right).sum(axis=0) + a[whole:].T @ b[whole:]
     return total
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """Uncertainty of a fit, at its end; inf on the diagonal of what the data do not tell."""
+
+    common: FloatArray  # (p, p)
+    own: FloatArray  # (groups, b, b), the common unknowns' uncertainty included
 
 
 class Arrow:
@@ -153,79 +165,19 @@ class Arrow:
         return Covariance(common, own)
 
 
-HUBER = 1.5  # standard deviations where the parabola becomes a line
-CUT = 3.5  # standard deviations beyond which a residual is an outlier
-TOLERANCE = 1e-4  # a step is the last if it moves no unknown by more of its standard error
-NEAR = 1.0  # the same for the first stage, which only has to come near
-ROUNDS = 20  # of freezing σ and the outliers, at most
-SMALLEST = 1e-4  # σ is never less, be it of pixels or stored values: rounding would count
-
-
-class Model(Protocol):
-    """What the solver asks of a calibration problem.
-
-    Attributes
-    ----------
-    group : (n,) int array
-        Group of each measurement, in ascending order, without gaps from 0.
-    """
-
-    @property
-    def group(self) -> IntArray:
-        """See above."""
-        ...
-
-    def linearise(self, unknowns: Any) -> Linearised:
-        """Residuals and derivatives at the unknowns."""
-        ...
-
-    def residual(self, unknowns: Any) -> tuple[FloatArray, FloatArray]:
-        """Residuals (n, m) and those of the priors (q,) alone."""
-        ...
-
-    def moved(self, unknowns: Any, common: FloatArray, own: FloatArray) -> Any:
-        """Return the unknowns after a step, (p,) and (groups, b); None if it leads out of bounds."""
-        ...
-
-    def usable(self, unknowns: Any) -> BoolArray:
-        """Which measurements can be believed at all, (n,): not saturated, in front of the camera."""
-        ...
-
-
+# The fit --------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class FitIterate:
-    """One step of a fit.
+    """One step of a fit."""
 
-    Attributes
-    ----------
-    k : int
-        Counts from 0, the start.
-    stage : {"huber", "final"}
-    round : int
-        Of the stage.
-    unknowns
-        As the model keeps them.
-    residual : (n, m) float array
-        Read-only.
-    used : (n,) bool array
-        Measurements that count in this round.
-    sigma : float
-        Standard deviation of one number of a residual, as estimated for this round.
-    cost : float
-        What this round minimises: Σ ρ(|r|/σ) + ½ Σ prior².
-    change : float
-        Length of the step in the metric of the normal equations: no unknown moved by more of its
-        standard error. nan at a round's start.
-    """
-
-    k: int
+    k: int  # from 0, the start
     stage: Literal["huber", "final"]
-    round: int
-    unknowns: Any
-    residual: FloatArray
-    used: BoolArray
-    sigma: float
-    cost: float
+    round: int  # of the stage
+    unknowns: Any  # as the model keeps them
+    residual: FloatArray  # (n, m), read-only
+    used: BoolArray  # (n,), measurements that count in this round
+    sigma: float  # standard deviation of one number of a residual, as estimated for this round
+    cost: float  # what this round minimises: Σ ρ(|r|/σ) + ½ Σ prior²
     change: float = float("nan")
 
 
@@ -240,27 +192,10 @@ class Fit:
 
 
 def robust_sigma(residual: FloatArray, used: BoolArray, unknowns: int, smallest: float = SMALLEST) -> float:
-    """Estimate σ of one number of a residual, from measurements that may hold outliers.
+    """Estimate σ of one number of a residual, (n, m), from measurements that may hold outliers.
 
-    Parameters
-    ----------
-    residual : (n, m) float array
-    used : (n,) bool array
-    unknowns : int
-        Number of unknowns that were fitted to them.
-    smallest : float
-        σ is never less.
-
-    Returns
-    -------
-    float
-        The standard deviation of the residuals below `CUT` σ, corrected for the tail that this
-        leaves out and for the number of unknowns.
-
-    Raises
-    ------
-    ValueError
-        If none is used.
+    It is the standard deviation of the residuals below `CUT` σ, corrected for the tail that this leaves
+    out and for the number of `unknowns` fitted to them; never below `smallest`.
     """
     size, m = np.linalg.norm(residual[used], axis=1), residual.shape[1]
     if size.size == 0:

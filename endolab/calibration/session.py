@@ -26,49 +26,28 @@ Progress = Callable[[str, int, int], None]
 Named = Iterable[tuple[str, FloatArray | None]]
 EVERY = 20  # frames of a video, of which one goes into the geometry
 LEAST_VIEWS = 15  # frames that the geometry should have; then fewer are left out
+UNREADABLE = "it cannot be read"
 HOLD_OUT = 10  # one frame in so many is kept to score the fit of the light
 
 
 @dataclass(frozen=True)
 class Session:
-    """All that came of a calibration.
-
-    Attributes
-    ----------
-    target : Target
-    detections : dict of str to Detection
-        By the name of the frame, in order.
-    geometry : GeometricFit or None
-        None if the camera was given.
-    camera : KannalaBrandt
-    poses : dict of str to tuple of (Pose or None)
-        Of each panel, for the frames where the target was located.
-    samples : Samples
-        Of all located frames; `frame` counts the keys of `poses`.
-    light : PhotometricFit or None
-        None if the samples could not tell it.
-    refused : str
-        Why not; empty if they could.
-    scores : HeldOut or None
-        How well frames are predicted that the fit has not seen.
-    dropped : dict of str to str
-        Frames that were not used, and why.
-    """
+    """All that came of a calibration; `Session.samples.frame` counts the keys of `poses`."""
 
     target: Target
-    detections: dict[str, Detection]
-    geometry: GeometricFit | None
+    detections: dict[str, Detection]  # by the name of the frame, in order
+    geometry: GeometricFit | None  # None if the camera was given
     camera: KannalaBrandt
-    poses: dict[str, tuple[Pose | None, ...]]
-    samples: Samples
-    light: PhotometricFit | None
-    refused: str = ""
-    scores: HeldOut | None = None
-    dropped: dict[str, str] = field(default_factory=dict)
+    poses: dict[str, tuple[Pose | None, ...]]  # of each panel, for the frames where the target was located
+    samples: Samples  # of all located frames
+    light: PhotometricFit | None  # None if the samples could not tell it
+    refused: str = ""  # why not; empty if they could
+    scores: HeldOut | None = None  # how well frames are predicted that the fit has not seen
+    dropped: dict[str, str] = field(default_factory=dict)  # frames that were not used, and why
 
 
-def _silent(stage: str, done: int, total: int) -> None:
-    pass
+def silent(stage: str, done: int, total: int) -> None:
+    """Say nothing of the progress."""
 
 
 def channel_of(image: FloatArray, channel: str) -> FloatArray:
@@ -83,43 +62,22 @@ def detect_all(
     target: Target,
     *,
     count: int = 0,
-    progress: Progress = _silent,
+    progress: Progress = silent,
     found: Callable[[str, Detection, tuple[int, int]], None] | None = None,
     size: tuple[int, int] | None = None,
 ) -> tuple[dict[str, Detection], tuple[int, int] | None]:
-    """Find the target in frames.
+    """Find the target in named frames, (H, W) or (H, W, 3), None for one that could not be read.
 
-    Parameters
-    ----------
-    frames : iterable of (str, image)
-        Names and stored values, (H, W) or (H, W, 3); None for one that could not be read.
-    target : Target
-    count : int
-        How many there are, for the progress.
-    progress : callable
-        Told the stage, what is done and the total.
-    found : callable, optional
-        Told every detection with the size of its frame as it comes, to keep it.
-    size : (int, int), optional
-        Width and height that the frames must have; that of the first by default.
-
-    Returns
-    -------
-    detections : dict of str to Detection
-    size : (int, int) or None
-        Width and height of the frames; None if none could be read.
-
-    Raises
-    ------
-    ValueError
-        If the frames differ in size.
+    `progress` is told the stage, what is done and the total (`count`); `found` every detection with the
+    size of its frame as it comes, to keep it. Returns the detections by name, and width and height, px,
+    which all frames must share (`size`, or that of the first); None if none could be read.
     """
     detections: dict[str, Detection] = {}
     first = ""
     for number, (name, image) in enumerate(frames):
         if image is None:
             none = np.zeros(0, int), np.zeros((0, 2))
-            detections[name] = Detection(*none, reason="it cannot be read")
+            detections[name] = Detection(*none, reason=UNREADABLE)
         else:
             here = image.shape[1], image.shape[0]
             if size is None:
@@ -138,18 +96,7 @@ def detect_all(
 
 
 def choose_views(detections: Mapping[str, Detection], every: int = EVERY) -> list[str]:
-    """Name the frames for the geometry: one in `every`, the best seen of its neighbours, or more if few.
-
-    Parameters
-    ----------
-    detections : mapping of str to Detection
-        In the order of time.
-    every : int
-
-    Returns
-    -------
-    list of str
-    """
+    """Name the frames for the geometry, in order of time: one in `every`, the best seen; more if few."""
     names = list(detections)
     seen = [name for name in names if len(detections[name].ids)]
     every = max(1, min(every, len(seen) // LEAST_VIEWS))
@@ -165,16 +112,11 @@ def locate(
     detections: Mapping[str, Detection],
     target: Target,
     camera: KannalaBrandt,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> tuple[dict[str, tuple[Pose | None, ...]], dict[str, str]]:
     """Find the poses of the target's panels in every frame.
 
-    Returns
-    -------
-    poses : dict of str to tuple of (Pose or None)
-        For the frames where at least one panel was located.
-    dropped : dict of str to str
-        The others, and why.
+    Returns the poses of the frames where at least one panel was located, and why the others are dropped.
     """
     poses: dict[str, tuple[Pose | None, ...]] = {}
     dropped: dict[str, str] = {}
@@ -202,7 +144,7 @@ def sample_all(
     *,
     channel: str = "grey",
     gamma: float = 2.2,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> Samples:
     """Read the brightness of the paper in every frame that has a pose."""
     number = {name: index for index, name in enumerate(poses)}
@@ -225,11 +167,12 @@ def _none_found(detections: Mapping[str, Detection], target: Target) -> ValueErr
         reasons[detection.reason] = reasons.get(detection.reason, 0) + 1
     told = ", ".join(f"{reason} in {n}" for reason, n in sorted(reasons.items(), key=lambda item: -item[1]))
     return ValueError(
-        f"the target was found in none of {len(detections)} frames; looked for {describe(target)}: {told}"
+        f"the target was found in none of {len(detections)} frames; "
+        f"looked for {describe_target(target)}: {told}"
     )
 
 
-def describe(target: Target) -> str:
+def describe_target(target: Target) -> str:
     """Say what a target is, in a few words."""
     what = {"dots": "dots of two sizes", "circles": "circles in an asymmetric grid"}.get(
         target.kind, f"squares of a {target.kind} board"
@@ -247,7 +190,7 @@ def calibrate(
     size: tuple[int, int] | None = None,
     every: int = EVERY,
     channel: str = "grey",
-    progress: Progress = _silent,
+    progress: Progress = silent,
     geometry_observers: Iterable[Callable[[FitIterate], bool | None]] = (),
     light_observers: Iterable[Callable[[FitIterate], bool | None]] = (),
     **light: Any,
@@ -258,14 +201,12 @@ def calibrate(
     ----------
     frames : iterable of (str, image)
         Names and stored values, (H, W) or (H, W, 3), in the order of time; None for one that
-        cannot be read. It is iterated over twice: first to find the target, then for its brightness.
+        cannot be read. Iterated over twice: to find the target, then for its brightness.
     target : Target
     camera : KannalaBrandt, optional
         If known; then only the light is calibrated.
     detections : mapping of str to Detection, optional
-        What `detect_all` found, with `size`.
-    size : (int, int), optional
-        Width and height of the frames; of `detections`.
+        What `detect_all` found, with `size`, the frames' width and height, px.
     every : int
         One frame in so many goes into the geometry; fewer are left out of a short video.
     channel : {"grey", "red", "green", "blue"}
@@ -285,8 +226,7 @@ def calibrate(
     Raises
     ------
     ValueError
-        In one sentence, if the frames differ in size, the target is in none of them, or the
-        camera cannot be told from them.
+        If the frames differ in size, the target is in none of them, or they cannot tell the camera.
     """
     if channel not in (*CHANNELS, "grey"):
         raise ValueError(f"unknown channel {channel!r}; choose red, green, blue or grey")

@@ -12,7 +12,7 @@ from endolab.calibration.geometric.fit import GeometricFit
 from endolab.calibration.geometric.projection import NAMES, camera_vector
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples
-from endolab.calibration.session import Session, describe
+from endolab.calibration.session import Session, describe_target
 from endolab.model.brdf import TabulatedBRDF
 from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import FloatArray, IntArray
@@ -83,29 +83,17 @@ def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[
 
 
 def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[str, Any]:
-    """Return all that is known of a calibration beside its result, fit for JSON.
+    """Return all that is known of a calibration beside its result, fit for JSON: null for what is not finite.
 
-    Parameters
-    ----------
-    session : Session
-    source : str
-        Where the frames came from.
-    channel : str
-        Whose response was calibrated.
-
-    Returns
-    -------
-    dict
-        "source", "target", "camera", "photometry", "frames"; angles in degrees where the key says
-        so, null for what is not finite. "camera" is null if it was given; "photometry" holds
-        nothing but "refused" if the samples could not tell it.
+    Angles are in degrees where the key says so. "camera" is null if it was given; "photometry" holds
+    nothing but "refused" if the samples could not tell it. `source`: where the frames came from.
     """
     target, light = session.target, session.light
     found = [name for name, detection in session.detections.items() if len(detection.ids)]
     kept: dict[str, Any] = _plain(
         {
             "source": source,
-            "target": {"description": describe(target), "kind": target.kind} | asdict(target),
+            "target": {"description": describe_target(target), "kind": target.kind} | asdict(target),
             "camera": None if session.geometry is None else _camera_facts(session.geometry),
             "photometry": {"refused": session.refused}
             if light is None
@@ -234,18 +222,7 @@ def _light_lines(session: Session) -> list[str]:
 
 
 def account(session: Session) -> list[str]:
-    """Sum a calibration up, in lines to print.
-
-    Parameters
-    ----------
-    session : Session
-
-    Returns
-    -------
-    list of str
-        Frames found, located and dropped, with the reasons; camera and light with standard
-        errors, residuals, sampled ranges; what is determined and what is not.
-    """
+    """Sum a calibration up, in lines to print."""
     found = sum(len(detection.ids) > 0 for detection in session.detections.values())
     lines = [
         f"{counted(len(session.detections), 'frame')}: the target was found in {found} "
@@ -280,10 +257,7 @@ def exponent(light: PhotometricFit) -> float:
 def brdf_of(light: PhotometricFit) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the BRDF's nodes θ, rad, its values relative to the node that is not fitted, their errors.
 
-    Returns
-    -------
-    theta, relative, errors : (nodes,) float arrays
-        Two nodes of 1 ± 0 at the ends of the range if the surface was taken to be matt.
+    Two nodes of 1 ± 0 at the ends of the range if the surface was taken to be matt.
     """
     brdf = light.photometry.brdf
     if not isinstance(brdf, TabulatedBRDF):

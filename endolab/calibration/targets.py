@@ -20,24 +20,19 @@ from scipy.spatial import Delaunay
 
 from endolab.numerics.arrays import FloatArray, IntArray
 
+VICALIB_SEED = 71
+DICTIONARY = "DICT_5X5_250"
+RASTER = 64  # cells across a spacing, in the search for bare paper
 
+
+# Ink ------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Ink:
-    """What is printed: black discs, black rectangles, grey discs.
+    """What is printed: black discs, black rectangles, grey discs; mm."""
 
-    Attributes
-    ----------
-    discs : (n, 3) float array
-        Centre x, y and radius, mm.
-    rectangles : (n, 4) float array
-        Left, top, width, height, mm.
-    greys : (n, 4) float array
-        Centre x, y, radius, mm, and reflectance relative to the white of the paper.
-    """
-
-    discs: FloatArray
-    rectangles: FloatArray
-    greys: FloatArray
+    discs: FloatArray  # (n, 3): centre x, y and radius
+    rectangles: FloatArray  # (n, 4): left, top, width, height
+    greys: FloatArray  # (n, 4): centre x, y, radius, and reflectance relative to the white of the paper
 
 
 def rows_of(values: ArrayLike, columns: int) -> FloatArray:
@@ -48,25 +43,10 @@ def rows_of(values: ArrayLike, columns: int) -> FloatArray:
 def darkness(
     ink: Ink, corner: ArrayLike, shape: Sequence[int], step: float, black: float = 0.0
 ) -> NDArray[np.float32]:
-    """Average what is printed over the cells of a raster.
+    """Average what is printed over the cells of a raster: 1 - reflectance, (rows, columns); 0 where bare.
 
-    Parameters
-    ----------
-    ink : Ink
-    corner : two floats
-        x and y of the raster's upper left corner, mm; what lies outside is left out.
-    shape : two ints
-        Its rows and columns.
-    step : float
-        Side of a cell, mm.
-    black : float
-        Reflectance of the ink, relative to the paper.
-
-    Returns
-    -------
-    (rows, columns) float32 array
-        1 - reflectance: 0 where the paper is bare. Exact for rectangles; the rim of a disc is
-        taken as straight within a cell.
+    `corner` is x, y of the raster's upper left, mm, `step` the side of a cell, mm, `black` the ink's
+    reflectance. Exact for rectangles; the rim of a disc is taken as straight within a cell.
     """
     dark = np.zeros(shape, np.float32)
     left, top = np.asarray(corner, dtype=np.float64)
@@ -96,36 +76,20 @@ def darkness(
     return dark
 
 
-VICALIB_SEED = 71
-DICTIONARY = "DICT_5X5_250"
-RASTER = 64  # cells across a spacing, in the search for bare paper
-
-
+# Targets --------------------------------------------------------------------------------
 def _is_whole(value: object) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 @dataclass(frozen=True)
 class Target:
-    """A flat printed target; use one of its kinds.
+    """A flat printed target; use one of its kinds."""
 
-    Parameters
-    ----------
-    columns, rows : int
-        Of features (dots, circles) or of squares (chessboard, ChArUco).
-    spacing : float
-        Between neighbours, or the side of a square, mm.
-    margin : float
-        White paper around the features, mm.
-    fold : int, optional
-        The sheet is folded between this many columns on the left and the rest.
-    """
-
-    columns: int
+    columns: int  # of features (dots, circles) or of squares (chessboard, ChArUco)
     rows: int
-    spacing: float
-    margin: float = 10.0
-    fold: int | None = None
+    spacing: float  # between neighbours, or the side of a square, mm
+    margin: float = 10.0  # white paper around the features, mm
+    fold: int | None = None  # the sheet is folded between this many columns on the left and the rest
 
     kind: ClassVar[str]
     least: ClassVar[int] = 2  # columns and rows
@@ -171,17 +135,7 @@ class Target:
         return None if self.fold is None else (self.fold - 0.5) * self.spacing
 
     def panel_of(self, xy: ArrayLike) -> IntArray:
-        """Panel of places on the sheet: 0, or 1 to the right of the fold.
-
-        Parameters
-        ----------
-        xy : (..., 2 or 3) array of float
-            Places in the target's frame, mm.
-
-        Returns
-        -------
-        (...) int array
-        """
+        """Panel of places on the sheet, (..., 2 or 3), mm: 0, or 1 to the right of the fold."""
         x = np.asarray(xy, dtype=np.float64)[..., 0]
         return np.zeros(x.shape, int) if self.fold_x is None else (x > self.fold_x).astype(int)
 
@@ -204,20 +158,7 @@ class Target:
         return float(left), float(top), float(right - left), float(bottom - top)
 
     def reflectance(self, xy: ArrayLike, black: float = 0.04) -> FloatArray:
-        """How much of the light the sheet returns, relative to its white.
-
-        Parameters
-        ----------
-        xy : (..., 2) array of float
-            Places in the target's frame, mm.
-        black : float
-            Reflectance of the ink.
-
-        Returns
-        -------
-        (...) float array
-            nan beside the paper.
-        """
+        """Light the sheet returns at places (..., 2), mm, relative to its white; nan beside the paper."""
         xy = np.asarray(xy, dtype=np.float64)
         left, top, width, height = self.sheet
         x, y = xy[..., 0], xy[..., 1]
@@ -232,19 +173,10 @@ class Target:
         return value
 
     def white_places(self, clearance: float = 0.04) -> FloatArray:
-        """Places between the features where the paper is bare, for sampling its brightness.
+        """Places between the features where the paper is bare, for sampling its brightness, (n, 3), mm.
 
-        Parameters
-        ----------
-        clearance : float
-            Least radius of bare paper around each, as a share of `spacing`.
-
-        Returns
-        -------
-        (n, 3) float array
-            x, y in the target's frame and the radius of bare paper there, mm, the barest first;
-            the discs of that radius touch no ink, grey or fold, and the places lie half a spacing
-            apart at least.
+        x, y and the radius of bare paper there (at least `clearance` of a spacing), the barest first; the
+        discs of that radius touch no ink, grey or fold, and the places lie half a spacing apart at least.
         """
         step = self.spacing / RASTER
         low, high = self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)
@@ -269,26 +201,12 @@ class Target:
 
 @dataclass(frozen=True)
 class DotGrid(Target):
-    """A square grid of dots of two sizes that spell a code: Vicalib's sheets.
+    """A square grid of dots of two sizes that spell a code: Vicalib's sheets (github.com/arpg/vicalib)."""
 
-    Parameters
-    ----------
-    small, large : float
-        The two radii, mm.
-    seed : int
-        Of the code: the top bit of the words of a Mersenne Twister (MT19937), row by row.
-    greys : float, optional
-        Reflectance, relative to white, of grey discs printed in every second cell; they tell γ.
-
-    References
-    ----------
-    .. [1] https://github.com/arpg/vicalib
-    """
-
-    small: float = 0.0
-    large: float = 0.0
-    seed: int = VICALIB_SEED
-    greys: float | None = None
+    small: float = 0.0  # radius, mm
+    large: float = 0.0  # radius, mm
+    seed: int = VICALIB_SEED  # of the code: top bits of the words of a Mersenne Twister (MT19937)
+    greys: float | None = None  # reflectance of grey discs printed in every second cell; they tell γ
 
     kind: ClassVar[str] = "dots"
 
@@ -340,14 +258,9 @@ class CircleGrid(Target):
 
     `columns` counts the circles of a row, `spacing` is the distance between rows; the circles of
     a row lie twice as far apart.
-
-    Parameters
-    ----------
-    radius : float
-        mm.
     """
 
-    radius: float = 0.0
+    radius: float = 0.0  # mm
 
     kind: ClassVar[str] = "circles"
 
@@ -408,18 +321,10 @@ class Chessboard(Target):
 
 @dataclass(frozen=True)
 class Charuco(Chessboard):
-    """A chessboard with ArUco markers in its white squares.
+    """A chessboard with ArUco markers in its white squares."""
 
-    Parameters
-    ----------
-    marker : float
-        Side of a marker, mm.
-    dictionary : str
-        Name of the markers' dictionary in OpenCV.
-    """
-
-    marker: float = 0.0
-    dictionary: str = DICTIONARY
+    marker: float = 0.0  # side, mm
+    dictionary: str = DICTIONARY  # its name in OpenCV
 
     kind: ClassVar[str] = "charuco"
 

@@ -16,17 +16,7 @@ from endolab.model.schema import Section
 
 
 def read_camera(path: PathLike) -> Camera:
-    """Read the camera of an `endoscope.json`, which may hold nothing else.
-
-    Parameters
-    ----------
-    path : path
-
-    Raises
-    ------
-    OSError, ValueError
-        As `Calibration.load`.
-    """
+    """Read the camera of an `endoscope.json`, which may hold nothing else."""
     return camera_from_dict(read_json(path, "calibration file"), str(Path(path)))
 
 
@@ -43,16 +33,11 @@ class Calibration(Endoscope):
 
     @classmethod
     def load(cls, path: PathLike) -> Self:
-        """Read `endoscope.json`.
+        """Read `endoscope.json`; ValueError names the key if something in it is missing, misspelt or wrong.
 
         Parameters
         ----------
         path : path
-
-        Raises
-        ------
-        OSError, ValueError
-            In one sentence that names the key, if something in it is missing, misspelt or wrong.
         """
         return cls.from_dict(read_json(path, "calibration file"), str(Path(path)))
 
@@ -90,24 +75,11 @@ LENGTHS = {"dots": ("small", "large"), "circles": ("radius",), "chessboard": (),
 
 # Descriptions ---------------------------------------------------------------------------
 def read_target(name_or_path: PathLike) -> Target:
-    """Find a target by its name, or read its description.
+    """Find a target by its name in `TARGETS`, or read its description, a JSON file.
 
-    Parameters
-    ----------
-    name_or_path : str or path
-        A name in `TARGETS`, or a JSON file such as ``{"endolab_target": 1, "kind": "dots",
-        "columns": 19, "rows": 10, "spacing": 5.2797, "small": 1.05885, "large": 1.58266}``. Also
-        "margin" (mm), "fold" (columns on the left of it); for dots "seed" and "greys"; for
-        circles "radius"; for charuco "marker" and "dictionary".
-
-    Returns
-    -------
-    Target
-
-    Raises
-    ------
-    OSError, ValueError
-        In one sentence that names the file and the key, or lists the names.
+    Such as ``{"endolab_target": 1, "kind": "dots", "columns": 19, "rows": 10, "spacing": 5.2797,
+    "small": 1.05885, "large": 1.58266}``. Also "margin" (mm), "fold" (columns on the left of it); for dots
+    "seed" and "greys"; for circles "radius"; for charuco "marker" and "dictionary".
     """
     name = str(name_or_path)
     if name in TARGETS:
@@ -140,13 +112,6 @@ def read_target(name_or_path: PathLike) -> Target:
 
 
 def write_target(target: Target, path: PathLike) -> None:
-    """Write the description of a target, whole or not at all; `read_target` reads it.
-
-    Parameters
-    ----------
-    target : Target
-    path : path
-        Of the JSON file.
-    """
+    """Write the description of a target as JSON, whole or not at all; `read_target` reads it."""
     values = {key: value for key, value in asdict(target).items() if value is not None}
     write_atomically(path, as_json({"endolab_target": 1, "kind": target.kind} | values))

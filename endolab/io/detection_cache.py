@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TextIO
@@ -11,6 +12,7 @@ from typing import Self, TextIO
 import numpy as np
 
 from endolab.calibration.detection.detect import Detection
+from endolab.calibration.session import UNREADABLE, Progress, detect_all, silent
 from endolab.calibration.targets import Target
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.io.video import Frames
@@ -18,35 +20,17 @@ from endolab.io.video import Frames
 VERSION = 1  # of the file, and of the detector: another one detects anew
 
 
-class Sightings:
+class DetectionCache:
     """Detections that survive an interruption: a file with one line of JSON for each frame.
 
     The first line says of which frames and which target they are; a file that says otherwise, or
     cannot be read, is begun anew. A last line that is cut off is ignored.
-
-    Parameters
-    ----------
-    path : path
-    frames : Frames
-    target : Target
-
-    Attributes
-    ----------
-    known : dict of str to Detection
-        By the name of the frame.
-    size : (int, int) or None
-        Width and height of the frames, px, once known.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
     """
 
     def __init__(self, path: PathLike, frames: Frames, target: Target) -> None:
         self.path = Path(path)
-        self.known: dict[str, Detection] = {}
-        self.size: tuple[int, int] | None = None
+        self.known: dict[str, Detection] = {}  # by the name of the frame
+        self.size: tuple[int, int] | None = None  # width and height of the frames, px, once known
         self._head = json.dumps(
             {
                 "endolab_detections": VERSION,
@@ -97,3 +81,36 @@ class Sightings:
     ) -> None:
         if self._stream is not None:
             self._stream.close()
+
+
+def detect_cached(
+    frames: Frames,
+    target: Target,
+    cache: PathLike,
+    *,
+    progress: Progress = silent,
+    say: Callable[[str], None] | None = None,
+) -> tuple[dict[str, Detection], tuple[int, int] | None]:
+    """Find the target in the frames, going on from what a file holds of an earlier call.
+
+    As `detect_all`; `say` is told, in a sentence, how many frames were searched before. Frames
+    that a video promises and does not hold are given that reason. An interrupt says what is kept.
+    """
+    with DetectionCache(cache, frames, target) as kept:
+        rest = [name for name in frames.names if name not in kept.known]
+        if kept.known and say is not None:
+            say(f"{len(kept.known)} of {len(frames)} frames were searched before; going on from there")
+        try:
+            found, size = detect_all(
+                frames.read(rest), target, count=len(rest), progress=progress, found=kept.add, size=kept.size
+            )
+        except KeyboardInterrupt:
+            told = f"interrupted; {len(kept.known)} of {len(frames)} frames are searched and kept"
+            raise KeyboardInterrupt(told) from None
+        everything = kept.known | found
+    if frames.is_video:
+        for name in reversed(frames.names):
+            if everything[name].reason != UNREADABLE:
+                break
+            everything[name] = replace(everything[name], reason="the video ends before it")
+    return {name: everything[name] for name in frames.names}, size

@@ -1,7 +1,7 @@
 """Figures of a calibration: what was detected, how well the camera fits, and whole pages.
 
-As in `plots`, every function but the two pages draws into the axes ``ax`` it is given, or into
-new ones, under ``title``, and returns the axes. The figures of the light are in `light_plots`.
+As in `maps`, every function but the two pages draws into the axes ``ax`` it is given, or into
+new ones, under ``title``, and returns the axes. The figures of the light are in `light`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from endolab.plots.light import (
     show_fall_off,
     show_gains,
     show_light_residuals,
-    show_ridge,
     show_sampling,
     show_scores,
 )
@@ -41,26 +40,6 @@ from endolab.plots.style import (
     new_axes,
     round_length,
 )
-
-__all__ = [
-    "best_frame",
-    "geometry_figure",
-    "light_figure",
-    "mean_distances",
-    "samples_of",
-    "show_brdf",
-    "show_coverage",
-    "show_detection",
-    "show_fall_off",
-    "show_gains",
-    "show_light_residuals",
-    "show_reprojection",
-    "show_reprojection_histogram",
-    "show_ridge",
-    "show_sampling",
-    "show_scores",
-    "video_frames",
-]
 
 ROWS = (SKY, VERMILION, GREEN, ORANGE, PURPLE, BLUE)  # of the target, over and over
 MOST_ARROWS = 800  # more hide each other

@@ -1,6 +1,6 @@
 """Figures of an endoscope's light: where it was sampled, how it falls off, gains, BRDF, scores.
 
-As in `plots`, every function draws into the axes ``ax`` it is given, or into new ones, under
+As in `maps`, every function draws into the axes ``ax`` it is given, or into new ones, under
 ``title``, and returns the axes.
 """
 

@@ -61,19 +61,10 @@ def _caption(target: Target, title: str | None) -> str:
 
 
 def draw_sheet(target: Target, title: str | None = None) -> Figure:
-    """Draw a sheet on its page.
+    """Draw a sheet on its page, under `title` (by default its name in `TARGETS`, or its kind).
 
-    Parameters
-    ----------
-    target : Target
-    title : str, optional
-        Its name on the page; by default that in `TARGETS`, or its kind.
-
-    Returns
-    -------
-    Figure
-        Of the page's size: A4 landscape if the sheet fits, else as large as needed. Its only
-        axes are in mm of the target's frame, y down.
+    The figure is of the page's size: A4 landscape if the sheet fits, else as large as needed. Its only
+    axes are in mm of the target's frame, y down.
     """
     left, top, width, height = target.sheet
     need = max(width, WORDS) + 2 * EDGE, height + CAPTION + 2 * EDGE
@@ -114,23 +105,7 @@ def draw_sheet(target: Target, title: str | None = None) -> Figure:
 
 
 def write_sheet(target: Target, path: PathLike, *, title: str | None = None) -> None:
-    """Write a sheet to print at true size, whole or not at all.
-
-    Parameters
-    ----------
-    target : Target
-    path : path
-        Ends in .pdf or .svg; the same target makes the same bytes.
-    title : str, optional
-        As for `draw_sheet`.
-
-    Raises
-    ------
-    ValueError
-        If the path ends in something else.
-    OSError
-        If it cannot be written.
-    """
+    """Write a sheet to print at true size, a .pdf or .svg, whole or not at all; the same bytes each time."""
     suffix = Path(path).suffix.lower()
     dates: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
     if suffix not in dates:

@@ -12,7 +12,7 @@ from endolab.calibration.session import (
     calibrate,
     channel_of,
     choose_views,
-    describe,
+    describe_target,
     detect_all,
     locate,
     sample_all,
@@ -197,7 +197,7 @@ def test_scores_need_enough_frames():
     ],
 )
 def test_a_target_in_words(name, words):
-    assert describe(TARGETS[name]) == words
+    assert describe_target(TARGETS[name]) == words
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from endolab.calibration import session
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.targets import TARGETS
-from endolab.io.detection_cache import Sightings
+from endolab.io.detection_cache import DetectionCache, detect_cached
 from endolab.io.images import write_image
-from endolab.io.video import open_frames
+from endolab.io.video import Frames, open_frames
 
 TARGET = TARGETS["vicalib_small"]
 FOUND = Detection(np.array([3, 5]), np.array([[1.25, 2.5], [100.0, 7.125]]))
@@ -26,16 +27,16 @@ def frames(tmp_path):
 
 @pytest.fixture
 def path(tmp_path, frames):
-    with Sightings(tmp_path / "d.jsonl", frames, TARGET) as kept:
-        kept.add("a.png", FOUND, (640, 480))
-        kept.add("b.png", NONE, (640, 480))
+    with DetectionCache(tmp_path / "d.jsonl", frames, TARGET) as kept:
+        kept.add("a.png", FOUND, (4, 4))
+        kept.add("b.png", NONE, (4, 4))
     return tmp_path / "d.jsonl"
 
 
 def test_what_was_found_comes_back(path, frames):
-    kept = Sightings(path, frames, TARGET)
+    kept = DetectionCache(path, frames, TARGET)
     assert list(kept.known) == ["a.png", "b.png"]
-    assert kept.size == (640, 480)
+    assert kept.size == (4, 4)
     np.testing.assert_array_equal(kept.known["a.png"].ids, FOUND.ids)
     np.testing.assert_array_equal(kept.known["a.png"].pixels, FOUND.pixels)
     assert kept.known["b.png"].reason == "no dots"
@@ -44,38 +45,71 @@ def test_what_was_found_comes_back(path, frames):
 
 def test_a_line_that_was_cut_off_is_looked_for_again(path, frames):
     path.write_text(path.read_text()[:-5])
-    with Sightings(path, frames, TARGET) as kept:
+    with DetectionCache(path, frames, TARGET) as kept:
         assert list(kept.known) == ["a.png"]
-        kept.add("b.png", NONE, (640, 480))
-    assert list(Sightings(path, frames, TARGET).known) == ["a.png", "b.png"]
+        kept.add("b.png", NONE, (4, 4))
+    assert list(DetectionCache(path, frames, TARGET).known) == ["a.png", "b.png"]
 
 
-def test_an_interruption_keeps_what_was_done(path, frames):
-    def interrupted():
-        with Sightings(path, frames, TARGET) as kept:
-            kept.add("c.png", FOUND, (640, 480))
+@pytest.fixture
+def looked(monkeypatch):
+    """A detector that finds nothing, and gives up at its second picture; the pictures it was shown."""
+    shown = []
+
+    def detect(image, target):
+        shown.append(image)
+        if len(shown) == 2:
             raise KeyboardInterrupt
+        return NONE
 
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert list(Sightings(path, frames, TARGET).known) == ["a.png", "b.png", "c.png"]
+    monkeypatch.setattr(session, "detect", detect)
+    return shown
+
+
+def test_an_interrupted_search_goes_on_where_it_was(looked, frames, tmp_path):
+    said, told = [], []
+    with pytest.raises(KeyboardInterrupt, match="interrupted; 1 of 3 frames are searched and kept"):
+        detect_cached(frames, TARGET, tmp_path / "d.jsonl")
+    for _ in range(2):  # the second time there is nothing left to do
+        found, size = detect_cached(
+            frames, TARGET, tmp_path / "d.jsonl", say=said.append, progress=lambda *what: told.append(what)
+        )
+        assert list(found) == ["a.png", "b.png", "c.png"]
+        assert size == (4, 4)
+    assert len(looked) == 2 + 2
+    assert told == [("detecting", 1, 2), ("detecting", 2, 2)]
+    assert said == [f"{n} of 3 frames were searched before; going on from there" for n in (1, 3)]
+
+
+def test_a_video_that_ends_early_says_so_of_its_last_frames_only(looked, frames, monkeypatch, tmp_path):
+    looked += [None, None]
+    monkeypatch.setattr(Frames, "is_video", True)
+    monkeypatch.setattr(Frames, "stamp", [])
+    pictures = {"a.png": None, "b.png": np.zeros((4, 4)), "c.png": None}
+    monkeypatch.setattr(Frames, "read", lambda self, names: ((name, pictures[name]) for name in names))
+    found, _ = detect_cached(frames, TARGET, tmp_path / "d.jsonl")
+    assert [one.reason for one in found.values()] == [
+        "it cannot be read",
+        "no dots",
+        "the video ends before it",
+    ]
 
 
 def test_another_target_or_other_frames_begin_anew(path, frames, tmp_path):
-    assert Sightings(path, frames, replace(TARGET, spacing=5.0)).known == {}
+    assert DetectionCache(path, frames, replace(TARGET, spacing=5.0)).known == {}
     write_image(tmp_path / "in" / "a.png", np.ones((4, 4)))
-    assert Sightings(path, open_frames(tmp_path / "in"), TARGET).known == {}
+    assert DetectionCache(path, open_frames(tmp_path / "in"), TARGET).known == {}
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[1]\n", b"{}\nnot json\n"])
 def test_a_spoilt_file_begins_anew(path, frames, content):
     path.write_bytes(content)
-    assert Sightings(path, frames, TARGET).known == {}
+    assert DetectionCache(path, frames, TARGET).known == {}
 
 
 def test_a_place_that_cannot_be_written_is_named(frames, tmp_path):
     with (
         pytest.raises(OSError, match=r"cannot write .*d\.jsonl"),
-        Sightings(tmp_path / "nowhere" / "d.jsonl", frames, TARGET),
+        DetectionCache(tmp_path / "nowhere" / "d.jsonl", frames, TARGET),
     ):
         pass

@@ -22,18 +22,10 @@ GREY_DARKNESS = 0.3  # the same where there is grey, too
 
 @dataclass(frozen=True)
 class Blobs:
-    """Dark spots of a picture.
+    """Dark spots of a picture."""
 
-    Attributes
-    ----------
-    centres : (n, 2) float array
-        Centroid of the darkness, px.
-    ink : (n,) float array
-        Area of full darkness that the spot amounts to, px².
-    """
-
-    centres: Numbers
-    ink: Numbers
+    centres: Numbers  # (n, 2), centroid of the darkness, px
+    ink: Numbers  # (n,), area of full darkness that the spot amounts to, px²
 
     def __len__(self) -> int:
         return len(self.ink)
@@ -59,18 +51,9 @@ def white_of(small: Numbers) -> Numbers:
 
 
 def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
-    """Find dark round spots on lit paper.
+    """Find dark round spots on lit paper, in (H, W) float32 of [0, 1].
 
-    Parameters
-    ----------
-    image : (H, W) float32 array
-        Stored values in [0, 1].
-    greys : bool
-        Whether there are grey spots, which are to be left out; faint black ones are then lost.
-
-    Returns
-    -------
-    Blobs
+    `greys`: there are grey spots, which are to be left out; faint black ones are then lost.
     """
     height, width = image.shape
     small = shrunk(image)

@@ -23,47 +23,21 @@ FINE = 800  # px; narrower pictures are enlarged before corners are sought in th
 
 @dataclass(frozen=True)
 class Detection:
-    """Features of a target that were found in a picture.
+    """Features of a target that were found in a picture."""
 
-    Attributes
-    ----------
-    ids : (n,) int array
-        Rows of `target.points`, ascending; each at most once.
-    pixels : (n, 2) float array
-        Where they are seen, px: the centroid of the disc's image, or the corner.
-    reason : str
-        In a few words, why nothing was found, where n is 0.
-    """
-
-    ids: IntArray
-    pixels: FloatArray
-    reason: str = ""
+    ids: IntArray  # (n,), rows of `target.points`, ascending; each at most once
+    pixels: FloatArray  # (n, 2), px: the centroid of the disc's image, or the corner
+    reason: str = ""  # in a few words, why nothing was found, where n is 0
 
 
 def detect(image: NDArray[Any], target: Target) -> Detection:
-    """Find a target's features in a picture.
+    """Find a target's features in a picture, (H, W) or (H, W, 3): float in [0, 1], uint8 or uint16.
 
-    Neither a camera nor a guess is needed. Dots and circles are ordered by local prediction and
-    dots named by their code; corners are found by OpenCV. Features that do not lie where their
-    neighbours place them are left out.
-
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) array
-        Stored values, float in [0, 1] or uint8 or uint16; colours are averaged.
-    target : Target
-
-    Returns
-    -------
-    Detection
-        A chessboard, and an asymmetric grid with an even number of rows, may look the same when
-        turned by 180°; their first row then runs to the right in the picture. A picture of
-        dots or of a ChArUco board in a mirror is refused.
-
-    Raises
-    ------
-    ValueError
-        If the picture is of another shape or type, or the kind of target is unknown.
+    Neither a camera nor a guess is needed. Dots and circles are ordered by local prediction and dots named
+    by their code; corners are found by OpenCV. Features that do not lie where their neighbours place them
+    are left out. A chessboard, and an asymmetric grid with an even number of rows, may look the same when
+    turned by 180°; their first row then runs to the right in the picture. A picture of dots or of a ChArUco
+    board in a mirror is refused.
     """
     grey = _grey(image)
     if min(grey.shape) < SMALLEST:

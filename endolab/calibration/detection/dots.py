@@ -34,22 +34,10 @@ def _cells(owner: IntArray, blobs: Blobs) -> FloatArray:
 
 
 def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> FloatArray:
-    """How much larger or smaller each dot is than the mean of the two sizes.
+    """How much larger or smaller each dot is than the mean of the two sizes: about -1 or 1; nan if none.
 
-    Parameters
-    ----------
-    owner : (h, w) int array
-        Which blob is at each place of the lattice.
-    blobs : Blobs
-    cell : (h, w) float array
-        Area of the lattice's cell there, px².
-    gap : float
-        Logarithm of the ratio of the areas of large and small dots.
-
-    Returns
-    -------
-    (h, w) float array
-        About -1 for a small and 1 for a large dot; nan where there is none.
+    `owner`, (h, w), is which blob is at each place of the lattice, `cell` the area of its cell there, px²,
+    `gap` the logarithm of the ratio of the areas of large and small dots.
     """
     size = np.full(owner.shape, np.nan)
     known = (owner >= 0) & (cell > 0)
@@ -117,19 +105,9 @@ def _placed(shape: tuple[int, int], placement: tuple[float, int, int, int]) -> I
 
 
 def match_code(size: FloatArray, code: IntArray) -> IntArray | None:
-    """Say where on the sheet a piece of the lattice lies.
+    """Say where on the sheet a piece of the lattice lies, whose sizes `read_bits` gave.
 
-    Parameters
-    ----------
-    size : (h, w) float array
-        From `read_bits`.
-    code : (rows, columns) int array
-        1 where the target's dot is large.
-
-    Returns
-    -------
-    (h, w, 2) int array or None
-        Row and column on the sheet for each place; None where no match is clear.
+    Returns row and column on the sheet for each place, (h, w, 2); None where no match is clear.
     """
     value = np.clip(size[np.isfinite(size)], -1, 1)
     found, trials = _placements(np.argwhere(np.isfinite(size)), value, np.pad(2.0 * code - 1, PAD))
@@ -156,23 +134,7 @@ def _cover(target: DotGrid | CircleGrid, cell: float) -> tuple[float, float]:
 
 
 def detect_dots(image: FloatArray, target: DotGrid) -> Found:
-    """Find the dots of a coded grid.
-
-    Parameters
-    ----------
-    image : (H, W) float32 array
-        Stored values in [0, 1].
-    target : DotGrid
-
-    Returns
-    -------
-    (n,) int array
-        Which dots, ascending.
-    (n, 2) float array
-        Where, px.
-    str
-        Why none, if none.
-    """
+    """Find the dots of a coded grid in (H, W) float32 of [0, 1]: ids, ascending; pixels; why none."""
     blobs = find_blobs(image, greys=target.greys is not None)
     if len(blobs) < LEAST_DOTS:
         return nothing("too few dark spots")

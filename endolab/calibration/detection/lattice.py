@@ -62,20 +62,8 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: float) -> IntArray:
     """Grow a lattice: predict each next dot from its neighbours and take the blob that lies there.
 
-    Parameters
-    ----------
-    owner : (h, w) int array
-        Which blob is at each place of the lattice; -1 where none.
-    blobs : Blobs
-    cover : two floats
-        Least and largest share of its cell that a dot may cover.
-    tolerance : float
-        How far a blob may lie from where it is expected, in lattice steps.
-
-    Returns
-    -------
-    (h, w) int array
-        The owner of each place, grown.
+    `owner`, (h, w), is which blob is at each place, -1 where none; `cover` the least and largest share of
+    its cell that a dot may cover; `tolerance`, in lattice steps, how far a blob may lie off.
     """
     owner, centres = owner.copy(), blobs.centres
     tree = cKDTree(centres)
@@ -143,21 +131,10 @@ def _predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[IntArray]:
-    """Find the pieces of a lattice among blobs.
+    """Find the pieces of a lattice among blobs: squares of side `size` of which blob is where, -1 where none.
 
-    Parameters
-    ----------
-    blobs : Blobs
-    cover : two floats
-        Least and largest share of its cell that a dot may cover.
-    size : int
-        Side of the square in which each piece is laid out.
-
-    Returns
-    -------
-    list of (size, size) int arrays
-        Which blob is at each place, -1 where none; columns and rows of each run in a right-handed
-        way in the picture, but may be sheared and turned against those of the target.
+    Columns and rows run in a right-handed way in the picture, but may be sheared and turned against those
+    of the target. `cover` is as for `grow`.
     """
     pieces: list[IntArray] = []
     centres = blobs.centres
@@ -213,22 +190,9 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
 def local_fit(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[FloatArray, FloatArray]:
     """Tell how far each dot lies from where its neighbours place it, and how large its cell is.
 
-    A quadratic is fitted, robustly, to the dots of the same panel within two steps.
-
-    Parameters
-    ----------
-    grid : (h, w, 2) float array
-        Where each dot of the sheet is seen, px; nan where it is not.
-    panel : (h, w) int array
-    least : int
-        Neighbours that are needed.
-
-    Returns
-    -------
-    (h, w) float array
-        In lattice steps; infinite where the neighbours are too few to tell.
-    (h, w) float array
-        px²
+    A quadratic is fitted, robustly, to the dots of the same panel within two steps. `grid`, (h, w, 2), px,
+    is nan where a dot is not seen. Returns, (h, w) each, the miss in lattice steps, infinite where fewer
+    than `least` neighbours are known, and the cell's area, px².
     """
     row, column = np.indices(panel.shape).reshape(2, -1)
     spots, same = (
@@ -257,23 +221,10 @@ def local_fit(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[FloatA
 
 
 def fitting(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[BoolArray, FloatArray]:
-    """Tell which features of a sheet lie where their neighbours place them.
+    """Tell which features of a sheet lie where their neighbours place them; parameters as of `local_fit`.
 
-    Parameters
-    ----------
-    grid : (h, w, 2) float array
-        Where each is seen, px; nan where it is not.
-    panel : (h, w) int array
-        Of the sheet; a fit does not cross a fold.
-    least : int
-        Neighbours that are needed to tell.
-
-    Returns
-    -------
-    (h, w) bool array
-        False for those that lie off by much more than is usual nearby.
-    (h, w) float array
-        Area of the lattice's cell, px².
+    Returns, (h, w) each: False for those that lie off by much more than is usual nearby; the area of the
+    lattice's cell, px².
     """
     miss, cell = local_fit(grid, panel, least)
     row, column = np.indices(panel.shape).reshape(2, -1)

@@ -2,7 +2,7 @@
 
 Residuals are measured less predicted pixels, minimised robustly by `least_squares`; the camera is
 common to all views, the pose is each view's own. No guess is needed: for several focal lengths of
-an equidistant camera the poses follow linearly from the rays (`planar`), the best one grows into
+an equidistant camera the poses follow linearly from the rays (`planar_pose`), the best one grows into
 the full model.
 """
 
@@ -21,17 +21,13 @@ from endolab.calibration.geometric.reprojection import (
     Geometry,
     Reprojection,
     View,
-    find_pose,
     linear_pose,
-    views_of,
 )
 from endolab.calibration.least_squares import Fit, FitIterate, fit, iterate_fit
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
-
-__all__ = ["GeometricFit", "View", "calibrate_camera", "find_pose", "views_of"]
 
 FOCAL_LENGTHS = np.geomspace(0.2, 3.0, 10)  # of the picture's width, to begin with
 SOME = 12  # views are enough to choose among these
@@ -45,53 +41,24 @@ FAR_OFF = 5.0  # a view is wrong if its median residual is this many times that 
 class GeometricFit:
     """What a geometric calibration found.
 
-    Attributes
-    ----------
-    camera : KannalaBrandt
-    views : tuple of View
-        Those that took part.
-    poses : tuple of Pose
-        Of each view.
-    dropped : dict of str to str
-        View that did not take part → why. A view goes by the name of its frame, on a folded
-        target by that and its panel.
-    residuals : tuple of (n, 2) float arrays
-        Measured less predicted, px.
-    inliers : tuple of (n,) bool arrays
-        Points that count.
-    sigma : float
-        Standard deviation of one coordinate, px; 0.03 at least, for what the detectors' own
-        systematic errors are.
-    rmse : float
-        Root mean square distance of the inliers, px, as ``cv2`` counts it: √2 σ or so.
-    standard_errors : dict of str to float
-        Of fx, fy, cx, cy (px) and k1 to k4; 0 where fixed.
-    covariance : (8, 8) float array
-        Of the same.
-    pose_covariances : (views, 6, 6) float array
-        Of the steps of `Pose.moved`: turn, rad, and shift, mm.
-    max_angle_seen : float
-        Largest angle off the axis of an inlier, rad: the calibration holds to there.
-        `camera.max_angle` may be less than what the picture's corners would need.
-    status : Status
-    history : list of dict
-        "k", "cost", "sigma" and "change" of every step.
+    A view that did not take part goes by the name of its frame, on a folded target by that and its panel.
+    The calibration holds to `max_angle_seen`; `camera.max_angle` may be less than the picture's corners need.
     """
 
     camera: KannalaBrandt
-    views: tuple[View, ...]
-    poses: tuple[Pose, ...]
-    dropped: dict[str, str]
-    residuals: tuple[FloatArray, ...]
-    inliers: tuple[BoolArray, ...]
-    sigma: float
-    rmse: float
-    standard_errors: dict[str, float]
-    covariance: FloatArray
-    pose_covariances: FloatArray
-    max_angle_seen: float
+    views: tuple[View, ...]  # those that took part
+    poses: tuple[Pose, ...]  # of each view
+    dropped: dict[str, str]  # view that did not take part → why
+    residuals: tuple[FloatArray, ...]  # (n, 2) each: measured less predicted, px
+    inliers: tuple[BoolArray, ...]  # (n,) each: points that count
+    sigma: float  # standard deviation of one coordinate, px; never below `FINEST`
+    rmse: float  # root mean square distance of the inliers, px, as ``cv2`` counts it: √2 σ or so
+    standard_errors: dict[str, float]  # of fx, fy, cx, cy (px) and k1 to k4; 0 where fixed
+    covariance: FloatArray  # (8, 8), of the same
+    pose_covariances: FloatArray  # (views, 6, 6), of the steps of `Pose.moved`
+    max_angle_seen: float  # largest angle off the axis of an inlier, rad
     status: Status
-    history: list[dict[str, float]] = field(default_factory=list)
+    history: list[dict[str, float]] = field(default_factory=list)  # k, cost, sigma, change of every step
 
     @property
     def agreement(self) -> float:
@@ -261,7 +228,7 @@ def calibrate_camera(
     ------
     ValueError
         If the views cannot tell the camera: too few, none tilted, or a standard error that is
-        too large. The sentence says what was found and what is needed.
+        too large; the sentence says what was found and what is needed.
     """
     if start is not None and (start.width, start.height) != (width, height):
         raise ValueError(f"start must be of {width}x{height} px, got {start.width}x{start.height}")

@@ -40,30 +40,12 @@ def _misses(homography: FloatArray, rays: FloatArray, plane: FloatArray) -> tupl
 
 
 def pose_from_rays(rays: FloatArray, points: FloatArray) -> Pose:
-    """Find the pose of a plane from rays to its points, some of which may be wrong.
+    """Find the pose of a plane from unit rays (n ≥ 8, 3), any direction, to its points (n, 3), z = 0, mm.
 
-    Parameters
-    ----------
-    rays : (n, 3) float array
-        Unit rays in the camera frame, n ≥ 8; they need not point forward.
-    points : (n, 3) float array
-        The points in the target's frame, in the plane z = 0, mm.
-
-    Returns
-    -------
-    Pose
-
-    Raises
-    ------
-    ValueError
-        If there are too few points, they lie on a line or in disorder, or the pose would show the
-        paper from behind.
-
-    Notes
-    -----
-    A linear solution (DLT) for the homography from the plane to rays, first from small random
-    sets of points (least median of squares), then from all that agree; the homography's first
-    two columns are made orthonormal.
+    Some points may be wrong. A linear solution (DLT) for the homography from the plane to rays, first from
+    small random sets of points (least median of squares), then from all that agree; the homography's first
+    two columns are made orthonormal. ValueError if the points are too few, on a line or in disorder, or if
+    the pose would show the paper from behind.
     """
     if len(rays) < LEAST:
         raise ValueError(f"a pose needs {LEAST} points at least, got {len(rays)}")

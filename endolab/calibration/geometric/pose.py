@@ -13,18 +13,10 @@ from endolab.numerics.arrays import FloatArray
 
 @dataclass(frozen=True)
 class Pose:
-    """A rigid motion from the target's frame to the camera's: x_c = R x_t + t.
+    """A rigid motion from the target's frame to the camera's: x_c = R x_t + t."""
 
-    Parameters
-    ----------
-    rotation : (3, 3) float array
-        R.
-    translation : (3,) float array
-        t, mm: where the target's origin is.
-    """
-
-    rotation: FloatArray
-    translation: FloatArray
+    rotation: FloatArray  # R, (3, 3)
+    translation: FloatArray  # t, (3,), mm: where the target's origin is
 
     @classmethod
     def from_vector(cls, vector: ArrayLike) -> Pose:
@@ -52,13 +44,9 @@ class Pose:
         return float(np.arccos(np.clip(self.rotation[2, 2], -1, 1)))
 
     def moved(self, step: ArrayLike) -> Pose:
-        """Return the pose after a small turn ω and shift δ in the camera frame.
+        """Return the pose after a small turn ω, rad, and shift δ, mm, in the camera frame: six numbers.
 
-        Parameters
-        ----------
-        step : (6,) array of float
-            ω, rad, and δ, mm: R ← exp(ω) R, t ← t + δ. The turn leaves the origin of the target
-            in place.
+        R ← exp(ω) R, t ← t + δ: the turn leaves the origin of the target in place.
         """
         step = np.asarray(step, dtype=np.float64)
         turn = Rotation.from_rotvec(step[:3]).as_matrix()

@@ -48,21 +48,11 @@ def camera_of(vector: ArrayLike, width: int, height: int) -> KannalaBrandt:
 
 @dataclass(frozen=True)
 class Projection:
-    """Features as a camera sees them.
+    """Features as a camera sees them."""
 
-    Attributes
-    ----------
-    pixels : (n, 2) float array
-        Column and row, px.
-    by_camera : (n, 2, 8) float array
-        Derivatives by the camera's vector.
-    by_pose : (n, 2, 6) float array
-        Derivatives by the step of `Pose.moved`: a turn, rad, and a shift, mm.
-    """
-
-    pixels: FloatArray
-    by_camera: FloatArray
-    by_pose: FloatArray
+    pixels: FloatArray  # (n, 2), column and row, px
+    by_camera: FloatArray  # (n, 2, 8), derivatives by the camera's vector
+    by_pose: FloatArray  # (n, 2, 6), by the step of `Pose.moved`: a turn, rad, and a shift, mm
 
 
 @dataclass(frozen=True)
@@ -144,22 +134,9 @@ def project(
 ) -> Projection:
     """Predict where features are measured, with derivatives.
 
-    Parameters
-    ----------
-    vector : (8,) float array
-        The camera, in the order of `NAMES`.
-    rotation : (n, 3, 3) float array
-        From the target's frame to the camera's, for each feature.
-    translation : (n, 3) float array
-        mm.
-    points : (n, 3) float array
-        Features in the target's frame, in the plane z = 0, mm.
-    radii : (n,) float array
-        Of their discs, mm; all 0 for corners.
-
-    Returns
-    -------
-    Projection
+    `vector` is the camera's, (8,); `rotation` (n, 3, 3) and `translation` (n, 3), mm, bring each feature
+    from the target's frame to the camera's; `points` (n, 3) lie in the target's plane z = 0, mm; `radii`
+    (n,), mm, are of their discs, all 0 for corners.
     """
     turned = _rims(rotation, points, radii)
     x, y, z = at = turned + translation.T[:, None]
@@ -195,21 +172,9 @@ def project(
 
 
 def predict_view(camera: KannalaBrandt, pose: Pose, points: ArrayLike, radii: ArrayLike) -> FloatArray:
-    """Predict where the features of one panel are measured.
+    """Predict where the features of one panel are measured, (n, 2), px; nan beyond the camera's range.
 
-    Parameters
-    ----------
-    camera : KannalaBrandt
-    pose : Pose
-    points : (n, 3) array of float
-        Features in the target's frame, in the plane z = 0, mm.
-    radii : (n,) array of float
-        Of their discs, mm; all 0 for corners.
-
-    Returns
-    -------
-    (n, 2) float array
-        Column and row, px; nan beyond the camera's range.
+    `points` (n, 3) lie in the target's plane z = 0, mm; `radii` (n,), mm, are all 0 for corners.
     """
     points, radii = np.asarray(points, dtype=np.float64), np.asarray(radii, dtype=np.float64)
     n = len(points)

@@ -25,40 +25,16 @@ FINEST = 0.03  # px; detectors have systematic errors of that size, whatever the
 
 @dataclass(frozen=True)
 class View:
-    """One panel of the target in one frame.
+    """One panel of the target in one frame."""
 
-    Attributes
-    ----------
-    name : str
-        Of the frame.
-    panel : int
-    ids : (n,) int array
-        Rows of `target.points`.
-    pixels : (n, 2) float array
-        Column and row, px.
-    """
-
-    name: str
+    name: str  # of the frame
     panel: int
-    ids: IntArray
-    pixels: FloatArray
+    ids: IntArray  # (n,), rows of `target.points`
+    pixels: FloatArray  # (n, 2), column and row, px
 
 
 def views_of(name: str, detection: Detection, target: Target) -> list[View]:
-    """Split what was detected in one frame by the target's panels.
-
-    Parameters
-    ----------
-    name : str
-        Of the frame.
-    detection : Detection
-    target : Target
-
-    Returns
-    -------
-    list of View
-        Panels with fewer than 8 points are left out.
-    """
+    """Split what was detected in the frame `name` by panels, without those of fewer than 8 points."""
     panel = target.panel_of(target.points[detection.ids])
     views = []
     for number in range(target.panels):
@@ -158,28 +134,11 @@ def linear_pose(view: View, target: Target, camera: KannalaBrandt) -> Pose:
 
 
 def find_pose(view: View, target: Target, camera: KannalaBrandt) -> tuple[Pose, BoolArray, FloatArray]:
-    """Find where a panel stands, and which of its points say so.
+    """Find where a panel stands, and which of its points say so; up to a third of them may be wrong.
 
-    Parameters
-    ----------
-    view : View
-        Up to a third of its points may be wrong.
-    target : Target
-    camera : KannalaBrandt
-
-    Returns
-    -------
-    pose : Pose
-    inliers : (n,) bool array
-        Points within 3.5 standard deviations of where the pose puts them.
-    residual : (n, 2) float array
-        Measured less predicted, px.
-
-    Raises
-    ------
-    ValueError
-        If there is no such pose: too few points, or fewer than half agree, or the paper would be seen
-        from behind.
+    Returns the pose, the inliers (n,) within 3.5 standard deviations, and the residual (n, 2), measured
+    less predicted, px. ValueError if the points are too few, or fewer than half agree, or the paper would
+    be seen from behind.
     """
     pose = linear_pose(view, target, camera)
     model = Reprojection([view], target, np.zeros((8, 0)), np.array(camera.k))

@@ -23,7 +23,7 @@ from endolab.calibration.least_squares import Covariance, Fit, FitIterate, fit
 from endolab.calibration.photometric.identifiability import (
     NotIdentifiableError,
     Strength,
-    describe,
+    describe_verdict,
     gain_jumps,
     held,
     refuse,
@@ -35,9 +35,9 @@ from endolab.calibration.photometric.model import (
     FIRST_GAMMA,
     GREY,
     LEVELS,
-    Geometry,
     LightModel,
     LightUnknowns,
+    SampleGeometry,
     grouped_sums,
     hats,
     place_nodes,
@@ -250,7 +250,7 @@ def _posed(
     albedo: float,
 ) -> tuple[LightModel, LightUnknowns, float]:
     """Choose the nodes of the BRDF and the pinned one, and find where to start."""
-    geometry = Geometry.of(samples, np.zeros(5))
+    geometry = SampleGeometry.of(samples, np.zeros(5))
     good = geometry.valid & (samples.level > levels[0]) & (samples.level < levels[1])
     if good.sum() < 10:
         raise ValueError(
@@ -347,7 +347,7 @@ def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], 
     }
     known = np.isfinite(gain_errors)
     jumps = [] if locked else gain_jumps(frames[known], gains[known])
-    verdict = describe(model, unknowns, expected, errors, last.sigma, ranges, jumps)
+    verdict = describe_verdict(model, unknowns, expected, errors, last.sigma, ranges, jumps)
     if found.status is not Status.CONVERGED:
         verdict.insert(0, f"The fit did not end as it should: {found.status.value}")
     residuals = last.residual[:, 0]

@@ -43,13 +43,7 @@ POSE_ERROR = 0.001  # of the distances, for which the verdict says what it would
 
 
 class NotIdentifiableError(ValueError):
-    """The samples do not tell an unknown.
-
-    Attributes
-    ----------
-    unknown : str
-        Which: "gamma", "k", "brdf" or "light".
-    """
+    """The samples do not tell an unknown: "gamma", "k", "brdf" or "light"."""
 
     def __init__(self, unknown: str, reason: str) -> None:
         super().__init__(reason)
@@ -60,21 +54,13 @@ class NotIdentifiableError(ValueError):
 class Strength:
     """How well samples determine an unknown, before it is fitted.
 
-    Attributes
-    ----------
-    sd : float
-        Standard error to expect; of log γ for γ.
-    signal : float
-        Root mean square of that part of its influence that no other unknown can imitate, as a
-        relative change of the light for a change of 1 in the unknown (in log γ for γ). Reflectances
-        that are roughly known count as known here.
-    alone : float
-        The same with these reflectances free.
+    `signal` is the root mean square of that part of its influence that no other unknown can imitate, as a
+    relative change of the light for a change of 1 in the unknown (in log γ for γ).
     """
 
-    sd: float
-    signal: float
-    alone: float
+    sd: float  # standard error to expect; of log γ for γ
+    signal: float  # with the reflectances that are roughly known taken as known
+    alone: float  # with these free
 
 
 def regress(
@@ -84,23 +70,10 @@ def regress(
     group: IntArray,
     ridge: FloatArray | float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Weighted least squares on columns and a free constant per group.
+    """Weighted least squares on columns, (n, p), and a free constant per group (ascending, no gaps from 0).
 
-    Parameters
-    ----------
-    columns : (n, p) float array
-    target, weight : (n,) float arrays
-    group : (n,) int array
-        Ascending, without gaps from 0.
-    ridge : (p,) float array or float
-        Weight of coefficient² in the sum that is minimised.
-
-    Returns
-    -------
-    coefficients : (p,) float array
-        The shortest, where they are not determined.
-    residual : (n,) float array
-        Of the target.
+    `ridge` weighs coefficient² in the sum that is minimised. Returns the coefficients, the shortest where
+    they are not determined, and the target's residual.
     """
     first = np.searchsorted(group, np.arange(int(group[-1]) + 1))
     total = np.add.reduceat(weight, first)
@@ -119,20 +92,9 @@ def regress(
 
 
 def strengths(model: LightModel, unknowns: LightUnknowns, sigma: float) -> dict[str, Strength]:
-    """Measure what the samples know of k (γ being given) and of γ, unless γ is known.
+    """Measure what the samples know of "k" (γ being given) and of "gamma", unless γ is known.
 
-    Parameters
-    ----------
-    model : LightModel
-    unknowns : LightUnknowns
-        Near the truth.
-    sigma : float
-        Noise, grey levels.
-
-    Returns
-    -------
-    dict
-        Of "k" and "gamma".
+    The unknowns must be near the truth; σ is the noise in grey levels.
     """
     used = model.usable(unknowns)
     geometry, _ = model.geometry(unknowns)
@@ -175,13 +137,7 @@ def strengths(model: LightModel, unknowns: LightUnknowns, sigma: float) -> dict[
 
 
 def refuse(model: LightModel, found: dict[str, Strength]) -> None:
-    """Raise if the samples cannot tell k, or a γ that is to be found from them alone.
-
-    Raises
-    ------
-    NotIdentifiableError
-        With the reason and what to do about it.
-    """
+    """Raise, saying what to do, if the samples cannot tell k, or a γ that is to be found from them alone."""
     k, normals = found["k"], model.samples.normals
     frames, tabulated = len(np.unique(model.samples.frame)), len(model.nodes) > 1
     if tabulated and k.signal < LEAST_SIGNAL["k"]:
@@ -219,20 +175,10 @@ def refuse(model: LightModel, found: dict[str, Strength]) -> None:
 
 
 def held(model: LightModel, found: dict[str, Strength]) -> LightModel:
-    """Hold what is roughly known at its value where the samples cannot tell it.
+    """Hold what is roughly known at its value (to `HELD` of its sd) where the samples cannot tell it.
 
     Left to the fit, such an unknown would follow the error of interpolating the BRDF between few
     nodes, and would seem to be known. `widened` gives the uncertainty back.
-
-    Parameters
-    ----------
-    model : LightModel
-    found : dict of Strength
-
-    Returns
-    -------
-    LightModel
-        With prior standard deviations that are `HELD` times theirs.
     """
     gamma, reflectance = model.gamma, model.reflectance
     if not isinstance(gamma, float):
@@ -262,19 +208,7 @@ def _angle(radians: float) -> str:
 
 
 def gain_jumps(frames: IntArray, gains: FloatArray) -> list[tuple[int, float]]:
-    """Find where the gain changes at once, far more than around that.
-
-    Parameters
-    ----------
-    frames : (m,) int array
-        Ascending.
-    gains : (m,) float array
-
-    Returns
-    -------
-    list of (frame, ratio)
-        Largest first.
-    """
+    """Find the frames where the gain changes at once, far more than around: (frame, ratio), largest first."""
     if len(gains) < JUMP_WINDOW:
         return []
     # Gains follow the sheet, at times fast but smoothly; a jump stands out from the steps beside it.
@@ -286,7 +220,7 @@ def gain_jumps(frames: IntArray, gains: FloatArray) -> list[tuple[int, float]]:
     return [(int(frames[i + 1]), float(np.exp(steps[i]))) for i in jumps]
 
 
-def describe(
+def describe_verdict(
     model: LightModel,
     unknowns: LightUnknowns,
     expected: dict[str, Strength],

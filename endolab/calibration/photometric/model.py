@@ -32,53 +32,28 @@ LEAST_SUPPORT = 40  # samples between two nodes of the BRDF, or one of them is l
 
 @dataclass(frozen=True)
 class LightUnknowns:
-    """What is fitted.
+    """What is fitted."""
 
-    Attributes
-    ----------
-    k, gamma : float
-        Exponents of the joint fall-off and of the response.
-    log_brdf : (nodes,) float array
-        Of f_r in 1/sr at the nodes; a single one for a Lambertian surface.
-    log_reflectance : (materials,) float array
-        Relative to material 0, whose entry is 0.
-    log_gain : (groups,) float array
-        Of each frame, or a single one if the gain is locked.
-    light : (5,) float array
-        Position of the virtual light, mm, and tilt of its direction (a, b, 1) along x and y.
-    """
-
-    k: float
-    gamma: float
-    log_brdf: FloatArray
-    log_reflectance: FloatArray
-    log_gain: FloatArray
+    k: float  # exponent of the joint fall-off
+    gamma: float  # exponent of the response
+    log_brdf: FloatArray  # (nodes,), of f_r in 1/sr; a single one for a Lambertian surface
+    log_reflectance: FloatArray  # (materials,), relative to material 0, whose entry is 0
+    log_gain: FloatArray  # (groups,), of each frame, or a single one if the gain is locked
+    # (5,): position of the virtual light, mm, and tilt of its direction (a, b, 1) along x and y.
     light: FloatArray = field(default_factory=lambda: np.zeros(5))
 
 
 @dataclass(frozen=True)
-class Geometry:
-    """What the model needs to know of where the samples lie, for one place of the light.
+class SampleGeometry:
+    """What the model needs to know of where the samples lie, (n,) each, for one place of the light."""
 
-    Attributes
-    ----------
-    valid : (n,) bool array
-        Lit, and in front of camera and light.
-    log_cos_psi : (n,) float array
-        0 where not valid, like the others.
-    falloff : (n,) float array
-        -2 log r + log cos θ.
-    theta : (n,) float array
-        rad.
-    """
-
-    valid: BoolArray
-    log_cos_psi: FloatArray
-    falloff: FloatArray
-    theta: FloatArray
+    valid: BoolArray  # lit, and in front of camera and light
+    log_cos_psi: FloatArray  # 0 where not valid, like the others
+    falloff: FloatArray  # -2 log r + log cos θ
+    theta: FloatArray  # rad
 
     @classmethod
-    def of(cls, samples: Samples, light: FloatArray) -> Geometry:
+    def of(cls, samples: Samples, light: FloatArray) -> SampleGeometry:
         """Measure the samples as seen from a light; see `LightUnknowns.light`."""
         offset = samples.points - light[:3]
         reach = np.linalg.norm(offset, axis=1)
@@ -108,20 +83,10 @@ def interval(nodes: FloatArray, theta: FloatArray) -> IntArray:
 
 
 def place_nodes(theta: FloatArray, count: int) -> FloatArray:
-    """Choose the nodes of the BRDF.
+    """Choose at most `count` nodes of the BRDF for samples at incidence angles, rad; (nodes,), ascending.
 
-    Parameters
-    ----------
-    theta : (n,) float array
-        Incidence angles of the samples, rad.
-    count : int
-        Nodes, at most.
-
-    Returns
-    -------
-    (nodes,) float array
-        From the least to the largest angle, closer together near the least, where paper has its
-        sheen; with too few samples between two of them, one is left out.
+    They are closer together near the least angle, where paper has its sheen; with too few samples
+    between two of them, one is left out.
     """
     low, high = float(theta.min()), float(theta.max())
     nodes = low + (high - low) * np.linspace(0, 1, count) ** DENSER
@@ -143,34 +108,16 @@ def grouped_sums(values: FloatArray, group: IntArray, groups: int) -> FloatArray
 
 @dataclass(frozen=True)
 class LightModel:
-    """The photometric fit as `least_squares` asks for it.
-
-    Attributes
-    ----------
-    samples : Samples
-    group : (n,) int array
-        Frame that a sample takes its gain from, counted from 0.
-    nodes : (nodes,) float array
-        Of the BRDF, rad; a single one makes the surface Lambertian.
-    pinned : int
-        The node that is no unknown.
-    gamma : float, (mean, sd) or None
-        Known, roughly known, or free.
-    reflectance : tuple of float, (mean, sd) or None
-        Of materials 1 and up.
-    free_light : bool
-    levels : (low, high)
-        Stored values that the model may predict for a sample to count.
-    """
+    """The photometric fit as `least_squares` asks for it."""
 
     samples: Samples
-    group: IntArray
-    nodes: FloatArray
-    pinned: int
-    gamma: float | tuple[float, float] | None
-    reflectance: tuple[float | tuple[float, float] | None, ...]
+    group: IntArray  # (n,), frame that a sample takes its gain from, counted from 0
+    nodes: FloatArray  # of the BRDF, rad; a single one makes the surface Lambertian
+    pinned: int  # the node that is no unknown
+    gamma: float | tuple[float, float] | None  # known, (mean, sd), or None if free
+    reflectance: tuple[float | tuple[float, float] | None, ...]  # of materials 1 and up
     free_light: bool
-    levels: tuple[float, float]
+    levels: tuple[float, float]  # stored values that the model may predict for a sample to count
 
     @property
     def names(self) -> list[str]:
@@ -191,20 +138,20 @@ class LightModel:
     def _free_nodes(self) -> IntArray:
         return np.delete(np.arange(len(self.nodes)), self.pinned)
 
-    def _seen_from(self, light: FloatArray) -> tuple[Geometry, FloatArray]:
-        geometry = Geometry.of(self.samples, light)
+    def _seen_from(self, light: FloatArray) -> tuple[SampleGeometry, FloatArray]:
+        geometry = SampleGeometry.of(self.samples, light)
         return geometry, hats(self.nodes, geometry.theta)
 
     @cached_property
-    def _centred(self) -> tuple[Geometry, FloatArray]:
+    def _centred(self) -> tuple[SampleGeometry, FloatArray]:
         return self._seen_from(np.zeros(5))
 
-    def geometry(self, unknowns: LightUnknowns) -> tuple[Geometry, FloatArray]:
+    def geometry(self, unknowns: LightUnknowns) -> tuple[SampleGeometry, FloatArray]:
         """Return the samples as seen from the light, and how f is interpolated there, (n, nodes)."""
         return self._seen_from(unknowns.light) if self.free_light else self._centred
 
     def _shine(
-        self, unknowns: LightUnknowns, geometry: Geometry, f: FloatArray
+        self, unknowns: LightUnknowns, geometry: SampleGeometry, f: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """L, the logarithm of the linear light, and the grey level, (n,) each."""
         shade = unknowns.log_reflectance[self.samples.material] + unknowns.log_gain[self.group]
@@ -275,7 +222,7 @@ class LightModel:
             residual[:, None], by_common[:, None], -slope[:, None, None], self._prior(unknowns), by_prior
         )
 
-    def _by_light(self, unknowns: LightUnknowns, geometry: Geometry, f: FloatArray) -> FloatArray:
+    def _by_light(self, unknowns: LightUnknowns, geometry: SampleGeometry, f: FloatArray) -> FloatArray:
         """∂L by the light's position and tilt, (n, 5)."""
         offset = self.samples.points - unknowns.light[:3]
         square = np.sum(offset**2, axis=1)[:, None]

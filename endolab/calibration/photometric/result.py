@@ -17,94 +17,47 @@ from endolab.numerics.iteration import Status
 
 @dataclass(frozen=True)
 class HeldOut:
-    """How well a calibration predicts frames that it has not seen, against the angle off the axis.
+    """How well a calibration predicts frames that it has not seen, against the angle off the axis."""
 
-    Attributes
-    ----------
-    edges : (m + 1,) float array
-        Bins of α, rad.
-    error : (m,) float array
-        Measured over modelled μ′ - 1, averaged over the bin; nan where there are no samples.
-    standard_error : (m,) float array
-        Of that, by noise alone.
-    count : (m,) int array
-        Samples.
-    residuals : (n,) float array
-        Measured - predicted, grey levels.
-    used : (n,) bool array
-    sigma : float
-        Their standard deviation.
-    """
-
-    edges: FloatArray
-    error: FloatArray
-    standard_error: FloatArray
-    count: IntArray
-    residuals: FloatArray
+    edges: FloatArray  # (m + 1,), bins of α, rad
+    error: FloatArray  # (m,), measured over modelled μ′ - 1, averaged over the bin; nan where no samples are
+    standard_error: FloatArray  # (m,), of that, by noise alone
+    count: IntArray  # (m,), samples
+    residuals: FloatArray  # (n,), measured - predicted, grey levels
     used: BoolArray
-    sigma: float
+    sigma: float  # their standard deviation
 
 
 @dataclass(frozen=True)
 class PhotometricFit:
     """A photometric calibration with its evidence.
 
-    Attributes
-    ----------
-    photometry : Photometry
-        k, γ, BRDF and lights; its gain is None, or the one that all frames share.
-    frames : (m,) int array
-        Numbers of the frames.
-    gains, gain_errors : (m,) float arrays
-        g of each and its standard error; inf where no sample of the frame could be used. Where γ
-        or a reflectance is only known beforehand, the error is that at its given value.
-    reflectance : (materials,) float array
-        Relative to material 0.
-    names : list of str
-        Of the unknowns that all frames share: "k", "gamma", "brdf j", "reflectance m", "light …".
-    covariance, correlation : (p, p) float arrays
-        Of these; of the logarithms of BRDF and reflectances.
-    standard_errors : dict
-        Of the values themselves, "k/gamma" included; 0 for what was given.
-    ratio : float
-        k/γ, the one thing that every set-up determines.
-    residuals : (n,) float array
-        Measured - predicted, grey levels.
-    used : (n,) bool array
-        Samples that counted in the end.
-    sigma, mean : float
-        Standard deviation and mean of the residuals of these, grey levels.
-    alpha_range, theta_range : (low, high)
-        Of the samples used, rad.
-    distance_range : (low, high)
-        Likewise, mm.
-    verdict : list of str
-        What is determined, by what, how well, and what is not, in sentences.
-    status : Status
-    history : list of dict
-        Per iterate: k (its number), cost, sigma, change.
+    `covariance` and `correlation`, (p, p), are of the unknowns that all frames share, `names`: "k", "gamma",
+    "brdf j", "reflectance m", "light …"; of the logarithms of BRDF and reflectances. `standard_errors` are
+    of the values themselves, "k/gamma" included; 0 for what was given. Where γ or a reflectance is only
+    known beforehand, `gain_errors` are those at its given value.
     """
 
-    photometry: Photometry
-    frames: IntArray
-    gains: FloatArray
-    gain_errors: FloatArray
-    reflectance: FloatArray
+    photometry: Photometry  # its gain is None, or the one that all frames share
+    frames: IntArray  # (m,), their numbers
+    gains: FloatArray  # (m,), g of each
+    gain_errors: FloatArray  # (m,); inf where no sample of the frame could be used
+    reflectance: FloatArray  # (materials,), relative to material 0
     names: list[str]
     covariance: FloatArray
     correlation: FloatArray
     standard_errors: dict[str, float]
-    ratio: float
-    residuals: FloatArray = field(repr=False)
-    used: BoolArray = field(repr=False)
-    sigma: float
-    mean: float
-    alpha_range: tuple[float, float]
-    theta_range: tuple[float, float]
-    distance_range: tuple[float, float]
-    verdict: list[str]
+    ratio: float  # k/γ, the one thing that every set-up determines
+    residuals: FloatArray = field(repr=False)  # (n,), measured - predicted, grey levels
+    used: BoolArray = field(repr=False)  # (n,), samples that counted in the end
+    sigma: float  # standard deviation of the residuals used, grey levels
+    mean: float  # of the same, grey levels
+    alpha_range: tuple[float, float]  # of the samples used, rad
+    theta_range: tuple[float, float]  # likewise, rad
+    distance_range: tuple[float, float]  # likewise, mm
+    verdict: list[str]  # what is determined, by what, how well, and what is not, in sentences
     status: Status
-    history: list[dict[str, float]] = field(repr=False)
+    history: list[dict[str, float]] = field(repr=False)  # per iterate: k (its number), cost, sigma, change
 
     @property
     def k(self) -> float:
@@ -119,18 +72,7 @@ class PhotometricFit:
         return level * self.reflectance[samples.material] ** (1 / self.photometry.gamma)
 
     def predict(self, samples: Samples) -> FloatArray:
-        """Stored values that the calibration expects.
-
-        Parameters
-        ----------
-        samples : Samples
-            Their levels play no part.
-
-        Returns
-        -------
-        (n,) float array
-            nan for frames whose gain is not known.
-        """
+        """Stored values that the calibration expects, (n,), whatever the levels; nan without a known gain."""
         if self.photometry.gain is not None:
             gain = np.full(len(samples), self.photometry.gain)
         else:
@@ -144,27 +86,12 @@ class PhotometricFit:
         edges: Sequence[float] = tuple(np.deg2rad(np.arange(0.0, 91.0, 10.0))),
         levels: tuple[float, float] = LEVELS,
     ) -> HeldOut:
-        """Score the calibration on frames that it has not seen.
+        """Score the calibration on frames that it has not seen, in bins of α, rad.
 
-        Only the gain of each frame (one for all, if it is locked) is fitted to it, as it has to
-        be; an error that all samples of
-        a frame share stays unseen. The error of μ′ at α is the
-        factor, less 1, by which the linear light of the samples in a bin exceeds the model's. It
-        is the least-squares factor of their grey levels to the power γ: a mean of measured light
-        itself would be biased by noise, which γ bends.
-
-        Parameters
-        ----------
-        samples : Samples
-            Of other frames.
-        edges : sequence of float
-            Bins of α, rad, ascending.
-        levels : (low, high)
-            As for `calibrate_light`.
-
-        Returns
-        -------
-        HeldOut
+        Only the gain of each frame (one for all, if it is locked) is fitted to it, as it has to be; an error
+        that all samples of a frame share stays unseen. The error of μ′ at α is the factor, less 1, by which
+        the linear light of the samples in a bin exceeds the model's. It is the least-squares factor of their
+        grey levels to the power γ: a mean of measured light itself would be biased by noise, which γ bends.
         """
         if not len(samples):
             raise ValueError("samples must hold at least one sample, got none")

@@ -102,19 +102,8 @@ class Samples:
 def sample_places(target: Target, white: FloatArray | None = None) -> tuple[FloatArray, IntArray]:
     """Places of a sheet whose brightness tells of the light: bare paper and grey patches.
 
-    Parameters
-    ----------
-    target : Target
-    white : (n, 3) float array, optional
-        `target.white_places()`, if at hand.
-
-    Returns
-    -------
-    places : (n, 4) float array
-        x, y in the target's frame and the radius of one reflectance around, mm; the reflectance,
-        relative to the paper.
-    material : (n,) int array
-        0 for the paper; greys count from 1, the lightest first.
+    Returns (n, 4): x, y and the radius of one reflectance around, mm, and the reflectance relative to the
+    paper; and the material, (n,): 0 for the paper, greys from 1, the lightest first.
     """
     white = target.white_places() if white is None else white
     greys = target.ink.greys * [1, 1, GREY_CLEARANCE, 1]
@@ -135,33 +124,13 @@ def sample_sheet(
     window: int | None = None,
     places: FloatArray | None = None,
 ) -> Samples:
-    """Read the brightness of the paper in one frame.
+    """Read the brightness of the paper in one frame: one channel, (H, W), stored values in [0, 1].
 
-    Parameters
-    ----------
-    image : (H, W) float array
-        One channel, stored values in [0, 1].
-    target : Target
-    poses : sequence of Pose or None
-        Of each panel; None for one that was not found.
-    camera : Camera
-    frame : int
-        Number of the frame.
-    gamma : float
-        With which the values of a window are made linear before they are averaged; a rough one
-        will do, since the light hardly changes within a window.
-    most : int
-        Samples to keep, spread at random over the sheet.
-    window : int, optional
-        Side of the square whose light is averaged, px, odd. It is the same for all samples, so
-        that all have the same noise; by default 3 in a large picture, else 1.
-    places : (n, 3) float array, optional
-        `target.white_places()`, if at hand.
-
-    Returns
-    -------
-    Samples
-        Each lies at the centre of a pixel; the point is where its ray meets the panel.
+    Each sample lies at the centre of a pixel; its point is where the pixel's ray meets the panel. `gamma`
+    makes the values of a window linear before they are averaged: a rough one will do, since the light
+    hardly changes within. `window`, the side of that square, px, odd, is the same for all samples, so that
+    all have the same noise; by default 3 in a large picture, else 1. At most `most` are kept, at random.
+    `places` is `target.white_places()`, if at hand.
     """
     spots, material = sample_places(target, places)
     panel = target.panel_of(spots)
@@ -220,22 +189,8 @@ def sample_surface(
 ) -> Samples:
     """Read the brightness of a surface that is known: a phantom, or a rendered scene.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) float array
-        Stored values in [0, 1]; the colour channels become materials 0, 1 and 2.
-    points, normals : (H, W, 3) float arrays
-        The surface in the camera frame, mm, and its unit normals.
-    mask : (H, W) bool array
-        Where to sample.
-    frame : int
-        Number of the frame.
-    most : int
-        Places to sample, spread at random.
-
-    Returns
-    -------
-    Samples
+    `points` and `normals` are (H, W, 3), in the camera frame, mm; of `mask`, at most `most` places are
+    sampled at random. The colour channels of an image become materials 0, 1 and 2.
     """
     usable = mask & np.all(np.isfinite(points), axis=-1) & np.all(np.isfinite(normals), axis=-1)
     usable &= np.einsum("hwi,hwi->hw", points, normals) < 0
@@ -267,28 +222,11 @@ def sample_depth(
     frame: int = 0,
     most: int = 3000,
 ) -> Samples:
-    """Read the brightness of a surface whose depth map is known; its normals are computed.
+    """Read the brightness of a surface whose distance map, (H, W), mm, is known; its normals are computed.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) float array
-        Stored values in [0, 1].
-    distance : (H, W) float array
-        Euclidean distance from the optical centre, mm; nan where unknown.
-    field : RayField
-        Of the camera.
-    mask : (H, W) bool array
-        Where to sample. Places near its rim, near unknown distances and near edges of the
-        surface are left out.
-    smooth : float
-        Standard deviation of a Gaussian over the logarithm of the distance, px, which takes the
-        steps out of a depth map that was stored in whole numbers.
-    frame, most
-        As for `sample_surface`.
-
-    Returns
-    -------
-    Samples
+    Places near the rim of `mask`, near unknown distances (nan) and near edges are left out. `smooth` is
+    the standard deviation, px, of a Gaussian over the logarithm of the distance: it takes the steps out of
+    a depth map that was stored in whole numbers. The rest as for `sample_surface`.
     """
     known = mask & field.valid & np.isfinite(distance) & (distance > 0)
     v = np.log(np.where(known, distance, 1.0))

@@ -39,19 +39,10 @@ Float32Array = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class SheetFrame:
-    """A simulated frame and its truth.
+    """A simulated frame and its truth."""
 
-    Attributes
-    ----------
-    image : (H, W) float array
-        Stored values in [0, 1].
-    poses : tuple of Pose
-        Of each panel of the sheet.
-    gain : float
-    """
-
-    image: FloatArray
-    poses: tuple[Pose, ...]
+    image: FloatArray  # (H, W), stored values in [0, 1]
+    poses: tuple[Pose, ...]  # of each panel of the sheet
     gain: float
 
 
@@ -75,28 +66,10 @@ def automatic_gain(
     *,
     locked: bool = False,
 ) -> FloatArray:
-    """Gains that a camera would choose for the frames of a video.
+    """Gains that a camera would choose for the frames of a video, (frames,), given the poses of its panels.
 
-    Parameters
-    ----------
-    target : Target
-    poses : sequence of tuples of Pose
-        For each frame, one a panel.
-    camera : Camera
-    photometry : Photometry
-    locked : bool
-        Choose one gain, for the middle of the video.
-
-    Returns
-    -------
-    (frames,) float array
-        Each follows the brightness of the sheet, lags behind, and stays within a factor
-        `GAIN_RANGE`, so that near frames are overexposed and far ones dark.
-
-    Raises
-    ------
-    ValueError
-        If the sheet is never in the picture.
+    Each follows the brightness of the sheet, lags behind, and stays within a factor `GAIN_RANGE`, so that
+    near frames are overexposed and far ones dark; `locked` chooses one gain, for the middle of the video.
     """
     points, normals = on_sheet(target, poses, target.points)
     light = np.where(in_view(camera, points, normals), linear_light(photometry, points, normals), np.nan)
@@ -238,39 +211,12 @@ def render_sheet(
     black: float = 0.04,
     seed: int = 0,
 ) -> SheetFrame:
-    """Render a sheet as the endoscope sees it.
+    """Render a sheet as the endoscope sees it, from one pose a panel; a fold's ridge is towards the camera.
 
-    Parameters
-    ----------
-    target : Target
-    poses : sequence of Pose
-        One a panel; a folded sheet's ridge is towards the camera.
-    camera : Camera
-    photometry : Photometry
-        Its BRDF is that of the white paper. With an unknown gain, the one of `automatic_gain`.
-    noise : float
-        Standard deviation, grey levels of 255.
-    bits : int
-        The stored values are rounded to.
-    blur : float
-        Standard deviation of the defocus, px.
-    motion : float
-        Length of the motion blur, px, in a random direction.
-    outliers : float
-        Share of the sheet under glints and dust.
-    black : float
-        Reflectance of the ink, relative to the paper.
-    seed : int
-        Of noise, motion and outliers.
-
-    Returns
-    -------
-    SheetFrame
-
-    Raises
-    ------
-    ValueError
-        If an option is out of its range, or the gain is unknown and the sheet not in view.
+    The photometry's BRDF is that of the white paper; if its gain is unknown, that of `automatic_gain` is
+    taken. `noise` is a standard deviation, grey levels of 255; the values are rounded to `bits`; `blur` is
+    the standard deviation of the defocus, px, `motion` the length of the motion blur, px, in a random
+    direction; `outliers` the share of the sheet under glints and dust; `black` the ink's reflectance.
     """
     for name, value in (("noise", noise), ("blur", blur), ("motion", motion)):
         if not 0 <= value < np.inf:

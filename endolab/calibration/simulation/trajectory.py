@@ -19,20 +19,9 @@ WHOLE = ("circles", "chessboard")  # kinds of target that are found whole or not
 
 
 def folded(target: Target, pose: Pose, fold: float) -> tuple[Pose, ...]:
-    """Fold a sheet: both panels turn away from the camera by half of the angle.
+    """Fold a flat sheet's pose: each panel turns away from the camera by half of `fold`, rad, at least 0.
 
-    Parameters
-    ----------
-    target : Target
-    pose : Pose
-        Of the flat sheet.
-    fold : float
-        Angle between the normals of the panels, rad, at least 0; the ridge is towards the camera.
-
-    Returns
-    -------
-    tuple of Pose
-        One a panel; the line of the fold stays in place.
+    One pose a panel; the ridge is towards the camera and stays in place.
     """
     if target.fold_x is None:
         return (pose,)
@@ -97,36 +86,13 @@ def trajectory(
     seen: float | None = None,
     seed: int = 0,
 ) -> list[tuple[Pose, ...]]:
-    """Move a sheet by hand in front of a camera.
+    """Move a sheet by hand in front of a camera: for each of `count` frames the poses, one a panel.
 
-    Parameters
-    ----------
-    target : Target
-    camera : Camera
-    count : int
-        Frames.
-    fold : float
-        Angle between the normals of a folded sheet's panels, rad.
-    distance : two floats
-        Nearest and farthest depth z of the sheet's middle, mm.
-    tilt : float
-        Largest angle between the sheet's normal and the axis, rad; 0 keeps it frontal.
-    reach : float
-        Largest angle between the sheet's middle and the axis, rad.
-    seen : float, optional
-        Least share of the features within the picture; the sheet comes towards the axis, then
-        goes away, until it is reached. By default 0.25; 1 for targets that are found whole only.
-    seed : int
-
-    Returns
-    -------
-    list of tuples of Pose
-        For each frame, one a panel.
-
-    Raises
-    ------
-    ValueError
-        If an option is out of its range.
+    `fold` is the angle between the panels' normals, rad; `distance` the nearest and farthest depth z of the
+    sheet's middle, mm; `tilt` and `reach` the largest angles, rad, of its normal (0: frontal) and of its
+    middle off the axis. `seen` is the least share of the features within the picture: the sheet comes
+    towards the axis, then goes away, until it is reached; by default 0.25, or 1 for targets that are found
+    whole only.
     """
     near, far = distance
     if count < 1:

@@ -45,27 +45,10 @@ def simulate_video(
     black: float = 0.04,
     seed: int = 0,
 ) -> Iterator[SheetFrame]:
-    """Simulate a calibration video.
+    """Simulate a calibration video of `count` frames; each has a gain of its own, whatever the photometry's.
 
-    Parameters
-    ----------
-    target, camera
-        As for `render_sheet`.
-    photometry : Photometry
-        Its gain is not used: each frame has one of its own.
-    count : int
-        Frames.
-    fold, distance, tilt, reach, seen
-        As for `trajectory`.
-    locked : bool
-        Keep one gain for all frames instead of one that follows the sheet.
-    noise, bits, blur, motion, outliers, black
-        As for `render_sheet`.
-    seed : int
-
-    Yields
-    ------
-    SheetFrame
+    `locked` keeps one gain for all frames instead of one that follows the sheet. `fold` to `seen` are as for
+    `trajectory`, `noise` to `black` as for `render_sheet`.
     """
     poses = trajectory(
         target, camera, count, fold=fold, distance=distance, tilt=tilt, reach=reach, seen=seen, seed=seed
@@ -105,32 +88,10 @@ def simulate_samples(
     outliers: float = 0.015,
     seed: int = 0,
 ) -> tuple[Samples, FloatArray]:
-    """Simulate the samples of a video without its pictures.
+    """Simulate the samples of a video without its pictures: true points and normals, and the true gains.
 
-    Parameters
-    ----------
-    target, camera, photometry, count
-        As for `simulate_video`.
-    per_frame : int
-        Samples of a frame, at most, at random among the bare places in view.
-    fold, distance, tilt, reach, seen
-        As for `trajectory`.
-    locked : bool
-        As for `simulate_video`.
-    noise : float
-        Standard deviation, grey levels of 255.
-    bits : int
-        The levels are rounded to.
-    outliers : float
-        Share of the samples whose level is anything between 0 and 1.
-    seed : int
-
-    Returns
-    -------
-    samples : Samples
-        With the true points and normals.
-    gains : (count,) float array
-        The true gain of each frame.
+    At most `per_frame` of a frame, at random among the bare places in view. `outliers` is the share of the
+    samples whose level is anything between 0 and 1; the rest as for `simulate_video`.
     """
     poses = trajectory(
         target, camera, count, fold=fold, distance=distance, tilt=tilt, reach=reach, seen=seen, seed=seed

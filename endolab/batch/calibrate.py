@@ -1,0 +1,94 @@
+"""Frames of a target in, endoscope.json and its report out; a call that was cut off goes on where it was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from endolab._extras import need
+from endolab.calibration.least_squares import FitIterate
+from endolab.calibration.session import EVERY, Progress, Session, calibrate, silent
+from endolab.calibration.targets import Target
+from endolab.io.atomic import PathLike
+from endolab.io.descriptions import make_calibration
+from endolab.io.detection_cache import detect_cached
+from endolab.io.video import Frames
+from endolab.model.cameras import KannalaBrandt
+from endolab.reports.calibration_page import write_report
+
+
+def report_folder(out: PathLike) -> Path:
+    """Name the folder that goes with a calibration: CAL_report beside CAL.json."""
+    path = Path(out)
+    if path.suffix != ".json":
+        raise ValueError(f"the calibration's name ends in .json, got {path.name}")
+    return path.with_name(f"{path.stem}_report")
+
+
+def calibrate_to_files(
+    frames: Frames,
+    target: Target,
+    out: PathLike,
+    *,
+    camera: KannalaBrandt | None = None,
+    every: int = EVERY,
+    channel: str = "grey",
+    record: bool = False,
+    progress: Progress = silent,
+    say: Callable[[str], None] | None = None,
+    **light: Any,
+) -> Session:
+    """Calibrate an endoscope from frames of a target; write its file and a folder with the report.
+
+    Parameters
+    ----------
+    frames : Frames
+    target : Target
+    out : path
+        Of `endoscope.json`, which is not written if the light was refused. Beside it the folder of
+        `report_folder`: what was detected (kept between calls), the page, `camera.json`.
+    record : bool
+        Write a recording for the Rerun viewer, too.
+    say : callable, optional
+        Told, in a sentence, what an earlier call had done.
+    camera, every, channel, progress, **light
+        As for `calibrate`.
+
+    Returns
+    -------
+    Session
+
+    Raises
+    ------
+    OSError, ValueError, MissingPackage
+        As `calibrate`; if the files cannot be written, or a package that writes them is missing.
+    """
+    need("jinja2", *(["rerun"] if record else []))
+    folder = report_folder(out)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OSError(f"cannot write to the folder {folder}: {error.strerror or error}") from error
+    detections, size = detect_cached(frames, target, folder / "detections.jsonl", progress=progress, say=say)
+    steps: list[FitIterate] = []
+    session = calibrate(
+        frames,
+        target,
+        camera=camera,
+        detections=detections,
+        size=size,
+        every=every,
+        channel=channel,
+        progress=progress,
+        light_observers=[steps.append] if record else [],
+        **light,
+    )
+    write_report(session, frames, folder, channel)
+    if record:
+        from endolab.recording.calibration import record_calibration
+
+        record_calibration(session, frames, folder / "recording.rrd", light_steps=steps)
+    if session.light is not None:
+        make_calibration(session, str(frames.path), channel).save(out)
+    return session
