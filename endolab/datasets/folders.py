@@ -27,19 +27,11 @@ _LAYOUTS = {
 
 @dataclass(frozen=True)
 class Folder:
-    """The frames of a folder whose layout is known; a sequence of `Sample`, read when asked for.
-
-    Attributes
-    ----------
-    path : Path
-    layout : {"c3vd", "simcol3d", "ucl2019"}
-    names : tuple of str
-        The frames' colour pictures, in order.
-    """
+    """The frames of a folder whose layout is known; a sequence of `Sample`, read when asked for."""
 
     path: Path
-    layout: str
-    names: tuple[str, ...]
+    layout: str  # "c3vd", "simcol3d" or "ucl2019"
+    names: tuple[str, ...]  # the frames' colour pictures, in order
     _read: Callable[[str], Sample]
 
     def __len__(self) -> int:

@@ -25,20 +25,11 @@ NEAREST = 2.0  # no endoscope has all it sees nearer, mm
 
 @dataclass(frozen=True)
 class Sample:
-    """A published frame.
-
-    Attributes
-    ----------
-    frame : Frame
-    calibration : Calibration
-        Of the frame's size; its gain is unknown.
-    distance : (H, W) float array
-        True Euclidean distance, mm; nan where unknown.
-    """
+    """A published frame."""
 
     frame: Frame
-    calibration: Calibration
-    distance: FloatArray
+    calibration: Calibration  # of the frame's size; its gain is unknown
+    distance: FloatArray  # (H, W), true, Euclidean, mm; nan where unknown
 
 
 def data_folder() -> Path | None:

@@ -40,27 +40,14 @@ TRACED = ("matt", "diffuse-1", "diffuse-2", "diffuse-3", "wet-1", "wet-2", "fogg
 class TracedSample(Sample):
     """A path-traced frame with its truth.
 
-    Attributes
-    ----------
-    frame : Frame
-    calibration : Calibration
-        What the light was made with, gain and all its lights; `photometry.simplified()` is the one
-        light that stands for three.
-    distance : (H, W) float array
-        True Euclidean distance, mm, to 0.002 mm; nan where there is no surface.
-    normals : (H, W, 3) float array
-        True unit normals in the camera frame, towards the camera.
-    direct, indirect : (H, W, 3) float arrays
-        Linear light times gain, 1 being the sensor's maximum.
-    mirrored : (H, W) float array
-        The same, of the wet film.
-    scene : Colon
+    Its calibration is what the light was made with, gain and all its lights; `photometry.simplified()` is the
+    one light that stands for three. Distances are true to 0.002 mm.
     """
 
-    normals: FloatArray
-    direct: FloatArray
-    indirect: FloatArray
-    mirrored: FloatArray
+    normals: FloatArray  # (H, W, 3), true, unit, in the camera frame, towards the camera
+    direct: FloatArray  # (H, W, 3), linear light times gain, 1 being the sensor's maximum
+    indirect: FloatArray  # (H, W, 3), the same
+    mirrored: FloatArray  # (H, W), the same, of the wet film
     scene: Colon
 
 

@@ -12,33 +12,17 @@ from endolab.numerics.derivatives import forward_gradient, links
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a depth map over the pixels where estimate and truth are both known.
+    """Errors of a depth map over the pixels where estimate and truth are both known."""
 
-    Attributes
-    ----------
-    pixels : int
-        How many those are.
-    scale : float
-        What the estimate was multiplied by first; 1 for none.
-    mean_mm, median_mm, rmse_mm : float
-        Of |d - d*|, Euclidean distances, mm.
-    mean_percent, median_percent : float
-        Of |d - d*|/d* (the mean is AbsRel), %.
-    rmse_z_mm : float
-        Of z instead of Euclidean distance, mm, as most benchmarks state it.
-    mean_degrees, median_degrees : float
-        Angle between the normals; nan if the truth has none.
-    """
-
-    pixels: int
-    scale: float
-    mean_mm: float
+    pixels: int  # how many those are
+    scale: float  # what the estimate was multiplied by first; 1 for none
+    mean_mm: float  # of |d - d*|, Euclidean distances, mm
     median_mm: float
     rmse_mm: float
-    mean_percent: float
+    mean_percent: float  # of |d - d*|/d* (this is AbsRel), %
     median_percent: float
-    rmse_z_mm: float
-    mean_degrees: float
+    rmse_z_mm: float  # of z instead of Euclidean distance, mm, as most benchmarks state it
+    mean_degrees: float  # angle between the normals; nan if the truth has none
     median_degrees: float
 
 

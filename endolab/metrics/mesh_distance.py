@@ -16,18 +16,10 @@ from endolab.numerics.arrays import FloatArray
 
 @dataclass(frozen=True)
 class SurfaceDistance:
-    """How far a mesh is from the true surface.
+    """How far a mesh is from the true surface."""
 
-    Attributes
-    ----------
-    distance : (n,) float array
-        From each vertex to the nearest point of the true surface, mm.
-    mean, median, percentile_95 : float
-        Of the distances, mm.
-    """
-
-    distance: FloatArray
-    mean: float
+    distance: FloatArray  # (n,), from each vertex to the nearest point of the true surface, mm
+    mean: float  # of the distances, mm
     median: float
     percentile_95: float
 

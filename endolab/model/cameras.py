@@ -26,23 +26,12 @@ class RayField:
 
     With J = ∂r/∂u the metric is G = JᵀJ. A map of log-distance v with gradient ∇v is a surface
     with tan²θ = ∇vᵀ G⁻¹ ∇v, whatever the camera.
-
-    Attributes
-    ----------
-    rays : (H, W, 3) float array
-        Unit rays r in the camera frame; nan outside the field.
-    jacobian : (H, W, 3, 2) float array
-        ∂r/∂(column, row), per pixel.
-    inverse_metric : (H, W, 3) float array
-        The entries (uu, uv, vv) of G⁻¹, in pixels squared.
-    valid : (H, W) bool array
-        Pixels that see something: inside the monotone range of the model.
     """
 
-    rays: FloatArray
-    jacobian: FloatArray
-    inverse_metric: FloatArray
-    valid: BoolArray
+    rays: FloatArray  # (H, W, 3), unit rays r in the camera frame; nan outside the field
+    jacobian: FloatArray  # (H, W, 3, 2), ∂r/∂(column, row), per pixel
+    inverse_metric: FloatArray  # (H, W, 3), the entries (uu, uv, vv) of G⁻¹, in pixels squared
+    valid: BoolArray  # (H, W), pixels that see something: inside the monotone range of the model
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -104,18 +93,10 @@ class Camera:
                 raise ValueError(f"{name} must be a positive whole number of pixels, got {value}")
 
     def project(self, points: ArrayLike) -> FloatArray:
-        """Project points to pixels.
+        """Project points or directions (..., 3) in the camera frame, mm, to columns and rows (..., 2), px.
 
-        Parameters
-        ----------
-        points : (..., 3) array of float
-            Points (or directions) in the camera frame, mm.
-
-        Returns
-        -------
-        (..., 2) float array
-            Column and row, px; nan for points outside the model's range and for the centre.
-            A pixel outside the picture is returned as it is.
+        nan for points outside the model's range and for the centre; a pixel outside the picture is returned
+        as it is.
         """
         points = np.asarray(points, dtype=np.float64)
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
@@ -129,18 +110,7 @@ class Camera:
         return np.where(inside[..., None], plane @ self._affine.T + self._centre, np.nan)
 
     def unproject(self, pixels: ArrayLike) -> FloatArray:
-        """Unit rays through pixels.
-
-        Parameters
-        ----------
-        pixels : (..., 2) array of float
-            Column and row, px.
-
-        Returns
-        -------
-        (..., 3) float array
-            Unit rays in the camera frame; nan where the model has none.
-        """
+        """Unit rays (..., 3) in the camera frame through columns and rows (..., 2), px; nan where none is."""
         return self._rays_at(np.asarray(pixels, dtype=np.float64))[0]
 
     def _rays_at(self, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -182,30 +152,14 @@ class Camera:
         return RayField(rays, jacobian, inverse, valid)
 
     def resize(self, width: int, height: int) -> Self:
-        """Return the camera of the same picture resampled to another size.
-
-        Parameters
-        ----------
-        width, height : int
-            New size, px. The picture's outer edges stay where they are.
-        """
+        """Return the camera of the same picture resampled to another size, px; its outer edges stay."""
         scale = np.array([width / self.width, height / self.height])
         return self._transformed(scale, 0.5 * scale - 0.5, width, height)
 
     def crop(self, left: int, top: int, width: int, height: int) -> Self:
-        """Return the camera of a window of the picture.
+        """Return the camera of a window of the picture: first column and row that are kept, and size, px.
 
-        Parameters
-        ----------
-        left, top : int
-            First column and row that are kept, px.
-        width, height : int
-            Size of the window, px.
-
-        Raises
-        ------
-        ValueError
-            If the window reaches outside the picture.
+        ValueError if the window reaches outside the picture.
         """
         if left < 0 or top < 0 or left + width > self.width or top + height > self.height:
             raise ValueError(

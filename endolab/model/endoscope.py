@@ -102,19 +102,11 @@ def camera_to_dict(camera: Camera) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Endoscope:
-    """What is known of an endoscope; the face's `Calibration` is one that is read from a file and written.
-
-    Parameters
-    ----------
-    camera : Camera
-    photometry : Photometry
-    evidence : dict
-        Standard errors, sampled ranges, provenance; nothing here depends on it.
-    """
+    """What is known of an endoscope; the face's `Calibration` is one that is read from a file and written."""
 
     camera: Camera
     photometry: Photometry
-    evidence: dict[str, Any] = field(default_factory=dict)
+    evidence: dict[str, Any] = field(default_factory=dict)  # provenance; nothing here depends on it
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], name: str = "calibration") -> Self:

@@ -77,31 +77,15 @@ def _exchange(
 
 @dataclass(frozen=True)
 class Walls:
-    """A surface as patches that exchange light.
+    """A surface as patches that exchange light: the picture's patches first, then the walls behind them."""
 
-    Attributes
-    ----------
-    points, normals : (N, 3) float arrays
-        Centres and unit normals; the picture's patches first, then the walls behind them.
-    area : (N,) float array
-        In squares of the unit of distance.
-    lit : (N,) float array
-        E of the patches, for a lamp of unit intensity along the axis.
-    exchange : (N, N) float array
-        F: the share of what patch i receives that comes from patch j; rows sum to 1 at most.
-    seen : (rows, columns) bool array
-        Which cells of the picture's coarse grid are patches.
-    direct : (H, W) float array
-        E of every pixel, μ′ cos θ / d²; 0 outside the mask.
-    """
-
-    points: FloatArray
-    normals: FloatArray
-    area: FloatArray
-    lit: FloatArray
-    exchange: FloatArray
-    seen: BoolArray
-    direct: FloatArray
+    points: FloatArray  # (N, 3), centres
+    normals: FloatArray  # (N, 3), unit normals
+    area: FloatArray  # (N,), in squares of the unit of distance
+    lit: FloatArray  # (N,), E of the patches, for a lamp of unit intensity along the axis
+    exchange: FloatArray  # (N, N), F: the share of what i receives that comes from j; rows sum to 1 at most
+    seen: BoolArray  # (rows, columns), which cells of the picture's coarse grid are patches
+    direct: FloatArray  # (H, W), E of every pixel, μ′ cos θ / d²; 0 outside the mask
 
     @classmethod
     def of(
@@ -112,20 +96,10 @@ class Walls:
         k: float,
         cuts: BoolArray | None = None,
     ) -> Walls:
-        """Cut a depth map into patches.
+        """Cut a depth map, v = log d in any unit, (H, W), into patches.
 
-        Parameters
-        ----------
-        log_distance : (H, W) float array
-            v = log d, any unit.
-        mask : (H, W) bool array
-            Where it is known.
-        field : RayField
-            Of the camera.
-        k : float
-            Joint exponent of the light, taken for that of its spread: μ′ = cos^k α.
-        cuts : (2, H, W) bool array, optional
-            Steps over which the surface is torn, see `Problem`.
+        k is the joint exponent of the light, taken for that of its spread: μ′ = cos^k α; `cuts` (2, H, W) are
+        steps over which the surface is torn, see `Problem`.
         """
         v = np.where(mask, log_distance, 0.0)
         f_u, f_v = gradient(v, mask, cuts)
@@ -169,10 +143,7 @@ class Walls:
         return (outgoing / one.ravel() - lit).reshape(len(lit), *one.shape)
 
     def inflation(self, albedo: ArrayLike) -> FloatArray:
-        """S/E of every pixel, (H, W), or (H, W, n) for n albedos: bounced light over direct light.
-
-        It is 0 outside the mask.
-        """
+        """S/E of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
         bounced = self.bounced(albedo)
         if bounced.ndim == 1:
             return self._spread(bounced)
@@ -212,12 +183,8 @@ def _lamp(points: FloatArray, normals: FloatArray, k: float) -> FloatArray:
 def _drawn_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
     """Draw the rim of the patches back along the axis, past the camera.
 
-    Returns
-    -------
-    rim : (M,) int array
-        The patch from which each new one was drawn.
-    points, normals : (M, 3) float arrays
-    area : (M,) float array
+    Returns of each new patch the one from which it was drawn, (M,), its centre and normal, (M, 3), and its
+    area, (M,).
     """
     across = np.hypot(points[:, 0], points[:, 1])
     sector = ((np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1.0) * SECTORS).astype(int)

@@ -49,19 +49,9 @@ class SpotLight:
         object.__setattr__(self, "direction", tuple(float(value) for value in unit))
 
     def illuminate(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Light that arrives at points.
+        """Light that arrives at points (..., 3) in the camera frame, mm.
 
-        Parameters
-        ----------
-        points : (..., 3) float array
-            Points in the camera frame, mm.
-
-        Returns
-        -------
-        radiance : (...) float array
-            w cosⁿψ / distance², 1/mm²; 0 behind the light.
-        distance : (...) float array
-            Distance to the light, mm.
+        Returns w cosⁿψ / distance², (...), 1/mm², 0 behind the light; and the distance to it, mm.
         """
         offset = points - np.asarray(self.position)
         distance = np.linalg.norm(offset, axis=-1)

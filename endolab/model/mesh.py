@@ -11,27 +11,13 @@ from endolab.numerics.arrays import FloatArray, IndexArray
 
 @dataclass(frozen=True)
 class Mesh:
-    """A surface made of triangles.
+    """A surface made of triangles."""
 
-    Attributes
-    ----------
-    vertices : (n, 3) float array
-        In the camera frame: x right, y down, z forward.
-    triangles : (m, 3) int array
-        Three vertices each, counterclockwise as the camera sees them.
-    colours : (n, 3) float array
-        R, G, B in [0, 1].
-    normals : (n, 3) float array
-        Unit normals, towards the camera.
-    unit : str
-        Of the vertices.
-    """
-
-    vertices: FloatArray
-    triangles: IndexArray
-    colours: FloatArray
-    normals: FloatArray
-    unit: str = "mm"
+    vertices: FloatArray  # (n, 3), in the camera frame: x right, y down, z forward
+    triangles: IndexArray  # (m, 3), three vertices each, counterclockwise as the camera sees them
+    colours: FloatArray  # (n, 3), R, G, B in [0, 1]
+    normals: FloatArray  # (n, 3), unit normals, towards the camera
+    unit: str = "mm"  # of the vertices
 
 
 def triangle_normals(corners: FloatArray) -> FloatArray:

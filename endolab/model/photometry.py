@@ -68,15 +68,7 @@ class Photometry:
     def channel(self, name: str) -> Photometry:
         """Return the model of one channel, where the albedo differs between them.
 
-        Parameters
-        ----------
-        name : {"red", "green", "blue", "grey"}
-            Grey is the weighted sum of the stored values (ITU-R BT.601).
-
-        Raises
-        ------
-        ValueError
-            If there is no such channel.
+        Grey is the weighted sum of the stored values (ITU-R BT.601).
         """
         if name not in (*CHANNELS, "grey"):
             raise ValueError(f"unknown channel {name!r}; choose red, green, blue or grey")
@@ -93,13 +85,8 @@ class Photometry:
     def simplified(self) -> Photometry:
         """Replace the lights by one virtual light at the optical centre (Section III-C).
 
-        Its strength is the sum of theirs along the axis and its exponent their mean, weighted by
-        that strength: what they become far from the tip.
-
-        Raises
-        ------
-        ValueError
-            If none of the lights shines forward.
+        Its strength is the sum of theirs along the axis and its exponent their mean, weighted by that
+        strength: what they become far from the tip. ValueError if none of them shines forward.
         """
         if not self.lights:
             return self
@@ -114,17 +101,7 @@ class Photometry:
         return replace(self, k=self.k + float(strength @ exponents / strength.sum()), gain=gain, lights=())
 
     def attenuation(self, cos_alpha: ArrayLike) -> FloatArray:
-        """μ′ = cos^k α; 0 from 90° off the axis on.
-
-        Parameters
-        ----------
-        cos_alpha : array of float
-            Cosine of the angle between ray and axis.
-
-        Returns
-        -------
-        array of float
-        """
+        """μ′ = cos^k α, α being the angle between ray and axis; 0 from 90° on."""
         cosine = np.asarray(cos_alpha, dtype=np.float64)
         front = cosine > 0
         return np.where(np.isnan(cosine), np.nan, np.where(front, cosine, 1.0) ** self.k * front)
@@ -137,40 +114,16 @@ class Photometry:
     # General model ---------------------------------------------------------------------
 
     def intensity(self, points: ArrayLike, normals: ArrayLike) -> FloatArray:
-        """Stored value of surface points (eq. 6).
+        """Stored value (...) of surface points (..., 3), mm, with unit normals towards the camera (eq. 6).
 
-        Parameters
-        ----------
-        points : (..., 3) array of float
-            Surface points in the camera frame, mm.
-        normals : (..., 3) array of float
-            Unit normals there, towards the camera.
-
-        Returns
-        -------
-        (...) float array
-            I, 0 and up; 1 is the sensor's maximum, where a real picture saturates.
+        0 and up; 1 is the sensor's maximum, where a real picture saturates.
         """
         return self.intensity_gradient(points, normals)[0]
 
     def intensity_gradient(
         self, points: ArrayLike, normals: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Stored value of surface points and its derivatives by the point and the normal.
-
-        Parameters
-        ----------
-        points, normals : (..., 3) arrays of float
-            As for `intensity`.
-
-        Returns
-        -------
-        intensity : (...) float array
-        by_point : (..., 3) float array
-            ∂I/∂x, 1/mm.
-        by_normal : (..., 3) float array
-            ∂I/∂n, the normal's three components taken as free.
-        """
+        """Return `intensity`, ∂I/∂x, 1/mm, and ∂I/∂n, (..., 3) each; all three components of n are free."""
         points, normals = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
         distance = np.linalg.norm(points, axis=-1)
         to_camera = -points / distance[..., None]
@@ -214,21 +167,9 @@ class Photometry:
     def shade(
         self, log_distance: ArrayLike, slant: ArrayLike, cos_alpha: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Stored value under the light at the optical centre (eq. 9), with its derivatives.
+        """Stored value I under the light at the optical centre (eq. 9), with ∂I/∂v = -2I/γ and ∂I/∂P.
 
-        Parameters
-        ----------
-        log_distance : (...) array of float
-            v = log d, d in mm.
-        slant : (...) array of float
-            P = tan²θ = ∇vᵀ G⁻¹ ∇v.
-        cos_alpha : (...) array of float
-            Cosine of the angle between ray and axis.
-
-        Returns
-        -------
-        intensity, by_log_distance, by_slant : (...) float arrays
-            I, ∂I/∂v = -2I/γ and ∂I/∂P.
+        v = log d, d in mm; the slant is P = tan²θ = ∇vᵀ G⁻¹ ∇v; α is the angle between ray and axis.
         """
         slant = np.asarray(slant, dtype=np.float64)
         cosine = 1 / np.sqrt(1 + slant)
@@ -241,21 +182,10 @@ class Photometry:
         return intensity, -2 * intensity / self.gamma, by_slant
 
     def canonical(self, image: ArrayLike, cos_alpha: ArrayLike, theta: ArrayLike = 0.0) -> FloatArray:
-        """Canonical intensity I_c = I^γ / (μ′ f_r(θ) g) = cos θ / d².
+        """Canonical intensity I_c = I^γ / (μ′ f_r(θ) g) = cos θ / d², 1/mm², of stored values in [0, 1].
 
-        Parameters
-        ----------
-        image : (...) array of float
-            Stored values in [0, 1].
-        cos_alpha : (...) array of float
-            Cosine of the angle between ray and axis.
-        theta : array of float, optional
-            Incidence angle at which a BRDF that is not Lambertian is read, rad.
-
-        Returns
-        -------
-        (...) float array
-            1/mm²; with an unknown gain, g = 1 is taken. nan where no light arrives (μ′ = 0).
+        With an unknown gain, g = 1 is taken; a BRDF that is not Lambertian is read at θ, rad. nan where no
+        light arrives (μ′ = 0).
         """
         cosine = np.cos(np.asarray(theta, dtype=np.float64))
         gain = 1.0 if self.gain is None else self.gain
@@ -266,22 +196,9 @@ class Photometry:
     def slant_table(self, size: int = 2048) -> tuple[FloatArray, FloatArray] | None:
         """Slant of the surface against canonical intensity, for a BRDF that isn't Lambertian.
 
-        The simplified model says I_c d² = c(θ) = cos θ f_r(θ)/f_r(0); solvers need its inverse.
-
-        Parameters
-        ----------
-        size : int
-            Number of samples of θ.
-
-        Returns
-        -------
-        None for a Lambertian surface, where P = c⁻² - 1; else two (size,) float arrays:
-        log c, increasing, and log(1 + P).
-
-        Raises
-        ------
-        ValueError
-            If c does not fall as θ grows: then one brightness has two slants.
+        The simplified model says I_c d² = c(θ) = cos θ f_r(θ)/f_r(0); solvers need its inverse. None for a
+        Lambertian surface, where P = c⁻² - 1; else log c, increasing, and log(1 + P) at `size` places.
+        ValueError if c does not fall as θ grows: then one brightness has two slants.
         """
         if isinstance(self.brdf, Lambertian):
             return None

@@ -27,21 +27,9 @@ def check_xi(xi: str) -> str:
 
 
 def to_xi(log_distance: ArrayLike, xi: str, cos_alpha: ArrayLike) -> FloatArray:
-    """Map log-distance to ξ.
+    """Map log-distance v = log d, d in mm, to ξ, mm or 1/mm.
 
-    Parameters
-    ----------
-    log_distance : (...) array of float
-        v = log d, d in mm.
-    xi : {"1/z", "d", "1/d"}
-        Which map.
-    cos_alpha : (...) array of float
-        z component of the unit rays.
-
-    Returns
-    -------
-    (...) float array
-        mm or 1/mm; nan for "1/z" where the ray does not point forward.
+    `cos_alpha` is the z component of the unit rays; "1/z" is nan where they do not point forward.
     """
     v = np.asarray(log_distance, dtype=np.float64)
     if check_xi(xi) == "d":
@@ -53,22 +41,7 @@ def to_xi(log_distance: ArrayLike, xi: str, cos_alpha: ArrayLike) -> FloatArray:
 
 
 def from_xi(value: ArrayLike, xi: str, cos_alpha: ArrayLike) -> FloatArray:
-    """Map ξ back to log-distance; the inverse of `to_xi`.
-
-    Parameters
-    ----------
-    value : (...) array of float
-        ξ, mm or 1/mm.
-    xi : {"1/z", "d", "1/d"}
-        Which map.
-    cos_alpha : (...) array of float
-        z component of the unit rays.
-
-    Returns
-    -------
-    (...) float array
-        v = log d; nan where ξ is not positive.
-    """
+    """Map ξ back to log-distance; the inverse of `to_xi`; nan where ξ is not positive."""
     value = np.asarray(value, dtype=np.float64)
     scaled = value * cos_alpha if check_xi(xi) == "1/z" else value
     logarithm = np.log(np.where(scaled > 0, scaled, np.nan))
@@ -76,39 +49,15 @@ def from_xi(value: ArrayLike, xi: str, cos_alpha: ArrayLike) -> FloatArray:
 
 
 def slant(f_u: FloatArray, f_v: FloatArray, field: RayField) -> FloatArray:
-    """P = tan²θ from the gradient of v.
-
-    Parameters
-    ----------
-    f_u, f_v : (H, W) float arrays
-        ∂v/∂column and ∂v/∂row, per pixel.
-    field : RayField
-        Of the camera.
-
-    Returns
-    -------
-    (H, W) float array
-    """
+    """P = tan²θ, (H, W), from ∂v/∂column and ∂v/∂row, per pixel."""
     guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
     return guu * f_u**2 + 2 * guv * f_u * f_v + gvv * f_v**2
 
 
 def normals(log_distance: FloatArray, field: RayField, mask: BoolArray | None = None) -> FloatArray:
-    """Normals from the gradient of log-distance and the ray metric.
+    """Unit normals (H, W, 3) in the camera frame, towards the camera, from v = log d; nan outside the mask.
 
-    Parameters
-    ----------
-    log_distance : (H, W) float array
-        v = log d.
-    field : RayField
-        Of the camera.
-    mask : (H, W) bool array, optional
-        Where v is defined; where it is finite by default.
-
-    Returns
-    -------
-    (H, W, 3) float array
-        Unit normals in the camera frame, towards the camera; nan outside the mask.
+    The mask is by default where v is finite.
     """
     inside = field.valid & (np.isfinite(log_distance) if mask is None else mask)
     return normals_from_gradient(*gradient(log_distance, inside), field)
@@ -122,67 +71,6 @@ def normals_from_gradient(f_u: FloatArray, f_v: FloatArray, field: RayField) -> 
     return (tangent - field.rays) / np.sqrt(1 + slant(f_u, f_v, field))[..., None]
 
 
-def normals_by_gradient(f_u: FloatArray, f_v: FloatArray, field: RayField) -> FloatArray:
-    """Derivatives of the normal by ∂v/∂column and ∂v/∂row.
-
-    Parameters
-    ----------
-    f_u, f_v : (H, W) float arrays
-        The gradient of v, per pixel.
-    field : RayField
-        Of the camera.
-
-    Returns
-    -------
-    (H, W, 3, 2) float array
-        ∂n/∂v_j = (Σ_i g^ij r_i) / √(1 + P) - n (Σ_k g^jk v_k) / (1 + P).
-    """
-    guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
-    raised = np.stack([guu * f_u + guv * f_v, guv * f_u + gvv * f_v], axis=-1)
-    one = 1 + slant(f_u, f_v, field)[..., None, None]
-    inverse = np.stack([np.stack([guu, guv], -1), np.stack([guv, gvv], -1)], axis=-2)
-    n = normals_from_gradient(f_u, f_v, field)
-    return field.jacobian @ inverse / np.sqrt(one) - n[..., None] * raised[..., None, :] / one
-
-
 def points(log_distance: ArrayLike, field: RayField) -> FloatArray:
-    """Surface points d·r.
-
-    Parameters
-    ----------
-    log_distance : (H, W) array of float
-        v = log d, d in mm.
-    field : RayField
-        Of the camera.
-
-    Returns
-    -------
-    (H, W, 3) float array
-        Points in the camera frame, mm.
-    """
+    """Surface points d·r in the camera frame, (H, W, 3), mm, from v = log d, d in mm."""
     return np.exp(np.asarray(log_distance, dtype=np.float64))[..., None] * field.rays
-
-
-def normals_by_cross_product(points: FloatArray, mask: BoolArray | None = None) -> FloatArray:
-    """Normals from the tangents of a grid of points, knowing nothing of cameras.
-
-    Parameters
-    ----------
-    points : (H, W, 3) float array
-        Surface points in the camera frame, mm.
-    mask : (H, W) bool array, optional
-        Where they are defined; where they are finite by default.
-
-    Returns
-    -------
-    (H, W, 3) float array
-        Unit normals towards the camera; nan outside the mask and where a pixel has no
-        neighbour along a row or column.
-    """
-    inside = np.all(np.isfinite(points), axis=-1) if mask is None else mask
-    along = [gradient(points[..., axis], inside) for axis in range(3)]
-    normal = np.cross(np.stack([u for u, _ in along], -1), np.stack([v for _, v in along], -1))
-    length = np.linalg.norm(normal, axis=-1)
-    normal /= np.where(length > 0, length, np.nan)[..., None]
-    towards = np.einsum("hwi,hwi->hw", normal, np.nan_to_num(points))
-    return normal * np.where(towards > 0, -1.0, 1.0)[..., None]

@@ -33,7 +33,7 @@ from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.synthetic.mucosa import film_radiance, rippled, tissue
-from endolab.synthetic.rendering import VEIL, Rendered
+from endolab.synthetic.rendering import VEIL, Rendered, check_amounts, developed
 from endolab.synthetic.scenes import Scene
 
 VARIANT = "llvm_ad_rgb"
@@ -234,55 +234,23 @@ def trace(
     mesh_size: int = 300,
     progress: Callable[[float], object] = lambda share: None,
 ) -> Traced:
-    """Path-trace a scene.
+    """Path-trace a scene; the paths meet its mesh, of `mesh_size` steps a side.
 
-    Parameters
-    ----------
-    scene : Scene
-        What is seen; the paths meet its mesh.
-    camera : Camera
-    photometry : Photometry
-        Lights, response and mean albedos (Lambertian, below 1); with an unknown gain, one that puts
-        the 99th percentile of the brightest channel, highlights apart, at 0.9 is chosen.
-    texture, vessels : float
-        Of the albedo; see `tissue`.
-    film : float
-        Share of the light that a wet film mirrors at normal incidence; 0.02 is water.
-    fog : float
-        Attenuation, 1/mm, on every part of every path; a veil takes the place of what is lost.
-    noise : float
-        Standard deviation of Gaussian noise, grey levels of 255.
-    bits : int, optional
-        Round to this many bits; none by default.
-    bounces : int
-        Turns of a path after the first wall; 0 leaves the direct light alone.
-    samples : int
-        Paths a pixel, rounded up to whole grids of at most 4x4 places in the pixel.
-    seed : int
-        Of texture, ripples, noise and paths.
-    mesh_size : int
-        See `Scene.mesh`.
-    progress : callable, optional
-        Told the share of the work that is done, from 0 to 1.
+    Lights, response and mean albedos (Lambertian, below 1) are those of the photometry; with an unknown gain,
+    one that puts the 99th percentile of the brightest channel, highlights apart, at 0.9 is chosen. `fog`,
+    `noise` and `bits` are as for `render`, `texture` and `vessels` as for `tissue`; `film` is the share of
+    the light that a wet film mirrors at normal incidence, 0.02 being water. `bounces` are the turns of a path
+    after the first wall, 0 leaving the direct light alone; `samples` the paths a pixel, rounded up to whole
+    grids of at most 4x4 places in it. `seed` is of texture, ripples, noise and paths, and `progress` is told
+    the share of the work that is done, from 0 to 1.
 
-    Returns
-    -------
-    Traced
-
-    Raises
-    ------
-    OSError
-        In one sentence with the command that installs it, if Mitsuba or LLVM cannot be used.
-    ValueError
-        If an option is out of its range, or if the camera sees nothing lit.
+    OSError as for `mitsuba`; ValueError if an option is out of its range or the camera sees nothing lit.
     """
     if not isinstance(photometry.brdf, Lambertian) or np.max(photometry.brdf.albedo) >= 1:
         raise ValueError(f"path tracing needs a Lambertian surface of albedos below 1, got {photometry.brdf}")
-    amounts = {"texture": texture, "vessels": vessels, "film": film, "fog": fog, "noise": noise}
-    amounts |= {"bounces": bounces, "seed": seed}
-    for name, value in amounts.items():
-        if not (np.isfinite(value) and value >= 0):
-            raise ValueError(f"{name} must be finite and at least 0, got {value}")
+    check_amounts(
+        texture=texture, vessels=vessels, film=film, fog=fog, noise=noise, bounces=bounces, seed=seed
+    )
     for name, value, greatest in (("bits", 8 if bits is None else bits, 16), ("samples", samples, 100_000)):
         if not 1 <= value <= greatest:
             raise ValueError(f"{name} must be from 1 to {greatest}, got {value}")
@@ -323,10 +291,10 @@ def trace(
         sums += every.sum(axis=0)
     average = sums / np.maximum(defined.sum(axis=0), 1)[:, None]
     picture = average.reshape(camera.height, camera.width, 7)
-    return _developed(scene, camera, photometry, picture, fog, noise, bits, seed)
+    return _picture(scene, camera, photometry, picture, fog, noise, bits, seed)
 
 
-def _developed(
+def _picture(
     scene: Scene,
     camera: Camera,
     photometry: Photometry,
@@ -352,12 +320,7 @@ def _developed(
     linear = layers[..., :3] + layers[..., 3:6] + layers[..., 6:]
     if fog:
         linear += VEIL * (1 - np.exp(-fog * np.where(mask, distance, 0.0)))[..., None]
-    stored = linear ** (1 / photometry.gamma)
-    if noise:
-        stored += np.random.default_rng([seed, 1]).normal(scale=noise / 255, size=stored.shape)
-    stored = np.clip(stored, 0.0, 1.0)
-    if bits is not None:
-        stored = np.round(stored * (2**bits - 1)) / (2**bits - 1)
+    stored = developed(linear, photometry.gamma, noise, bits, seed)
     normals = np.full(points.shape, np.nan)
     normals[mask] = scene.normals(points[mask])
     return Traced(

@@ -48,6 +48,23 @@ def waves(points: FloatArray, scale: float, rng: np.random.Generator) -> tuple[F
     return value * np.sqrt(2 / count), slope * np.sqrt(2 / count)
 
 
+def check_amounts(**amounts: float) -> None:
+    """Refuse what is negative or not finite, by its name."""
+    for name, value in amounts.items():
+        if not (np.isfinite(value) and value >= 0):
+            raise ValueError(f"{name} must be finite and at least 0, got {value}")
+
+
+def developed(linear: FloatArray, gamma: float, noise: float, bits: int | None, seed: int) -> FloatArray:
+    """Stored values of linear light, with noise (grey levels of 255) and rounded to some bits."""
+    stored = linear ** (1 / gamma)
+    if noise:
+        rng = np.random.default_rng([seed, 1])
+        stored = stored + rng.normal(scale=noise / 255, size=stored.shape)
+    stored = np.clip(stored, 0.0, 1.0)
+    return stored if bits is None else np.round(stored * (2**bits - 1)) / (2**bits - 1)
+
+
 def render(
     scene: Scene,
     camera: Camera,
@@ -94,10 +111,7 @@ def render(
     ValueError
         If an option is negative or not finite, or if the camera sees nothing lit.
     """
-    amounts = {"noise": noise, "texture": texture, "fog": fog, "highlights": highlights}
-    for name, value in amounts.items():
-        if not (np.isfinite(value) and value >= 0):
-            raise ValueError(f"{name} must be finite and at least 0, got {value}")
+    check_amounts(noise=noise, texture=texture, fog=fog, highlights=highlights)
     if bits is not None and not 1 <= bits <= 16:
         raise ValueError(f"bits must be from 1 to 16, got {bits}")
     field = camera.field
@@ -105,7 +119,7 @@ def render(
     points = distance[..., None] * field.rays
     mask = np.isfinite(distance) & (field.cos_alpha > 0)
     seen, normals = points[mask], scene.normals(points[mask])
-    rng, noise_rng = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
+    rng = np.random.default_rng([seed, 0])
     mottle = np.exp(texture * waves(seen, TEXTURE_SCALE, rng)[0]) if texture else 1.0
     ripple = waves(seen, RIPPLE_SCALE, rng)[1] if highlights else None
 
@@ -129,13 +143,7 @@ def render(
     if fog:
         clear = np.exp(-fog * distance[mask])[:, None]
         linear = linear * clear**2 + VEIL * (1 - clear)
-    stored = linear ** (1 / lit.gamma)
-    if noise:
-        stored = stored + noise_rng.normal(scale=noise / 255, size=stored.shape)
-    stored = np.clip(stored, 0.0, 1.0)
-    if bits is not None:
-        stored = np.round(stored * (2**bits - 1)) / (2**bits - 1)
-
+    stored = developed(linear, lit.gamma, noise, bits, seed)
     image, facing = np.zeros((*mask.shape, linear.shape[-1])), np.full(points.shape, np.nan)
     image[mask], facing[mask] = stored, normals
     return Rendered(

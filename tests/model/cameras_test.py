@@ -4,23 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
+from endolab.datasets import load_calibration
 from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
 
-ENDOSCOPE = KannalaBrandt(
-    1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -1.2396e-3, 9.1258e-4, -4.0716e-5)
-)
+ENDOSCOPE = load_calibration("paper").camera
 WIDE = KannalaBrandt(400, 400, 100.0, 100.0, 199.5, 199.5, (0.01, 0.0, 0.0, 0.0))
 PINHOLE = Pinhole(320, 240, 200.0, 210.0, 159.5, 119.5)
-C3VD = Scaramuzza(
-    1350,
-    1080,
-    678.544839,
-    542.975888,
-    (769.243600037, 0.0, -0.000812770624150226, 6.25674244578925e-07, -1.1966218214428e-09),
-    0.99998686,
-    0.00288274,
-    -0.00296316,
-)
+C3VD = load_calibration("c3vd").camera
 C3VD_KB = KannalaBrandt(
     1350, 1080, 767.386, 767.506, 679.054, 543.647, (-0.188672, -0.00392734, 0.0305248, -0.0127569)
 )
