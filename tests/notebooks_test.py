@@ -12,7 +12,7 @@ from tests.tools.renew_links import line_of, renewed
 
 ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-PAGES = [*NOTEBOOKS, *(ROOT / name for name in ("notebooks/README.md", "README.md"))]
+PAGES = [*NOTEBOOKS, *(ROOT / name for name in ("notebooks/README.md", "README.md", "CONTRIBUTING.md"))]
 LINK = re.compile(r'\]\(([^)\s]+)(?: "(\w+)")?\)')  # its target and, for a line of code, what is there
 MOST_CELLS, MOST_LINES, MOST_COLUMNS, MOST_BYTES = 60, 15, 110, 100_000
 
@@ -65,7 +65,7 @@ def broken(path):
         file = path.parent / target
         if not file.exists():
             yield f"{link}: no such file"
-        elif anchor:
+        elif file.suffix == ".py" and anchor:
             line = line_of(name, file.read_text(encoding="utf-8")) if name else None
             if anchor != f"L{line}":
                 yield f"{link}: {name or 'it'} is not defined there"
