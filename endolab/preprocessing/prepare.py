@@ -25,40 +25,20 @@ LETTERS = 4  # as many of one height and colour in a row make a text
 
 @dataclass(frozen=True)
 class Prepared:
-    """A frame that is ready to be solved, and what was found in it.
+    """A frame that is ready to be solved, and what was found in it."""
 
-    Attributes
-    ----------
-    original : Frame
-        As it came.
-    frame : Frame
-        Ready: its mask leaves out all that is not tissue; on the grid of `camera`.
-    camera : Camera
-        The calibration's own, or the pinhole to which the frame was undistorted.
-    canonical : (H, W) or (H, W, 3) float array
-        See `canonical_picture`; on the original grid, as are the masks below.
-    field_of_view, lumen, highlights, text : (H, W) bool array
-        What the endoscope shows; where noise says more than the wall; mirrored light; letters.
-    interlaced : bool
-        Whether two fields were found and one of them was replaced.
-    undistorted, inpainted : bool
-        What was done.
-    notes : tuple of str
-        What was found, in sentences.
-    """
-
-    original: Frame
-    frame: Frame
-    camera: Camera
-    canonical: FloatArray
-    field_of_view: BoolArray
-    lumen: BoolArray
-    highlights: BoolArray
-    text: BoolArray
-    interlaced: bool
+    original: Frame  # as it came
+    frame: Frame  # ready: its mask leaves out all that is not tissue; on the grid of `camera`
+    camera: Camera  # the calibration's own, or the pinhole to which the frame was undistorted
+    canonical: FloatArray  # see `canonical_picture`; on the original grid, as are the masks below
+    field_of_view: BoolArray  # (H, W), what the endoscope shows
+    lumen: BoolArray  # where noise says more than the wall
+    highlights: BoolArray  # mirrored light
+    text: BoolArray  # letters
+    interlaced: bool  # whether two fields were found and one of them was replaced
     undistorted: bool
     inpainted: bool
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what was found, in sentences
 
 
 def _brightest(image: FloatArray) -> FloatArray:
@@ -70,20 +50,10 @@ def _green(image: FloatArray) -> FloatArray:
 
 
 def dark_lumen(image: FloatArray, mask: BoolArray) -> BoolArray:
-    """Find the depth of the lumen, where noise says more than the wall.
+    """Find the depth of the lumen, where noise says more than the wall, within what the endoscope shows.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) float array
-        Stored values; green is looked at.
-    mask : (H, W) bool array
-        What the endoscope shows.
-
-    Returns
-    -------
-    (H, W) bool array
-        Connected regions of the mask in which the signal is below five times the noise (or below
-        4 of 255): a distance is there uncertain by γ/10 from noise alone. Specks are left alone.
+    Connected regions in which the signal of green is below five times the noise (or below 4 of 255): a
+    distance is there uncertain by γ/10 from noise alone. Specks are left alone.
     """
     green = np.where(mask, np.nan_to_num(_green(image)), 0.0)
     limit = max(DARK, FEW * noise_level(green, mask))
@@ -115,21 +85,11 @@ def _rows_of_letters(boxes: list[tuple[int, int, int, int, float]]) -> list[list
 
 
 def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
-    """Find text that a video system has written over the picture.
+    """Find text that a video system has written over the picture; the mask is what the endoscope shows.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) float array
-        Stored values.
-    mask : (H, W) bool array
-        What the endoscope shows.
-
-    Returns
-    -------
-    (H, W) bool array
-        Bright islands in the black around the picture, and rows of at least four pale marks of one
-        height and value on one line. Highlights are pale too, but stand in no row; a single sign
-        within the picture is not found.
+    Bright islands in the black around the picture, and rows of at least four pale marks of one height and
+    value on one line. Highlights are pale too, but stand in no row; a single sign within the picture is not
+    found.
     """
     shade = np.nan_to_num(_brightest(image))
     apart = ~grown(mask, 4) & (shade > 4 * FRAME)
@@ -158,19 +118,9 @@ def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
 def combing(image: FloatArray, mask: BoolArray) -> float:
     """Tell how much odd and even rows differ, as they do where two fields show a moving scene.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) float array
-        Stored values; green is looked at.
-    mask : (H, W) bool array
-        What the endoscope shows.
-
-    Returns
-    -------
-    float
-        Share of the picture in which neighbouring rows differ more than every second, less the
-        share in which columns do: about 0 in a picture that was taken at once, since nothing in a
-        scene, nor noise, makes near rows less alike than far ones; above 0.05 in an interlaced one.
+    Share of the picture in which neighbouring rows of green differ more than every second, less the
+    share in which columns do: about 0 in a picture that was taken at once, since nothing in a
+    scene, nor noise, makes near rows less alike than far ones; above 0.05 in an interlaced one.
     """
     green = np.where(mask, np.nan_to_num(_green(image)), 0.0)
     inside = cv2.erode(mask.astype(np.uint8), np.ones((7, 7), np.uint8), borderValue=0) > 0
@@ -190,17 +140,7 @@ def interlaced(image: FloatArray, mask: BoolArray) -> bool:
 
 
 def deinterlace(image: FloatArray) -> FloatArray:
-    """Keep the field of the even rows (0, 2, …) and interpolate the other.
-
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) float array
-        Stored values.
-
-    Returns
-    -------
-    array of the image's shape
-    """
+    """Keep the field of the even rows (0, 2, …) and interpolate the other."""
     image = np.asarray(image, dtype=np.float64).copy()
     above = image[0 : len(image) - 1 : 2]
     below = image[2::2]
@@ -218,31 +158,11 @@ def undistorted(
     *,
     crop: bool = False,
 ) -> tuple[Frame, Pinhole]:
-    """Show a frame as a pinhole camera in its place would.
+    """Show a frame as a pinhole camera in its place would; returns the new frame and its camera.
 
-    Parameters
-    ----------
-    frame : Frame
-    camera : Camera
-        Of the frame.
-    fov : float
-        Angle that the new width spans, degrees, below 170.
-    size : two ints, optional
-        New width and height, px; by default as fine as the frame is at its centre, with its
-        proportions.
-    crop : bool
-        Whether to cut off rows and columns in which nothing is seen.
-
-    Returns
-    -------
-    frame : Frame
-        Its mask leaves out what the old one left out or did not reach.
-    camera : Pinhole
-
-    Raises
-    ------
-    ValueError
-        If an option is out of range, sizes differ, or nothing is seen.
+    `fov` is the angle that the new width spans, degrees, below 170; `size` its width and height, px, by
+    default as fine as the frame is at its centre, with its proportions. `crop` cuts off rows and columns in
+    which nothing is seen. The mask leaves out what the old one left out or did not reach.
     """
     if not 0 < fov < 170:
         raise ValueError(f"fov must be between 0 and 170 degrees, got {fov}")
@@ -277,17 +197,8 @@ def undistorted(
 def canonical_picture(frame: Frame, calibration: Endoscope) -> FloatArray:
     """Take μ′ = cos^k α out of a picture, for people to look at (paper, Section IV).
 
-    Parameters
-    ----------
-    frame : Frame
-    calibration : Endoscope
-        Of the frame's size.
-
-    Returns
-    -------
-    (H, W) or (H, W, 3) float array
-        I_c per channel to the power of 1/γ, in [0, 1]; the 90th percentile of the brightest channel
-        is 0.9. nan outside the mask and more than 80° off the axis.
+    I_c per channel to the power of 1/γ, in [0, 1]; the 90th percentile of the brightest channel is 0.9. nan
+    outside the mask and more than 80° off the axis.
     """
     photometry, cosine = calibration.photometry.simplified(), calibration.camera.field.cos_alpha
     seen = frame.mask & (np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(MAX_ALPHA)))
