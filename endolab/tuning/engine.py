@@ -17,59 +17,51 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from endolab.depth.result import Iterate, Observer, Result
+from endolab.depth.result import SCALED, SOLUTION, Iterate, Observer, Result
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
-from endolab.tuning.source import SHRINK, Settings, Source, View
+from endolab.tuning.source import SHRINK, Settings, Source, Subject, shrunk_map
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Endoscope
 
 PATIENCE = 0.4  # s that a full solve takes between one picture and the next
 LEAST_WIDTH = 64  # px, of a grid that is worth a coarse one
-
-
 # The most steps of a coarse answer, from a start and from nothing.
 COARSE_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """An answer of the tuner.
+    """An answer of the tuner: a result, or an error."""
 
-    Attributes
-    ----------
-    serial : int
-        Of the wish, as `Tuner.ask` returned it.
-    settings : Settings
-    stage : {"coarse", "refining", "fine"}
-        "refining" is what a long full solve has so far.
-    seconds : float
-        From the start of this stage to its answer.
-    view : View, optional
-        What was looked at.
-    result : Result, optional
-        None if there is an error.
-    error : str, optional
-        One sentence.
-    """
-
-    serial: int
+    serial: int  # of the wish, as `Tuner.ask` returned it
     settings: Settings
-    stage: str
-    seconds: float
-    view: View | None = None
+    stage: str  # "coarse", "fine", and between them "refining": what a long full solve has so far
+    seconds: float  # from the start of this stage to its answer
+    subject: Subject | None = None  # what was looked at
     result: Result | None = None
-    error: str | None = None
+    error: str | None = None  # one sentence
+
+    @property
+    def label(self) -> str:
+        """The stage, or the one of a reconstruction on its way to its solution."""
+        iterate = None if self.result is None else self.result.iterate
+        if iterate is None or iterate.stage in (SOLUTION, SCALED):
+            return self.stage
+        return f"{iterate.stage}, round {iterate.round}" if iterate.round else iterate.stage
 
     @cached_property
     def truth(self) -> FloatArray | None:
         """True distance in the result's unit, (H, W), nan outside its mask; None if unknown."""
-        if self.result is None or self.view is None or self.view.truth is None:
+        if self.result is None or self.subject is None or self.subject.truth is None:
             return None
-        truth, distance = np.where(self.result.mask, self.view.truth, np.nan), self.result.distance
+        truth, mask, distance = self.subject.truth, self.result.mask, self.result.distance
+        if truth.shape != mask.shape:  # a stage on a smaller grid
+            truth = shrunk_map(truth, mask.shape[::-1])
+        truth = np.where(mask, truth, np.nan)
         known = np.isfinite(truth)
         if not known.any():
             return None
@@ -91,11 +83,14 @@ class _Progress:
         self.is_stale, self.tell = is_stale, tell
         self.started = self.told = time.perf_counter()
         self.history: list[dict[str, float]] = []
+        self.stage: tuple[str, int] | None = None
 
     def __call__(self, iterate: Iterate) -> bool:
         if self.is_stale():
             return True
         now = time.perf_counter()
+        if self.stage != (iterate.stage, iterate.round):
+            self.stage, self.history = (iterate.stage, iterate.round), []
         self.history.append({"k": iterate.k, "energy": iterate.energy, **iterate.terms})
         if now - self.told > PATIENCE:
             result = Result(iterate, Status.STOPPED, list(self.history), now - self.started)
@@ -112,19 +107,10 @@ def sentence_of(error: BaseException) -> str:
 class Tuner:
     """Solves what is asked for in a thread of its own.
 
-    Parameters
-    ----------
-    calibration : Endoscope
-        Of the frame; scenes are rendered by it, at any size.
-    on_outcome : callable, optional
-        Given every `Outcome` in the tuner's thread. It should not raise; if it does, the sentence
-        is kept in `complaint` and the tuner goes on.
-    frame : Frame, optional
-        To look at with ``Settings(scene=None)``.
-    truth : (H, W) float array, optional
-        True distance of the frame, mm; nan where unknown.
-    solve : callable
-        Takes what `reconstruct` takes.
+    `on_outcome` is given every `Outcome` in that thread; if it raises, the sentence is kept in
+    `complaint` and the tuner goes on. Scenes are rendered by the calibration, at any size;
+    ``Settings(scene=None)`` looks at `frame`, whose true distance, mm, is `truth`, (H, W). `solve`
+    takes what `reconstruct` takes.
     """
 
     def __init__(
@@ -154,23 +140,14 @@ class Tuner:
     ) -> None:
         """Look at another frame, or render with another calibration, from the next wish on.
 
-        Raises
-        ------
-        ValueError
-            If frame, truth and calibration are not of one size; then nothing changes.
+        Raises ValueError if they are not of one size; then nothing changes.
         """
         source = Source(calibration, frame, truth)
         with self._changed:
             self._source = source
 
     def ask(self, settings: Settings) -> int:
-        """Wish for a result; whatever was wished for before is dropped.
-
-        Returns
-        -------
-        int
-            The wish's serial number.
-        """
+        """Wish for a result, drop what was wished for before, and return the wish's serial number."""
         with self._changed:
             if self._closed:
                 raise ValueError("the tuner is closed")
@@ -180,13 +157,7 @@ class Tuner:
             return self._serial
 
     def wait(self, timeout: float | None = None) -> Outcome:
-        """Wait for the last answer to the latest wish: fine, or with an error.
-
-        Raises
-        ------
-        TimeoutError
-            If it does not come in that many seconds.
-        """
+        """Wait so many seconds for the last answer to the latest wish: fine, or with an error."""
         with self._changed:
             if self._serial == 0:
                 raise ValueError("nothing was asked for")
@@ -196,19 +167,15 @@ class Tuner:
             return self._final
 
     def cold(self, settings: Settings, observers: Iterable[Observer] = ()) -> Outcome:
-        """Solve here and now, from a cold start: exactly what the lines of `Settings.code` give.
-
-        Raises
-        ------
-        ValueError, MemoryError
-            As `reconstruct`.
-        """
+        """Solve here and now, from a cold start: exactly what the lines of `Settings.code` give."""
         started = time.perf_counter()
         with self._changed:
             source = self._source
-        view = source.view(settings)
-        result = self._solve(view.frame, _known(view, settings), observers=observers, **settings.keywords())
-        return Outcome(self._serial, settings, "fine", time.perf_counter() - started, view, result)
+        subject = source.subject(settings)
+        result = self._solve(
+            subject.frame, _known(subject, settings), observers=observers, **settings.keywords()
+        )
+        return Outcome(self._serial, settings, "fine", time.perf_counter() - started, subject, result)
 
     def close(self) -> None:
         """Stop the solve in flight and end the thread; a second call does nothing."""
@@ -263,8 +230,8 @@ class Tuner:
 
     def _solved(
         self, source: Source, settings: Settings, stage: str, serial: int
-    ) -> tuple[View, Result] | None:
-        """View and result of one stage; None if there is no point in it."""
+    ) -> tuple[Subject, Result] | None:
+        """Subject and result of one stage; None if there is no point in it."""
         options: dict[str, Any] = {}
         grid = (settings.scene, settings.width, stage)
         takes_start = settings.solver in COARSE_STEPS
@@ -275,20 +242,20 @@ class Tuner:
                 return None
             if takes_start:
                 options["max_iterations"] = COARSE_STEPS[settings.solver]["start" not in options]
-        view = source.coarse_view(settings) if stage == "coarse" else source.view(settings)
+        subject = source.coarse(settings) if stage == "coarse" else source.subject(settings)
         if self._is_stale(serial):
             return None
 
         def tell(sofar: Result, seconds: float) -> None:
             if stage == "fine":
-                self._tell(Outcome(serial, settings, "refining", seconds, view, sofar))
+                self._tell(Outcome(serial, settings, "refining", seconds, subject, sofar))
 
         options["observers"] = [_Progress(lambda: self._is_stale(serial), tell)]
-        result = self._solve(view.frame, _known(view, settings), **options, **settings.keywords())
+        result = self._solve(subject.frame, _known(subject, settings), **options, **settings.keywords())
         if not self._is_stale(serial):
             source.keep(grid, result)
-        return view, result
+        return subject, result
 
 
-def _known(view: View, settings: Settings) -> Endoscope:
-    return replace(view.calibration, photometry=settings.believed(view.calibration.photometry))
+def _known(subject: Subject, settings: Settings) -> Endoscope:
+    return replace(subject.calibration, photometry=settings.believed(subject.calibration.photometry))

@@ -29,19 +29,8 @@ NAMES = {
     "fast_marching": "fast marching",
     "facing": "facing",
 }
-SIGNS = {
-    "scene": "scene",
-    "epsilon": "ε",
-    "k": "k",
-    "gamma": "γ",
-    "gain": "gain ×",
-    "noise": "noise",
-    "xi": "ξ",
-    "regulariser": "order",
-    "solver": "solver",
-    "channel": "channel",
-    "width": "width",
-}
+SIGNS = {"scene": "scene", "epsilon": "ε", "k": "k", "gamma": "γ", "gain": "gain ×", "noise": "noise"}
+SIGNS |= {"xi": "ξ", "regulariser": "order", "solver": "solver", "channel": "channel", "width": "width"}
 UNSET = {"scene": "frame", "channel": "auto"}  # else "as calibrated"
 PANELS = 6
 SECTION_SHAPE = 314 / 204  # width by height of the axes of a section
@@ -124,18 +113,9 @@ def spots(outcome: Outcome, columns: int = 3) -> list[tuple[float, float, float,
 
 
 def outcome_board(outcome: Outcome, cut: Cut, limits: Shared | None = None, columns: int = 3) -> Picture:
-    """Draw an outcome: input, distance, normals; error (or the fit, without a truth), section, energy.
+    """Draw an outcome that has a result: input, distance, normals; error, section, energy.
 
-    Parameters
-    ----------
-    outcome : Outcome
-        One with a result.
-    cut : Cut
-        Of the section.
-    limits : Shared, optional
-        Of colours and section; by default what suits this outcome.
-    columns : int
-        Panels in a row.
+    Colours and section have by default the limits that suit this outcome.
     """
     result, truth = outcome.result, outcome.truth
     assert result is not None
@@ -144,9 +124,8 @@ def outcome_board(outcome: Outcome, cut: Cut, limits: Shared | None = None, colu
     seen = problem.image if problem.picture is None else problem.picture
     height, width = shape
     frame = map_panel(f"Input, {width} x {height} px", grey_or_colour(seen))
-    depth = map_panel(
-        f"Distance [{unit}], {outcome.stage}", coloured(result.distance, limits.depth), limits.depth
-    )
+    colours = coloured(result.distance, limits.depth)
+    depth = map_panel(f"Distance [{unit}], {outcome.label}", colours, limits.depth)
     cut_panel(frame, shape, cut.index(shape), cut.is_row)
     cut_panel(depth, shape, cut.index(shape), cut.is_row)
     normals = map_panel("Normals, (n + 1)/2", grey_or_colour((result.normals + 1) / 2))
@@ -190,7 +169,7 @@ def summary(outcome: Outcome, drawing: float | None = None) -> str:
     assert result is not None
     parts = [
         f"{settings.scene or 'frame'}, λ = {settings.lam:.3g}",
-        f"{NAMES[settings.solver]}, {outcome.stage}",
+        f"{NAMES[settings.solver]}, {outcome.label}",
         f"{result.iterations} iteration{'' if result.iterations == 1 else 's'}",
         f"energy {result.energy:.3g}",
         error_of(outcome),

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from endolab.numerics.arrays import FloatArray
+from endolab.plots.diverging import blue_white_red
 
 Picture = NDArray[np.uint8]
 Limits = tuple[float, float]
@@ -21,12 +22,8 @@ Curve = tuple[str, FloatArray, FloatArray]  # name, x, y
 
 WIDTH, HEIGHT = 320, 240  # of a map in its panel, px
 EDGE, BAR, TITLE = 8, 64, 26  # px around a map, for its colour bar, for its title
-INK, PAPER, LEFT_OUT = (34, 34, 34), (255, 255, 255), (184, 184, 184)
-
-
-# Blue, white, red, and Okabe and Ito's colours, as in `plots`.
-DIVERGING = np.array([[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]], float)
-COLOURS = {
+INK, LEFT_OUT = (34, 34, 34), (184, 184, 184)
+COLOURS = {  # Okabe and Ito's, as in `plots`
     "truth": (0, 0, 0),
     "start": (86, 180, 233),
     "result": (213, 94, 0),
@@ -79,10 +76,7 @@ def _palette(name: str) -> Picture:
     if name == "viridis":
         scale = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)
         return np.ascontiguousarray(scale[:, 0, ::-1])
-    x = np.linspace(0, 1, len(DIVERGING))
-    return np.stack(
-        [np.interp(np.linspace(0, 1, 256), x, channel) for channel in DIVERGING.T], axis=-1
-    ).astype(np.uint8)
+    return blue_white_red(np.linspace(-1, 1, 256))
 
 
 def coloured(values: FloatArray, limits: Limits, palette: str = "viridis") -> Picture:
@@ -120,28 +114,20 @@ def panel(title: str) -> Picture:
     return paper
 
 
-def map_panel(
-    title: str, picture: Picture, limits: Limits | None = None, unit: str = "", palette: str = "viridis"
-) -> Picture:
-    """A picture with a title, and with a colour bar if there are limits.
+def _fitted(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Width and height in its panel of a picture of so many rows and columns."""
+    scale = min(WIDTH / shape[1], HEIGHT / shape[0])
+    return max(1, round(shape[1] * scale)), max(1, round(shape[0] * scale))
 
-    Parameters
-    ----------
-    title : str
-    picture : (h, w, 3) array of bytes
-        Any size; it is fitted into the panel.
-    limits : two floats, optional
-        Ends of the colour bar.
-    unit : str
-        Of the limits.
-    palette : {"viridis", "diverging"}
-    """
-    paper = panel(title)
-    height, width = picture.shape[:2]
-    scale = min(WIDTH / width, HEIGHT / height)
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+
+def map_panel(
+    title: str, picture: Picture, limits: Limits | None = None, palette: str = "viridis"
+) -> Picture:
+    """A picture of any size, fitted in under a title, and with a colour bar if there are limits."""
+    paper, (width, height) = panel(title), picture.shape[1::-1]
+    size = _fitted(picture.shape)
     if size != (width, height):
-        how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        how = cv2.INTER_AREA if size[0] < width else cv2.INTER_LINEAR
         picture = cv2.resize(picture, size, interpolation=how).astype(np.uint8)
     paper[TITLE : TITLE + size[1], EDGE : EDGE + size[0]] = picture
     if limits is not None:
@@ -152,42 +138,28 @@ def map_panel(
             y = round(bottom - 1 - (value - limits[0]) / (limits[1] - limits[0]) * (size[1] - 1))
             paper[y, left + 12 : left + 16] = INK
             write(paper, f"{value:g}", left + 18, y - 11, 12)
-        write(paper, unit, left + 16, 4, 12)
     return paper
 
 
 def map_spot(
     shape: tuple[int, ...], panel: tuple[int, int], panels: tuple[int, int]
 ) -> tuple[float, float, float, float]:
-    """Where `map_panel` shows a picture of that shape on a board.
+    """Where `map_panel` shows a picture of that shape, in a panel (row, column) of so many rows and columns.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the picture.
-    panel : two ints
-        Row and column of its panel.
-    panels : two ints
-        How many rows and columns of panels the board has.
-
-    Returns
-    -------
-    left, top, right, bottom : float
-        As shares of the board, in [0, 1].
+    Returns left, top, right, bottom as shares of the board, in [0, 1].
     """
-    scale = min(WIDTH / shape[1], HEIGHT / shape[0])
+    size = _fitted(shape)
     tall, wide = TITLE + HEIGHT + EDGE, EDGE + WIDTH + BAR
     (row, column), (rows, columns) = panel, panels
     left, top = column * wide + EDGE, row * tall + TITLE
-    right, bottom = left + max(1, round(shape[1] * scale)), top + max(1, round(shape[0] * scale))
+    right, bottom = left + size[0], top + size[1]
     return left / (columns * wide), top / (rows * tall), right / (columns * wide), bottom / (rows * tall)
 
 
 def cut_panel(paper: Picture, shape: tuple[int, ...], index: int, is_row: bool) -> None:
     """Draw the line of a section into a panel that `map_panel` made of a picture of that shape."""
-    scale = min(WIDTH / shape[1], HEIGHT / shape[0])
-    at = round((index + 0.5) * scale)
-    height, width = round(shape[0] * scale), round(shape[1] * scale)
+    width, height = _fitted(shape)
+    at = round((index + 0.5) * (height / shape[0] if is_row else width / shape[1]))
     ends = ((0, at), (width - 1, at)) if is_row else ((at, 0), (at, height - 1))
     (x0, y0), (x1, y1) = ((x + EDGE, y + TITLE) for x, y in ends)
     cv2.line(paper, (x0, y0), (x1, y1), (0, 0, 0), 3, cv2.LINE_AA)
@@ -214,21 +186,10 @@ def curve_panel(
     x_limits: Limits | None = None,
     y_limits: Limits | None = None,
 ) -> Picture:
-    """Lines on axes with units.
+    """Lines on axes with units; the names of `COLOURS` have colours of their own.
 
-    Parameters
-    ----------
-    title : str
-    curves : sequence of name, x, y
-        The names of `COLOURS` have colours of their own.
-    x_label, y_label : str
-        Quantity and unit.
-    log : bool
-        Whether y is on a logarithmic axis; what is not positive is left out.
-    down : bool
-        Whether y grows downwards, as in a picture.
-    x_limits, y_limits : two floats, optional
-        Of the axes; what the curves need by default.
+    `log` puts y on a logarithmic axis, without what is not positive; `down` lets it grow downwards,
+    as in a picture. The limits are by default what the curves need.
     """
     paper = panel(title)
     left, right, top, bottom = EDGE + 46, EDGE + WIDTH + 40, TITLE + 4, TITLE + HEIGHT - 32

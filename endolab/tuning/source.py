@@ -21,41 +21,24 @@ if TYPE_CHECKING:
     from endolab.model.endoscope import Endoscope
 
 SHRINK = 2  # a coarse grid has this many times fewer columns, and rows
-KEPT = 6  # views that are remembered
+KEPT = 6  # subjects that are remembered
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Settings:
-    """One position of all the knobs.
+    """One position of all the knobs; those without a word here are as `reconstruct` takes them."""
 
-    Parameters
-    ----------
-    scene : {"plane", "curved", "tube", "colon"}, optional
-        What is rendered and looked at; None for the frame that the tuner was given.
-    noise : float
-        Of a rendered frame: standard deviation, grey levels of 255.
-    width : int
-        Columns of the frame, px.
-    channel : {"red", "green", "blue", "grey"}, optional
-        As `reconstruct` takes it.
-    k, gamma : float, optional
-        What the solver believes of light spread and response; the calibration's own by default. A
-        frame is rendered by the calibration, whatever the solver believes.
-    gain : float
-        What the solver believes of the gain, as a multiple of the true one.
-    xi, regulariser, lam, epsilon, solver
-        As `reconstruct` takes them.
-    """
-
-    scene: str | None = "colon"
-    noise: float = 0.0
-    width: int = 320
+    scene: str | None = "colon"  # rendered and looked at; None: the frame that the tuner was given
+    noise: float = 0.0  # of a rendered frame: standard deviation, grey levels of 255
+    width: int = 320  # columns of the frame, px
     channel: str | None = None
+    # What the solver believes of light spread and response; None: as calibrated. A frame is
+    # rendered by the calibration, whatever the solver believes.
     k: float | None = None
     gamma: float | None = None
-    gain: float = 1.0
+    gain: float = 1.0  # that the solver believes in, over the true one
     xi: str = "1/d"
     regulariser: str = "second"
     lam: float = 1.0
@@ -78,18 +61,10 @@ class Settings:
         return beliefs | ({} if gain is None or self.gain == 1 else {"gain": gain * self.gain})
 
     def code(self, calibration: Endoscope) -> str:
-        """Three lines of Python that make the same result from a cold start.
+        """Three lines of Python that make the same result from a cold start with the tuner's calibration.
 
-        Parameters
-        ----------
-        calibration : Endoscope
-            The tuner's.
-
-        Returns
-        -------
-        str
-            It needs the names `el` (endolab), `replace` (of dataclasses), `calibration` and, if no
-            scene is rendered, `frame`; it leaves `result`.
+        They need the names `el` (endolab), `replace` (of dataclasses), `calibration` and, if no
+        scene is rendered, `frame`; they leave `result`.
         """
         options = dict(self.keywords())
         if self.scene is None:
@@ -121,36 +96,27 @@ def _size(calibration: Endoscope, width: int) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class View:
-    """A frame as the solver gets it.
-
-    Attributes
-    ----------
-    frame : Frame
-    calibration : Endoscope
-        Of the frame's size, as it is; not as the solver believes.
-    truth : (H, W) float array, optional
-        True distance, mm; nan where unknown.
-    """
+class Subject:
+    """A frame as the solver gets it."""
 
     frame: Frame
-    calibration: Endoscope
-    truth: FloatArray | None = None
+    calibration: Endoscope  # of the frame's size, as it is; not as the solver believes
+    truth: FloatArray | None = None  # true distance, (H, W), mm; nan where unknown
 
-    def shrunk(self, width: int, gamma: float) -> View:
-        """Return the view with fewer columns, light averaged by this γ."""
+    def shrunk(self, width: int, gamma: float) -> Subject:
+        """The same with fewer columns, light averaged by this γ."""
         size = _size(self.calibration, width)
         camera = self.calibration.camera.resize(*size)
-        return View(
+        return Subject(
             self.frame.resize(*size, gamma),
             replace(self.calibration, camera=camera),
-            None if self.truth is None else _shrunk(self.truth, size),
+            None if self.truth is None else shrunk_map(self.truth, size),
         )
 
 
-def _shrunk(truth: FloatArray, size: tuple[int, int]) -> FloatArray:
-    """Mean of the distances that a larger pixel covers, nan where one of them is unknown."""
-    shrunk: FloatArray = cv2.resize(truth, size, interpolation=cv2.INTER_AREA).astype(truth.dtype)
+def shrunk_map(distance: FloatArray, size: tuple[int, ...]) -> FloatArray:
+    """Mean of the distances that a pixel of a grid of (width, height) covers, nan if one is unknown."""
+    shrunk: FloatArray = cv2.resize(distance, size, interpolation=cv2.INTER_AREA).astype(distance.dtype)
     return shrunk
 
 
@@ -176,20 +142,10 @@ class _Seen:
 
 
 class Source:
-    """Where views come from, and the last results on each grid; remembers the last few.
+    """Where subjects come from, and the last results on each grid; remembers the last few.
 
-    Parameters
-    ----------
-    calibration : Endoscope
-        Of the frame; scenes are rendered by it.
-    frame : Frame, optional
-    truth : (H, W) float array, optional
-        True distance of the frame, mm.
-
-    Raises
-    ------
-    ValueError
-        If they are not of one size.
+    Scenes are rendered by the calibration; `truth`, (H, W), mm, is of the frame. Raises ValueError
+    if they are not of one size.
     """
 
     def __init__(
@@ -226,14 +182,8 @@ class Source:
             made: T = self._memory[key]
             return made
 
-    def view(self, settings: Settings, gamma: float | None = None) -> View:
-        """Return the frame that the settings call for.
-
-        Raises
-        ------
-        ValueError
-            In one sentence, if there is none.
-        """
+    def subject(self, settings: Settings, gamma: float | None = None) -> Subject:
+        """The frame that the settings call for; ValueError, in one sentence, if there is none."""
         if settings.scene is None:
             own = self.calibration.photometry.gamma
             gamma = gamma or (own if settings.gamma is None else settings.gamma)
@@ -244,19 +194,19 @@ class Source:
             raise ValueError(f"width must be at least 1 px, got {settings.width}")
         return self._once((settings.scene, settings.width, settings.noise), lambda: self._rendered(settings))
 
-    def coarse_view(self, settings: Settings) -> View:
-        """Return the same at half the size; its light is averaged by the true γ."""
+    def coarse(self, settings: Settings) -> Subject:
+        """The same at half the size; its light is averaged by the true γ."""
         gamma = self.calibration.photometry.gamma
         key = ("coarse", settings.scene, settings.width, settings.scene and settings.noise)
-        return self._once(key, lambda: self.view(settings, gamma).shrunk(settings.width // SHRINK, gamma))
+        return self._once(key, lambda: self.subject(settings, gamma).shrunk(settings.width // SHRINK, gamma))
 
-    def _shrunk_frame(self, width: int, gamma: float) -> View:
+    def _shrunk_frame(self, width: int, gamma: float) -> Subject:
         if self.frame is None:
             raise ValueError("there is no frame to look at: drop one here, or choose a scene")
-        whole = View(self.frame, self.calibration, self.truth)
+        whole = Subject(self.frame, self.calibration, self.truth)
         return whole if width >= self.frame.width else whole.shrunk(width, gamma)
 
-    def _rendered(self, settings: Settings) -> View:
+    def _rendered(self, settings: Settings) -> Subject:
         assert settings.scene is not None
         scene = SCENES[settings.scene]
         size = _size(self.calibration, settings.width)
@@ -265,4 +215,4 @@ class Source:
         seen = self._once((settings.scene, size), lambda: _Seen(scene))
         shown = render(seen, camera, self.calibration.photometry, noise=settings.noise)
         known = replace(self.calibration, camera=camera, photometry=shown.photometry)
-        return View(Frame(shown.image, shown.mask, settings.scene), known, shown.distance)
+        return Subject(Frame(shown.image, shown.mask, settings.scene), known, shown.distance)

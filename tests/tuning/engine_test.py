@@ -11,7 +11,7 @@ import endolab as el
 from endolab import datasets
 from endolab.depth.result import Iterate, run
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.problem_setup import pose
+from endolab.reconstruction.problem_setup import make_problem
 from endolab.tuning import engine as tuning
 from endolab.tuning.engine import Tuner, sentence_of
 from endolab.tuning.source import Settings, Source
@@ -45,7 +45,7 @@ class Slow:
             raise ArithmeticError("thirteen\nand a traceback")
         self.begun.append(lam)
         self.starts.append(None if start is None else start.problem.lam)
-        problem = replace(pose(frame, calibration), lam=lam)
+        problem = replace(make_problem(frame, calibration), lam=lam)
 
         def iterates():
             iterate = Iterate.of(problem, problem.log_facing)
@@ -128,7 +128,7 @@ def test_a_wish_stops_the_solve_in_flight_at_its_next_iterate(start):
     begun, stopped = threading.Event(), threading.Event()
 
     def endless(frame, calibration, *, observers=(), lam=1.0, **_):
-        problem = pose(frame, calibration)
+        problem = make_problem(frame, calibration)
         if lam == 2:
             return run(iter_once(problem), observers)
         begun.set()
@@ -271,7 +271,7 @@ def test_a_frame_without_gain_has_an_error_up_to_scale(start):
 
 def test_noise_does_not_meet_the_surface_again():
     source = Source(PAPER)
-    views = [source.view(replace(SMALL, noise=noise)) for noise in (0.0, 1.0)]
+    views = [source.subject(replace(SMALL, noise=noise)) for noise in (0.0, 1.0)]
     assert views[0].truth is not views[1].truth
     assert np.array_equal(views[0].truth, views[1].truth, equal_nan=True)
     assert views[0].calibration.camera is views[1].calibration.camera
@@ -282,7 +282,7 @@ def test_noise_does_not_meet_the_surface_again():
 def test_memory_is_bounded():
     source = Source(PAPER)
     for noise in range(40):
-        source.coarse_view(Settings(scene="plane", width=80, noise=noise / 10))
+        source.coarse(Settings(scene="plane", width=80, noise=noise / 10))
     assert len(source._memory) <= 12
 
 

@@ -144,7 +144,7 @@ def test_a_is_kept_beside_with_the_same_colours_and_dropped_again(make):
 
 
 def test_a_without_a_truth_has_the_same_axes_of_the_section(outcome):
-    blind = replace(outcome, view=replace(outcome.view, truth=None))
+    blind = replace(outcome, subject=replace(outcome.subject, truth=None))
     iterate = blind.result.iterate
     twice = replace(blind.result, iterate=replace(iterate, log_distance=iterate.log_distance + 0.7))
     other = replace(blind, result=twice)
@@ -243,7 +243,7 @@ def test_a_dropped_frame_and_calibration_are_looked_at(make, seen):
     frame, calibration, _ = seen
     box = make()
     box.take({"mine.png": png(frame.image), "endoscope.json": as_json(calibration.to_dict())})
-    assert box.engine.wait(30).view.frame.name == "mine.png"
+    assert box.engine.wait(30).subject.frame.name == "mine.png"
     assert "truth unknown" in box.status.value
     assert 'el.read_frame("mine.png"' in box.python().replace("'", '"')
     box.take({"endoscope.json": as_json(calibration.to_dict())})
@@ -313,7 +313,7 @@ def outcome():
 def test_a_board_shows_what_is_known(outcome):
     whole = outcome_board(outcome, Cut())
     assert whole.shape == (548, 1176, 3)
-    blind = outcome_board(replace(outcome, view=replace(outcome.view, truth=None)), Cut(0.0, True))
+    blind = outcome_board(replace(outcome, subject=replace(outcome.subject, truth=None)), Cut(0.0, True))
     assert blind.shape == whole.shape
     assert (blind != whole).any()
 
