@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,25 @@ from endolab.numerics.derivatives import REFERENCE_WIDTH, forward_gradient
 REGULARISERS = ("first", "second")
 EDGE_SCALE = 0.05  # image gradient, per 1/320 of the width, at which g falls to 1/e
 EXACT, AT_LEAST, NONE = 0, 1, 2  # what a pixel's value says of the surface's: see `Problem`
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What fixed the unit of distances, other than the gain of the endoscope."""
+
+    by: str  # "known distance", "known diameter", "median distance", or "frame before" of a video
+    length: Any = None  # as it was given: mm, (mm, column, row) or (mm, (column, row), (column, row))
+    by_gain: float | None = None  # what the gain says of that length, mm
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a problem comes from: no solver needs it, what is made and said of its result does."""
+
+    picture_size: tuple[int, int] | None = None  # columns and rows of the frame that was given
+    albedo: tuple[float, ...] | None = None  # of the wall, with which bounced light was taken out
+    scale: Scale | None = None
+    notes: tuple[str, ...] = ()  # sentences about what was done on the way
 
 
 @dataclass(frozen=True)
@@ -58,8 +78,10 @@ class Problem:
         surroundings say, for a march to begin with.
     picture : (H, W) or (H, W, 3) float array, optional
         The frame as it looked, for people.
+    origin : Origin
+        Where it comes from.
     settings : dict
-        What the user asked for, for people.
+        What the user asked for and what was done, for people: nothing depends on it.
     """
 
     image: FloatArray
@@ -75,6 +97,7 @@ class Problem:
     cuts: BoolArray | None = None
     evidence: NDArray[np.int8] | None = None
     picture: FloatArray | None = None
+    origin: Origin = Origin()
     settings: dict[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -68,7 +69,7 @@ class Iterate:
         log_distance: FloatArray,
         previous: Iterate | None = None,
         terms: Mapping[str, float] | None = None,
-        **shown: Mapping,
+        **shown: Any,
     ) -> Iterate:
         """Make the iterate that follows `previous`: evaluate the energy if not known, freeze the arrays."""
         v = frozen(np.where(problem.mask, log_distance, np.nan))
@@ -297,9 +298,9 @@ def run(
             shown, after = one.last, one.history[-1]["seconds"]
             stages.append(Stage(shown.stage, shown.round, shown.k, one.best.energy, after - before))
             before = after
-        answer = kept[-1].answer(status)
-        if last is not None:
-            answer = last(answer)
+        found = kept[-1].answer(status)
+        answer = found if last is None else last(found)
+        if answer is not found:
             for observer in watching:
                 observer(answer)
     return Result(answer, status, kept[-1].history, before, tuple(stages))

@@ -29,6 +29,9 @@ class Frame:
         Pixels that take part.
     name : str
         What to call it in messages.
+    silent : (H, W) bool array, optional
+        Pixels of the mask that say nothing of the wall, such as ignored highlights: the surface goes
+        on beneath them, without their evidence.
 
     Raises
     ------
@@ -40,6 +43,7 @@ class Frame:
     image: FloatArray
     mask: BoolArray
     name: str = "frame"
+    silent: BoolArray | None = None
 
     def __post_init__(self) -> None:
         image = np.asarray(self.image, dtype=np.float64)
@@ -53,6 +57,8 @@ class Frame:
                 f"{self.name}: the mask is {mask.shape[1]}x{mask.shape[0]} px, "
                 f"the frame {image.shape[1]}x{image.shape[0]} px"
             )
+        if self.silent is not None and self.silent.shape != mask.shape:
+            raise ValueError(f"{self.name}: silent has shape {self.silent.shape}, the mask {mask.shape}")
         if not mask.any():
             raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
         used = image[mask]
@@ -75,24 +81,15 @@ class Frame:
         """Rows, px."""
         return self.image.shape[0]
 
+    def seen(self, image: FloatArray) -> BoolArray:
+        """Pixels to use, (H, W): the mask or, if it leaves nothing out, what the endoscope shows."""
+        return field_of_view(image) if self.mask.all() else self.mask
+
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
-        """One channel of the picture.
+        """One channel of the picture, and its name: "red", "green", "blue" or "grey".
 
-        Parameters
-        ----------
-        name : {"red", "green", "blue", "grey"}, optional
-            Green by default, which neither saturates like red nor is as dark as blue; a grey
-            picture has grey alone.
-
-        Returns
-        -------
-        name : str
-        values : (H, W) float array
-
-        Raises
-        ------
-        ValueError
-            If the picture has no such channel.
+        Green by default, which neither saturates like red nor is as dark as blue; a grey picture has grey
+        alone.
         """
         if self.image.ndim == 2:
             if name not in (None, "grey"):
@@ -106,20 +103,9 @@ class Frame:
         return name, self.image[..., CHANNELS.index(name)]
 
     def resize(self, width: int, height: int, gamma: float) -> Frame:
-        """Shrink the picture by averaging light, which is not averaging stored values.
+        """Shrink the picture to a size, px, by averaging light, I^γ, which is not averaging stored values.
 
-        Parameters
-        ----------
-        width, height : int
-            New size, px, not above the old one.
-        gamma : float
-            Response exponent γ: stored values are averaged as I^γ.
-
-        Returns
-        -------
-        Frame
-            Pixels of which less than half was in the mask are out of it; masked pixels do not
-            enter the averages.
+        Pixels of which less than half was in the mask are out of it; masked pixels do not enter the averages.
         """
         if not (1 <= width <= self.width and 1 <= height <= self.height):
             raise ValueError(
@@ -135,33 +121,18 @@ class Frame:
         kept = (share >= 0.5) if light.ndim == 2 else (share >= 0.5)[..., None]
         whole = share if light.ndim == 2 else share[..., None]
         mean = np.where(kept, light / np.where(kept, whole, 1.0), plain)
-        return Frame(np.clip(mean, 0.0, 1.0) ** (1 / gamma), share >= 0.5, self.name)
+        silent = None
+        if self.silent is not None:
+            silent = cv2.resize(self.silent.astype(np.float64), size, interpolation=cv2.INTER_AREA) > 0
+        return Frame(np.clip(mean, 0.0, 1.0) ** (1 / gamma), share >= 0.5, self.name, silent)
 
 
 def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str = "frame") -> BoolArray:
-    """Pixels of a channel from which a distance can be had.
+    """Pixels of a channel (stored values) from which a distance can be had.
 
-    Parameters
-    ----------
-    image : (H, W) float array
-        One channel, stored values.
-    mask : (H, W) bool array
-        Pixels that may be used.
-    cos_alpha : (H, W) float array
-        Cosine of the angle off the axis; nan where the camera sees nothing.
-    name : str
-        What to call the frame in messages.
-
-    Returns
-    -------
-    (H, W) bool array
-        The mask without pixels that are outside the camera's field, more than 80° off its axis
-        or as good as black (below 4 of 255).
-
-    Raises
-    ------
-    ValueError
-        If none is left, or if what is left is constant or all saturated.
+    The mask without pixels that are outside the camera's field (cos α is nan there), more than 80° off its
+    axis or as good as black (below 4 of 255). ValueError that names the frame, if none is left, or if what
+    is left is constant or all saturated.
     """
     field = mask & (np.nan_to_num(cos_alpha, nan=-1.0) > np.cos(np.deg2rad(MAX_ALPHA)))
     if not field.any():
@@ -181,16 +152,8 @@ def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str 
 def field_of_view(image: FloatArray) -> BoolArray:
     """Find what an endoscope shows: all but the black frame that touches the picture's border.
 
-    Parameters
-    ----------
-    image : (H, W) float array
-        Stored values.
-
-    Returns
-    -------
-    (H, W) bool array
-        All True if there is no such frame. Else two pixels narrower than the bright part, since
-        lenses and codecs blur its edge, and without bright islands (text) in the frame.
+    All True if there is no such frame. Else two pixels narrower than the bright part, since lenses and
+    codecs blur its edge, and without bright islands (text) in the frame.
     """
     rim = np.pad(image < FRAME, 1, constant_values=True)
     labels = cv2.connectedComponents(rim.astype(np.uint8), connectivity=4)[1]
@@ -207,25 +170,12 @@ def field_of_view(image: FloatArray) -> BoolArray:
 
 
 def noise_level(image: FloatArray, mask: BoolArray) -> float:
-    """Estimate the standard deviation of a picture's noise.
+    """Estimate the standard deviation of a picture's noise, in stored values.
 
-    Parameters
-    ----------
-    image : (H, W) float array
-        Stored values.
-    mask : (H, W) bool array
-        Pixels to look at; their eight neighbours must be in it too.
-
-    Returns
-    -------
-    float
-        Stored value; 0 if no pixel has all its neighbours in the mask.
-
-    Notes
-    -----
-    The difference of two Laplacians, to which surfaces and shading give almost nothing
-    (Immerkær, "Fast noise variance estimation", 1996). The mean is over the lower four fifths
-    of its sizes, so that edges do not count; 0.5586 is that mean for a normal distribution.
+    The difference of two Laplacians, to which surfaces and shading give almost nothing (Immerkær, "Fast
+    noise variance estimation", 1996). The mean is over the lower four fifths of its sizes, so that edges
+    do not count; 0.5586 is that mean for a normal distribution. 0 if no pixel has all its neighbours in
+    the mask.
     """
     kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]]) / 6
     inside = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
@@ -236,23 +186,9 @@ def noise_level(image: FloatArray, mask: BoolArray) -> float:
 
 
 def smooth_light(image: FloatArray, mask: BoolArray, gamma: float, sigma: float) -> FloatArray:
-    """Blur the light of a picture, which is not blurring stored values.
+    """Blur the light I^γ of a picture within a mask by a Gaussian of `sigma` px; not its stored values.
 
-    Parameters
-    ----------
-    image : (H, W) float array
-        Stored values.
-    mask : (H, W) bool array
-        Pixels outside it do not enter.
-    gamma : float
-        Response exponent γ.
-    sigma : float
-        Standard deviation of the Gaussian, px.
-
-    Returns
-    -------
-    (H, W) float array
-        Stored values; as they were outside the mask.
+    The picture is as it was outside the mask.
     """
     if sigma <= 0:
         return image

@@ -31,6 +31,7 @@ STEEPEST = 0.7  # change of log light over twice a highlight's width that still 
 COLOURLESS = 0.8  # green or blue over red, from which on tissue can't be told from lamps
 STRAY = 0.02  # linear light that scatters into every pixel: in the dark, ratios say little
 ROUNDING = 0.5 / 255
+HIGHLIGHTS = ("keep", "ignore", "inpaint")  # as they are, as no evidence, filled in from around
 
 
 def _odd(size: float) -> int:
@@ -46,18 +47,7 @@ def _checked(image: FloatArray, mask: BoolArray, what: str) -> None:
 
 
 def extended(image: FloatArray, mask: BoolArray) -> FloatArray:
-    """Give every pixel outside the mask the value of the nearest one inside.
-
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) float array
-    mask : (H, W) bool array
-        With at least one pixel.
-
-    Returns
-    -------
-    array of the image's shape
-    """
+    """Give every pixel outside the mask, which must not be empty, the value of the nearest one inside."""
     if mask.all():
         return image
     away = (~mask).astype(np.uint8)
@@ -108,18 +98,7 @@ def _led_to(tissue: FloatArray, step: int) -> FloatArray:
 
 
 def grown(region: BoolArray, reach: float) -> BoolArray:
-    """Grow a region by a square.
-
-    Parameters
-    ----------
-    region : (H, W) bool array
-    reach : float
-        To every side, px; at least 1.
-
-    Returns
-    -------
-    (H, W) bool array
-    """
+    """Grow a region by a square, to every side by `reach` px, at least 1."""
     return cv2.dilate(region.astype(np.uint8), np.ones((_odd(reach),) * 2, np.uint8)) > 0
 
 
@@ -132,31 +111,20 @@ def _with_seeds(seed: BoolArray, skirt: BoolArray) -> BoolArray:
     return kept[labels]
 
 
+def check_highlights(treatment: str | None) -> str:
+    """Return what is to be done with highlights, "keep" by default, if it is one of `HIGHLIGHTS`."""
+    treatment = HIGHLIGHTS[0] if treatment is None else treatment
+    if treatment not in HIGHLIGHTS:
+        raise ValueError(f"unknown way with highlights {treatment!r}; choose {', '.join(HIGHLIGHTS)}")
+    return treatment
+
+
 def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> BoolArray:
-    """Find mirrored light, by colour, local contrast and noise.
+    """Find mirrored light, by colour, local contrast and noise; with its skirts, and none outside the mask.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) float array
-        Stored values in [0, 1]; channels R, G, B, white-balanced, so that the lamp is white. A
-        grey picture has contrast alone, and less is found in it.
-    mask : (H, W) bool array
-        What the endoscope shows; nothing is looked at outside.
-    gamma : float
-        Response exponent γ.
+    The picture holds stored values in [0, 1] of R, G, B, white-balanced, so that the lamp is white. A grey
+    one has contrast alone, and less is found in it. The mask is what the endoscope shows.
 
-    Returns
-    -------
-    (H, W) bool array
-        Highlights with their skirts; none outside the mask.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit or γ is not positive.
-
-    Notes
-    -----
     Light is split into the palest tissue colour around and a white part; small highlights stand
     out from an opening of the light (Vincent's top-hat), from the values to which the slopes
     around lead, and from the noise. What is large, overexposed and smooth is a near wall, not a
@@ -208,28 +176,11 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
 
 
 def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray | None = None) -> FloatArray:
-    """Fill holes smoothly from what surrounds them.
+    """Fill holes in stored values smoothly from what surrounds them.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) float array
-        Stored values in [0, 1].
-    holes : (H, W) bool array
-        Pixels to be filled.
-    mask : (H, W) bool array, optional
-        Pixels that may be used or filled, all by default: black around the endoscope's picture
-        must not leak in.
-
-    Returns
-    -------
-    array of the image's shape
-        As it was outside the holes. Within, the logarithm of light is harmonic: it has no peak or
-        pit of its own, so nothing rings, and no response exponent is needed, as log I^γ = γ log I.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit or if no pixel is left to fill the holes from.
+    Only pixels of the mask, all by default, are used or filled: black around the endoscope's picture must
+    not leak in. Within the holes the logarithm of light is harmonic: it has no peak or pit of its own, so
+    nothing rings, and no response exponent is needed, as log I^γ = γ log I.
     """
     image, holes = np.asarray(image, dtype=np.float64), np.asarray(holes, dtype=bool)
     _checked(image, holes, "holes")

@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import cast
 
 import numpy as np
 
 from endolab.depth.problem import AT_LEAST, NONE
 from endolab.depth.result import Iterate, Result
-from endolab.reconstruction.scale import KnownDiameter, KnownDistance, pixel_name, scale_of
+from endolab.reconstruction.scale import pixel_name, scale_of
 
 GAMMA_STEP = 0.1  # error of γ whose effect is told
 
 
 def meaning(result: Result | Iterate) -> tuple[str, ...]:
-    """Say what the numbers of a result mean and what they rest on.
+    """Say in a sentence each what the numbers of a result mean and what they rest on.
 
-    Parameters
-    ----------
-    result : Result or Iterate
-
-    Returns
-    -------
-    tuple of str
-        A sentence each: the unit and what fixes it; the wall's albedo; light that bounced; γ; pixels
-        that are saturated or say nothing; the notes of the settings.
+    The unit and what fixes it; the wall's albedo; light that bounced; γ; pixels that are saturated or
+    say nothing; what was noted on the way.
     """
     return (
         *_of_scale(result),
@@ -38,23 +30,22 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
 
 
 def notes(result: Result | Iterate) -> tuple[str, ...]:
-    """Return what was noted on the way: sentences of the setting "notes"."""
-    return tuple(cast("tuple[str, ...]", result.problem.settings.get("notes") or ()))
+    """Return what was noted on the way, in sentences."""
+    return result.problem.origin.notes
 
 
 def _of_scale(result: Result | Iterate) -> Iterator[str]:
-    settings, how = result.problem.settings, scale_of(result)
+    scale, how = result.problem.origin.scale, scale_of(result)
     if how == "gain":
         yield "Distances are in mm, because the gain of the endoscope is known."
-    elif how == "median distance":
-        mm = cast("float", settings["median_distance"])
-        yield f"Distances are in mm, because their median was said to be {mm:g} mm."
-    elif how == "known distance":
-        mm, *pixel = cast("KnownDistance", settings["known_distance"])
+    elif how == "median distance" and scale:
+        yield f"Distances are in mm, because their median was said to be {scale.length:g} mm."
+    elif how == "known distance" and scale:
+        mm, *pixel = scale.length
         where = pixel_name((pixel[0], pixel[1]))
         yield f"Distances are in mm, because the surface at {where} was said to be {mm:g} mm away."
-    elif how == "known diameter":
-        mm, one, other = cast("KnownDiameter", settings["known_diameter"])
+    elif how == "known diameter" and scale:
+        mm, one, other = scale.length
         where = f"{pixel_name(one)} and {pixel_name(other)}"
         yield f"Distances are in mm, because the points at {where} were said to be {mm:g} mm apart."
     elif result.problem.metric:
@@ -63,9 +54,8 @@ def _of_scale(result: Result | Iterate) -> Iterator[str]:
         yield "The gain is unknown: distances show the shape, and their unit is arbitrary."
     else:
         yield "The gain is unknown: distances have an arbitrary unit, nearly that of the frame before."
-    if settings.get("by_gain") is not None:
-        mm = cast("float", settings["by_gain"])
-        yield f"By the gain of the calibration that length would be {mm:.3g} mm."
+    if scale is not None and scale.by_gain is not None:
+        yield f"By the gain of the calibration that length would be {scale.by_gain:.3g} mm."
 
 
 def _of_albedo(result: Result | Iterate) -> Iterator[str]:
@@ -86,16 +76,15 @@ def _of_albedo(result: Result | Iterate) -> Iterator[str]:
 
 
 def _of_bounces(result: Result | Iterate) -> str:
-    settings = result.problem.settings
-    if settings.get("channel") != "separated":
+    albedo = result.problem.origin.albedo
+    if albedo is None:
         return (
             "Light that bounced from wall to wall counts as direct; in simulated colons it adds about "
             "120 % to red, 30 % to green and 20 % to blue."
         )
-    albedo = cast("tuple[float, ...] | None", settings.get("albedo"))
-    values = ", ".join(f"{one:.2g}" for one in albedo or ())
-    told = f", with albedos of {values} (R, G, B)," if values else ""
-    return f"Light that bounced from wall to wall was estimated{told} and taken out."
+    values = ", ".join(f"{one:.2g}" for one in albedo)
+    told = f"with albedos of {values} (R, G, B)"
+    return f"Light that bounced from wall to wall was estimated, {told}, and taken out."
 
 
 def _of_gamma(result: Result | Iterate) -> str:

@@ -1,42 +1,31 @@
-"""Frame and calibration in, problem out: the channel, the pixels that take part, the unit of length."""
+"""Frame and endoscope in, problem out: the channel, the pixels that take part, the unit of length.
+
+This is the stage "prepared" of a reconstruction; nothing is solved here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 import psutil
 
-from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
-from endolab.depth.result import Result
-from endolab.model.photometry import CHANNELS
+from endolab.depth.problem import AT_LEAST, EXACT, NONE, Origin, Problem
+from endolab.depth.result import Iterate, Result
+from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.contours import find_contours
-from endolab.preprocessing.frame import BRIGHT, QUIET, Frame, field_of_view, noise_level, smooth_light, usable
-from endolab.preprocessing.highlights import find_highlights, inpaint
-from endolab.reconstruction.separation import ALIKE, NoColour, Separation, continued, merged, separate
+from endolab.preprocessing.frame import BRIGHT, Frame, noise_level, smooth_light, usable
+from endolab.preprocessing.highlights import check_highlights, find_highlights, inpaint
 
-if TYPE_CHECKING:
-    from endolab.model.endoscope import Endoscope
-
-HIGHLIGHTS = ("keep", "ignore", "inpaint")
-SEPARATION_WIDTH = 320  # px; light that has bounced is smooth, and its surface need not be fine
+SEPARATED = "separated"  # the channel that is made of all three, bounced light taken out
 BYTES_PER_PIXEL = 900  # at the peak of the solver that needs most, the frame's own arrays included
 
 
-def _check_memory(width: int, height: int) -> None:
-    needed, free = width * height * BYTES_PER_PIXEL, psutil.virtual_memory().available
-    if needed > free:
-        raise MemoryError(
-            f"a frame of {width}x{height} px needs about {needed / 1e9:.1f} GB of memory, "
-            f"{free / 1e9:.1f} GB are free; make it smaller with width="
-        )
-
-
-def pose(
+def make_problem(
     frame: Frame,
     calibration: Endoscope,
     *,
@@ -52,176 +41,61 @@ def pose(
     threshold: float = 0.05,
     cuts: BoolArray | None = None,
 ) -> Problem:
-    """Turn a frame and a calibration into the problem that solvers take.
+    """Turn one channel of a frame into the problem that solvers take.
 
     See `reconstruct` for the parameters. With an unknown gain, one is chosen that makes the
     median of d₀ one unit.
     """
-    return posed(
-        frame,
-        calibration,
-        channel=channel,
-        width=width,
-        smooth=smooth,
-        highlights=highlights,
-        contours=contours,
-        xi=xi,
-        regulariser=regulariser,
-        lam=lam,
-        epsilon=epsilon,
-        threshold=threshold,
-        cuts=cuts,
-    )[0]
+    if channel == SEPARATED:
+        raise ValueError("channel='separated' is found by solving: use reconstruct() or iterate()")
+    options = {"xi": xi, "regulariser": regulariser, "lam": lam, "epsilon": epsilon, "threshold": threshold}
+    problem = make_problems(frame, calibration, [channel], width, smooth, highlights, cuts=cuts, **options)[0]
+    return torn(problem) if contours else noted(problem, contours=problem.cuts is not None)
 
 
-def posed(
+def make_problems(
     frame: Frame,
     calibration: Endoscope,
-    *,
-    channel: str | None = None,
+    channels: Sequence[str | None],
     width: int | None = None,
     smooth: float | None = None,
     highlights: str | None = None,
-    contours: bool | None = None,
-    before: Result | None = None,
     **options: Any,
-) -> tuple[Problem, FloatArray | None]:
-    """Return the problem, and a start for its solver if finding the problem has found one.
-
-    `before` is an earlier result of the same or of the last frame; `options` are those of `Problem`.
-    """
-    if (frame.width, frame.height) != (calibration.camera.width, calibration.camera.height):
-        raise ValueError(
-            f"{frame.name} is {frame.width}x{frame.height} px, "
-            f"but the calibration is for {calibration.camera.width}x{calibration.camera.height} px"
-        )
-    separated = channel == "separated"
-    if highlights is None:
-        highlights = "ignore" if separated else "keep"
-    if highlights not in HIGHLIGHTS:
-        raise ValueError(f"unknown way with highlights {highlights!r}; choose {', '.join(HIGHLIGHTS)}")
-
-    def colours(names: Sequence[str | None], width: int | None, **other: Any) -> list[Problem]:
-        return _channels(frame, calibration, names, width, smooth, highlights, options | other)
-
-    if not separated:
-        problem = colours([channel], width)[0]
-        if contours:
-            edges, torn = find_contours(problem.log_facing, problem.mask)
-            problem = replace(problem, cuts=torn if edges.any() else problem.cuts)
-        settings = problem.settings | {"contours": problem.cuts is not None}
-        return replace(problem, settings=settings), None
-    if frame.image.ndim == 2:
-        raise ValueError(f"{frame.name} is grey, and channel='separated' needs its three colours")
-    albedo = _albedos(calibration)
-    if options.get("cuts") is not None:
-        contours = False  # they are known
-    fine = colours(CHANNELS, width)
-    coarse = (
-        fine if fine[0].camera.width <= SEPARATION_WIDTH else colours(CHANNELS, SEPARATION_WIDTH, cuts=None)
-    )
-    try:
-        if before is None:
-            found = separate(coarse, albedo, contours)
-        else:
-            tear = contours is not False and before.problem.cuts is not None
-            found = continued(coarse, albedo, tear, _resampled(before, coarse[1]))
-    except NoColour as error:
-        best = max((fine[index] for index in (1, 2, 0)), key=_signal)  # of equals, not red
-        name = best.settings["channel"]
-        notes = (f"The colours tell nothing of bounced light ({error}), so {name} is taken as it is.",)
-        return replace(best, settings=best.settings | {"notes": notes, "contours": False}), None
-    problem = _of_direct_light(fine, found, albedo is not None)
-    return problem, _on_grid_of(problem, found.surface)
-
-
-def _of_direct_light(fine: list[Problem], found: Separation, given: bool) -> Problem:
-    """Return the problem of the light that has not bounced, at full size."""
-    shape = fine[1].mask.shape
-    problem = merged(fine, _enlarged(found.inflation, shape), found.albedo)
-    if found.cuts is not None:
-        same = found.cuts.shape[1:] == shape
-        problem = replace(
-            problem, cuts=found.cuts if same else find_contours(problem.log_facing, problem.mask)[1]
-        )
-    red, green, blue = (100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T)
-    note = (
-        f"Bounced light was taken out: {red:.0f} % of the direct light in red, {green:.0f} % in green, "
-        f"{blue:.0f} % in blue (medians), for {'given' if given else 'estimated'} albedos of "
-        f"{', '.join(f'{one:.2f}' for one in found.albedo)}."
-    )
-    settings: dict[str, object] = {"channel": "separated", "contours": problem.cuts is not None}
-    settings |= {"albedo": [float(one) for one in found.albedo], "notes": (note,)}
-    return _in_units(replace(problem, settings=problem.settings | settings))
-
-
-def _albedos(calibration: Endoscope) -> FloatArray | None:
-    """Return the wall's albedos in red, green and blue, if the calibration tells them."""
-    albedo = np.asarray(getattr(calibration.photometry.brdf, "albedo", 0.0), dtype=np.float64)
-    if albedo.shape != (3,):
-        return None
-    if np.any(albedo <= 0) or np.any(albedo >= 1):
-        raise ValueError(f"channel='separated' needs albedos between 0 and 1, got {tuple(albedo.tolist())}")
-    if np.ptp(albedo) < ALIKE * albedo.max():
-        raise ValueError(
-            f"channel='separated' needs albedos that differ between colours, got {tuple(albedo.tolist())}"
-        )
-    return albedo
-
-
-def _signal(problem: Problem) -> float:
-    """Median grey level over noise; less where much is saturated."""
-    image = problem.image[problem.mask]
-    noise = max(noise_level(problem.image, problem.mask), QUIET)
-    return float(np.median(image) * np.mean(image < BRIGHT)) / noise
-
-
-def _enlarged(maps: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    if maps.shape[:2] == shape:
-        return maps
-    return np.asarray(cv2.resize(maps, shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float64)
-
-
-def _channels(
-    frame: Frame,
-    calibration: Endoscope,
-    names: Sequence[str | None],
-    width: int | None,
-    smooth: float | None,
-    highlights: str,
-    options: Mapping[str, Any],
 ) -> list[Problem]:
-    """Return the problem of each channel."""
+    """Return the problem of each channel; `options` are those of `Problem`."""
     camera, photometry, size = calibration.camera, calibration.photometry, (frame.width, frame.height)
+    if size != (camera.width, camera.height):
+        raise ValueError(
+            f"{frame.name} is {size[0]}x{size[1]} px, "
+            f"but the calibration is for {camera.width}x{camera.height} px"
+        )
+    highlights = check_highlights(highlights)
     if width is not None and width != frame.width:
         height = max(1, round(frame.height * width / frame.width))
         frame, camera = frame.resize(width, height, photometry.gamma), camera.resize(width, height)
     _check_memory(frame.width, frame.height)
-    picture, holes = frame.image, None
-    if highlights != "keep":
-        seen = frame.mask & camera.field.valid
-        found = find_highlights(picture, seen, photometry.gamma)
-        if found.any():
-            picture, holes = inpaint(picture, found, seen), found
     if smooth is not None and not (np.isfinite(smooth) and smooth >= 0):
         raise ValueError(f"smooth must be finite and at least 0 (px), got {smooth}")
     if smooth is not None and smooth > frame.width:
         raise ValueError(f"smooth must not exceed the frame's width of {frame.width} px, got {smooth}")
+    picture, known = frame.image, frame.mask & camera.field.valid
+    silent = np.zeros_like(known) if frame.silent is None else frame.silent
+    found = silent if highlights == "keep" else silent | find_highlights(picture, known, photometry.gamma)
+    if found.any():
+        picture = inpaint(picture, found, known)
+    silent = found if highlights == "ignore" else silent
     problems = []
-    for wanted in names:
+    for wanted in channels:
         name, image = replace(frame, image=picture).channel(wanted)
         one = photometry.simplified().channel(name)
-        seen = frame.mask & camera.field.valid
-        if frame.mask.all():
-            seen &= field_of_view(image)
+        seen = frame.seen(image) & camera.field.valid
         clipped = image >= BRIGHT
         # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
         # loses nothing on the simple scenes that noise has not taken already.
         blur = 2 * float(np.sqrt(255 * noise_level(image, seen))) if smooth is None else smooth
         image = smooth_light(image, seen, photometry.gamma, blur)
         evidence = np.where(clipped, AT_LEAST, EXACT).astype(np.int8)
-        if holes is not None and highlights == "ignore":
-            evidence[holes] = NONE
+        evidence[silent] = NONE
         settings = {
             "frame": frame.name,
             "picture_size": size,
@@ -239,47 +113,71 @@ def _channels(
             metric=one.gain is not None,
             evidence=evidence if evidence[seen].any() else None,
             picture=frame.image,
+            origin=Origin(picture_size=size),
             settings=settings,
             **options,
         )
-        problems.append(_in_units(problem))
+        problems.append(in_units(problem))
     return problems
 
 
-def enlarged(problem: Problem, factor: float) -> Problem:
-    """Return the problem, in mm, whose solution is larger by a factor."""
-    return replace(_scaled(problem, factor), metric=True)
+def _check_memory(width: int, height: int) -> None:
+    needed, free = width * height * BYTES_PER_PIXEL, psutil.virtual_memory().available
+    if needed > free:
+        raise MemoryError(
+            f"a frame of {width}x{height} px needs about {needed / 1e9:.1f} GB of memory, "
+            f"{free / 1e9:.1f} GB are free; make it smaller with width="
+        )
 
 
-def _scaled(problem: Problem, factor: float) -> Problem:
-    gain = problem.photometry.gain
-    assert gain is not None  # a problem's gain is always chosen
-    return replace(problem, photometry=replace(problem.photometry, gain=gain * factor**2))
+def torn(problem: Problem) -> Problem:
+    """Tear the surface at the occluding contours of the picture, if there are any."""
+    edges, cuts = find_contours(problem.log_facing, problem.mask)
+    problem = replace(problem, cuts=cuts) if edges.any() else problem
+    return noted(problem, contours=problem.cuts is not None)
 
 
-def _in_units(problem: Problem) -> Problem:
+def noted(problem: Problem, **settings: object) -> Problem:
+    """Add to what people are told."""
+    return replace(problem, settings=problem.settings | settings)
+
+
+def in_units(problem: Problem) -> Problem:
     """Choose the gain, if it is not known, that makes the median of d₀ one unit."""
     if problem.metric:
         return problem
-    return _scaled(problem, 1 / float(np.median(np.exp(problem.log_facing[problem.mask]))))
+    unit = float(np.median(np.exp(problem.log_facing[problem.mask])))
+    gain = (problem.photometry.gain or 1.0) / unit**2
+    return replace(problem, photometry=replace(problem.photometry, gain=gain))
 
 
-def started(problem: Problem, start: Result) -> FloatArray:
-    """Log-distance of an earlier result, at the scale that this problem's gain gives it."""
-    if start.mask.shape != problem.mask.shape:
-        raise ValueError(f"start has shape {start.mask.shape}, the frame {problem.mask.shape}")
-    return _on_grid_of(problem, start)
+# An earlier surface as a start ----------------------------------------------------------
 
 
-def _on_grid_of(problem: Problem, start: Result) -> FloatArray:
-    v = _resampled(start, problem)
-    return np.where(np.isnan(v), problem.log_facing, v)  # where only the new mask reaches
+def enlarged(maps: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Resample maps (h, w, ...) to (H, W, ...), linearly."""
+    if maps.shape[:2] == shape:
+        return maps
+    return np.asarray(cv2.resize(maps, shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float64)
 
 
-def _resampled(start: Result, problem: Problem) -> FloatArray:
-    """Log-distance of an earlier result on the grid of another problem, at its scale; nan where unknown."""
+def resampled(surface: Iterate, problem: Problem) -> FloatArray:
+    """Log-distance of a surface on a problem's grid, at the scale of its gain; nan where unknown."""
     shape = problem.mask.shape
-    share = _enlarged(start.mask.astype(np.float64), shape)
-    v = _enlarged(np.where(start.mask, start.iterate.log_distance, 0.0), shape)
-    gains = [one.photometry.gain or 1.0 for one in (problem, start.problem)]
+    share = enlarged(surface.mask.astype(np.float64), shape)
+    v = enlarged(np.where(surface.mask, surface.log_distance, 0.0), shape)
+    gains = [one.photometry.gain or 1.0 for one in (problem, surface.problem)]
     return np.where(share > 0, v / np.where(share > 0, share, 1) + 0.5 * np.log(gains[0] / gains[1]), np.nan)
+
+
+def on_grid(surface: Iterate, problem: Problem) -> FloatArray:
+    """The same, and log d₀ where only the problem's mask reaches."""
+    v = resampled(surface, problem)
+    return np.where(np.isnan(v), problem.log_facing, v)
+
+
+def start_from(before: Result, problem: Problem) -> FloatArray:
+    """Log-distance of an earlier result of the same frame, to start from."""
+    if before.mask.shape != problem.mask.shape:
+        raise ValueError(f"start has shape {before.mask.shape}, the frame {problem.mask.shape}")
+    return on_grid(before.iterate, problem)

@@ -1,34 +1,78 @@
-"""Frame and calibration in, surface out: the one call most people need."""
+"""Frame and calibration in, surface out: the one call most people need.
+
+Stages, each of which hands the next one plain value:
+
+1. *prepared*: the frame becomes a `Problem`, or `Colours` (`problem_setup`);
+2. *bounced light and contours found*, with ``channel="separated"``: `Colours` become a `Problem` of
+   direct light and a start (`separation`);
+3. *solved*: the solver's iterates, the last or the best of which is the answer;
+4. *scaled*: the same surface in mm, if a length is known (`scale`).
+
+All that is solved on the way is yielded, so that observers see it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any
 
-import numpy as np
-
-from endolab.depth.result import Observer, Result, Solver, run
+from endolab.depth.problem import Problem
+from endolab.depth.result import SOLUTION, Iterate, Observer, Result, Solver, run
 from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, options_of, solve
+from endolab.model.endoscope import Endoscope
+from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame
-from endolab.reconstruction.problem_setup import enlarged, pose, posed, started
-from endolab.reconstruction.scale import KnownDiameter, KnownDistance, check_scale, with_known_length
+from endolab.reconstruction.problem_setup import SEPARATED, make_problem, noted, on_grid, start_from
+from endolab.reconstruction.scale import KnownDiameter, KnownDistance, check_scale, known_scale
+from endolab.reconstruction.separation import Colours, direct_light
 
-if TYPE_CHECKING:
-    from endolab.model.endoscope import Endoscope
+PREPARING = (
+    *("channel", "width", "smooth", "highlights"),
+    *("xi", "regulariser", "lam", "epsilon", "threshold", "cuts"),
+)
 
 
 def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVER, **options: Any) -> Solver:
-    """Iterates of a solver on a frame: ``for step in iterate(frame, calibration): ...``.
+    """Iterates of all stages up to the solver's: ``for step in iterate(frame, calibration): ...``.
 
-    Takes the keywords of `pose`; others are the solver's own.
+    Takes the keywords of `reconstruct` but for those that fix the scale.
     """
-    posing = {key: options.pop(key) for key in list(options) if key in (pose.__kwdefaults__ or {})}
-    checked_solver(solver, options)
-    problem, start = posed(frame, calibration, **posing)
-    if start is not None and "start" in options_of(solver):
-        options.setdefault("start", start)
-    return solve(problem, solver, **options)
+    how = {name: options.pop(name) for name in PREPARING if name in options}
+    start, contours = options.pop("start", None), options.pop("contours", None)
+    checked_solver(solver, options if start is None else options | {"start": start})
+    prepared = _prepared(frame, calibration, contours=contours, **how)
+    return _stages(prepared, contours, start, solver, options)
+
+
+def _prepared(
+    frame: Frame, calibration: Endoscope, *, channel: str | None = None, contours: bool | None, **how: Any
+) -> Problem | Colours:
+    if channel == SEPARATED:
+        return Colours.of(frame, calibration, **how)
+    return make_problem(frame, calibration, channel=channel, contours=contours, **how)
+
+
+def _stages(
+    prepared: Problem | Colours,
+    contours: bool | None,
+    start: Result | FloatArray | None,
+    solver: str,
+    options: dict[str, Any],
+    told: Mapping[str, object] = MappingProxyType({}),
+) -> Solver:
+    """All that is solved; `told` is added to the settings of the problem whose answer counts."""
+    before, begin = (start, None) if isinstance(start, Result) else (None, start)
+    if isinstance(prepared, Colours):
+        problem, found = yield from direct_light(prepared, contours, before)
+        begin = found if begin is None else begin
+    else:
+        problem = prepared
+    if before is not None and begin is None:
+        begin = start_from(before, problem)
+    if begin is not None and "start" in options_of(solver):
+        options = options | {"start": begin}
+    return (yield from solve(noted(problem, **told), solver, **options))
 
 
 def reconstruct(
@@ -96,12 +140,13 @@ def reconstruct(
         An earlier result of the same frame, to start from: after a small change of λ, say, the
         next result is a step or two away.
     observers : iterable of callables
-        Each is shown every iterate; one that returns True stops the run.
+        Each is shown every iterate of every stage (`Iterate.stage`), and at last the answer in mm if a
+        length is given; one that returns True stops the run.
     max_iterations : int, optional
         The most steps to take.
     **options
-        `epsilon` and `threshold` of the energy and `cuts`, see `Problem`; others are the solver's
-        own, such as `inflow` of `fast_marching` and `gauss_newton`.
+        `epsilon`, `threshold` and `cuts` of the energy, see `Problem`; others are the solver's own,
+        such as `inflow` of `fast_marching` and `gauss_newton`.
 
     Returns
     -------
@@ -116,42 +161,24 @@ def reconstruct(
     MemoryError
         If the problem is too large for this machine, before anything is computed.
     """
-    posing: dict[str, Any] = {"xi": xi, "regulariser": regulariser, "lam": lam}
-    posing |= {key: options.pop(key) for key in ("epsilon", "threshold", "cuts") if key in options}
-    make = checked_solver(solver, options if start is None else options | {"start": start})
-    check_scale(median_distance, known_distance, known_diameter)
-    problem, found = posed(
-        frame,
-        calibration,
-        channel=channel,
-        width=width,
-        smooth=smooth,
-        highlights=highlights,
-        contours=contours,
-        before=start,
-        **posing,
-    )
+    of_problem: dict[str, Any] = {"xi": xi, "regulariser": regulariser, "lam": lam}
+    of_problem |= {name: options.pop(name) for name in ("epsilon", "threshold", "cuts") if name in options}
+    checked_solver(solver, options if start is None else options | {"start": start})
+    lengths: dict[str, Any] = {"median_distance": median_distance, "known_distance": known_distance}
+    lengths["known_diameter"] = known_diameter
+    check_scale(**lengths)
     if max_iterations is not None and "max_iterations" in options_of(solver):
         options["max_iterations"], max_iterations = max_iterations, None  # the solver counts itself
-    if start is not None and found is None:
-        found = started(problem, start)
-    if found is not None and "start" in options_of(solver):
-        options["start"] = found
-    settings: dict[str, object] = {"solver": solver} | posing
-    settings.pop("cuts", None)
-    lengths = {"median_distance": median_distance, "known_distance": known_distance}
-    settings |= lengths | {"known_diameter": known_diameter}
-    problem = replace(problem, settings=problem.settings | settings)
-    if not all(length is None for length in (*lengths.values(), known_diameter)):
-        # Distances scale with √gain and nothing else changes: solve once to learn the factor.
-        pilot = run(make(problem, **options), max_iterations=max_iterations)
-        if median_distance is not None:
-            factor = median_distance / float(np.median(pilot.distance[pilot.mask]))
-        else:
-            whole = with_known_length(pilot, known_distance, known_diameter)
-            factor = float(np.median(whole.distance[pilot.mask] / pilot.distance[pilot.mask]))
-            problem = replace(problem, settings=whole.problem.settings)
-        problem = enlarged(problem, factor)
-        if "start" in options:
-            options["start"] = options["start"] + np.log(factor)
-    return run(make(problem, **options), observers, max_iterations)
+    told = {"solver": solver, **of_problem, **lengths}
+    told.pop("cuts", None)
+    how: dict[str, Any] = {"channel": channel, "width": width, "smooth": smooth, "highlights": highlights}
+    prepared = _prepared(frame, calibration, contours=contours, **how, **of_problem)
+
+    def scaled(answer: Iterate) -> Iterate:
+        if isinstance(prepared, Colours) and answer.stage != SOLUTION:  # stopped on the way
+            whole = noted(prepared.fine[1], **told)
+            answer = Iterate.of(whole, on_grid(answer, whole))
+        return known_scale(answer, **lengths)
+
+    stages = _stages(prepared, contours, start, solver, options, told)
+    return run(stages, observers, max_iterations, scaled)

@@ -1,19 +1,20 @@
-"""What the numbers of a result mean: how its scale was fixed, and what would change it.
+"""Scale: one length that is known makes millimetres of relative units.
 
-Shading gives the shape and, through the gain, the size. Where the gain is unknown, one length that
-is known fixes the scale: the distance to one point, or the distance between two. The energy is the
-same in every unit, so that a result can be scaled after it was found.
+Without a known gain a frame shows a shape, not a size. One length says the rest: the median
+distance, the distance to one point, or that between two. The energy is the same in every unit and
+distances go with the square root of the gain, so that a result is scaled after it was found.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import cast
+from typing import Any
 
 import numpy as np
 
-from endolab.depth.result import Iterate, Result
-from endolab.numerics.arrays import FloatArray
+from endolab.depth.problem import Problem, Scale
+from endolab.depth.result import SCALED, Iterate, Result
+from endolab.numerics.arrays import FloatArray, frozen
 
 Pixel = tuple[float, float]
 KnownDistance = tuple[float, float, float]  # mm, column, row
@@ -21,67 +22,60 @@ KnownDiameter = tuple[float, Pixel, Pixel]  # mm, two of (column, row)
 
 NEIGHBOURS = 2  # px to each side whose median is the distance at a pixel
 APART = 2 * NEIGHBOURS + 1  # px; two points that are nearer share neighbours
-SCALES = ("known distance", "known diameter", "median distance")  # as settings name them, but for the _
+
+
+def known_scale(
+    iterate: Iterate,
+    median_distance: float | None = None,
+    known_distance: KnownDistance | None = None,
+    known_diameter: KnownDiameter | None = None,
+    size: tuple[int, int] | None = None,
+) -> Iterate:
+    """Return the same surface in mm, by the one length that is known; without one, as it is.
+
+    For the lengths see `factor_of_distance` and `factor_of_diameter`; `size` is that of the picture.
+    """
+    if median_distance is not None:
+        factor = median_distance / float(np.median(iterate.distance[iterate.mask]))
+        return in_unit(iterate, factor, True, Scale("median distance", median_distance))
+    length: KnownDistance | KnownDiameter
+    if known_distance is not None:
+        factor, mm = factor_of_distance(iterate, *known_distance, size=size), known_distance[0]
+        by, length = "known distance", known_distance
+    elif known_diameter is not None:
+        factor, mm = factor_of_diameter(iterate, *known_diameter, size=size), known_diameter[0]
+        by, length = "known diameter", known_diameter
+    else:
+        return iterate
+    by_gain = mm / factor if scale_of(iterate) == "gain" else None
+    return in_unit(iterate, factor, True, Scale(by, length, by_gain))
 
 
 def factor_of_distance(
-    result: Result, mm: float, column: float, row: float, *, size: tuple[int, int] | None = None
+    result: Result | Iterate, mm: float, column: float, row: float, *, size: tuple[int, int] | None = None
 ) -> float:
-    """What distances must be multiplied by so that the surface at one pixel is this far away.
+    """What distances must be multiplied by so that the surface at one pixel is this far away, mm.
 
-    Parameters
-    ----------
-    result : Result
-    mm : float
-        Euclidean distance from the optical centre, mm.
-    column, row : float
-        Of the pixel in the picture that was given to `endolab.reconstruct`, px from the centre of
-        the upper left one.
-    size : two ints, optional
-        Width and height of that picture, px. By default what the setting "picture_size" says, and
-        else the result's own.
-
-    Returns
-    -------
-    float
-        The median of a few pixels around decides, so that noise does not.
-
-    Raises
-    ------
-    ValueError
-        In one sentence, if the length is not one or the pixel is outside the picture or the mask.
+    The pixel (column, row) is one of the picture that was given to `endolab.reconstruct`, px from the
+    centre of the upper left one; the median of a few pixels around decides, so that noise does not.
+    `size` is that picture's (width, height), by default what the problem knows of it.
     """
     check_scale(known_distance=(mm, column, row))
     return mm / float(np.linalg.norm(_surface_at(result, (column, row), size)))
 
 
 def factor_of_diameter(
-    result: Result, mm: float, one: Pixel, other: Pixel, *, size: tuple[int, int] | None = None
+    result: Result | Iterate, mm: float, one: Pixel, other: Pixel, *, size: tuple[int, int] | None = None
 ) -> float:
-    """What distances must be multiplied by so that two points of the surface are this far apart.
+    """What distances must be multiplied by so that two points of the surface are this far apart, mm.
 
-    Parameters
-    ----------
-    result : Result
-    mm : float
-        Straight from point to point, mm: the width of a polyp or of an open forceps, the lumen's diameter.
-    one, other : (column, row)
-        Pixels of the picture, as for `factor_of_distance`.
-    size : two ints, optional
-        See there.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ValueError
-        In one sentence, if the length is not one, if a pixel is outside the picture or the mask, or
-        if the two are less than `APART` pixels of the result from each other.
+    The length is straight from point to point: the width of a polyp or of an open forceps, the lumen's
+    diameter. The pixels are as for `factor_of_distance`, at least `APART` of the result apart.
     """
     check_scale(known_diameter=(mm, one, other))
-    apart = float(np.hypot(*(_own_pixel(result, one, size) - _own_pixel(result, other, size))))
+    apart = float(
+        np.hypot(*(_own_pixel(result.problem, one, size) - _own_pixel(result.problem, other, size)))
+    )
     if apart < APART:
         raise ValueError(
             f"the pixels {pixel_name(one)} and {pixel_name(other)} are {apart:.2g} px apart "
@@ -91,96 +85,42 @@ def factor_of_diameter(
     return mm / float(np.linalg.norm(between))
 
 
-def scaled(result: Result, factor: float, **settings: object) -> Result:
-    """Return the same surface in mm.
-
-    Parameters
-    ----------
-    result : Result
-    factor : float
-        What distances are multiplied by, positive.
-    **settings
-        Why, for `scale_of` and `meaning`: such as ``known_distance=(mm, column, row)``.
-
-    Returns
-    -------
-    Result
-    """
-    return rescaled(result, factor, True, **settings)
+def with_known_length(result: Result, **length: Any) -> Result:
+    """Return a result in mm; see `known_scale`."""
+    known = known_scale(result.iterate, **length)
+    return result if known is result.iterate else replace(result, iterate=known)
 
 
-def rescaled(result: Result, factor: float, metric: bool, **settings: object) -> Result:
-    """Return the same surface in another unit.
+def rescaled(result: Result, factor: float, metric: bool = True, scale: Scale | None = None) -> Result:
+    """Return a result in another unit; see `in_unit`."""
+    return replace(result, iterate=in_unit(result.iterate, factor, metric, scale))
 
-    Parameters
-    ----------
-    result : Result
-    factor : float
-        What distances are multiplied by; the gain goes with its square, the energy stays.
-    metric : bool
-        Whether the new unit is the millimetre.
-    **settings
-        Entries of the problem's settings that are new.
 
-    Returns
-    -------
-    Result
+def in_unit(iterate: Iterate, factor: float, metric: bool = True, scale: Scale | None = None) -> Iterate:
+    """Return the same surface in another unit, mm if it is `metric`, fixed by a `scale`.
 
-    Raises
-    ------
-    ValueError
-        If the factor is not positive and finite.
+    Distances are multiplied by the factor; the gain goes with its square, the energy stays.
     """
     if not (np.isfinite(factor) and factor > 0):
         raise ValueError(f"factor must be positive and finite, got {factor}")
-    old = result.problem
+    old = iterate.problem
     photometry = replace(old.photometry, gain=(old.photometry.gain or 1.0) * factor**2)
-    problem = replace(old, photometry=photometry, metric=metric, settings=old.settings | settings)
-    moved = result.iterate.log_distance + np.log(factor)
-    moved.flags.writeable = False
-    return replace(result, iterate=replace(result.iterate, problem=problem, log_distance=moved))
+    problem = replace(old, photometry=photometry, metric=metric)
+    if scale is not None:
+        name = scale.by.replace(" ", "_")
+        told = {"scale": scale.by} if scale.length is None else {name: scale.length}
+        told |= {} if scale.by_gain is None else {"by_gain": scale.by_gain}
+        problem = replace(problem, origin=replace(old.origin, scale=scale), settings=old.settings | told)
+    moved = frozen(iterate.log_distance + np.log(factor))
+    return replace(iterate, problem=problem, log_distance=moved, stage=SCALED)
 
 
-def with_known_length(
-    result: Result,
-    known_distance: KnownDistance | None = None,
-    known_diameter: KnownDiameter | None = None,
-    size: tuple[int, int] | None = None,
-) -> Result:
-    """Scale a result by the one length that is known; without one, return it as it is.
-
-    Parameters
-    ----------
-    result : Result
-    known_distance : (mm, column, row), optional
-        See `factor_of_distance`.
-    known_diameter : (mm, (column, row), (column, row)), optional
-        See `factor_of_diameter`.
-    size : two ints, optional
-        Of the picture, see there.
-
-    Returns
-    -------
-    Result
-        In mm. If it was so before by its gain, the setting "by_gain" keeps what length that said, mm.
-
-    Raises
-    ------
-    ValueError
-        In one sentence, if both are given or the length cannot be used.
-    """
-    check_scale(known_distance=known_distance, known_diameter=known_diameter)
-    if known_distance is not None:
-        factor, mm = factor_of_distance(result, *known_distance, size=size), known_distance[0]
-        settings: dict[str, object] = {"known_distance": known_distance}
-    elif known_diameter is not None:
-        factor, mm = factor_of_diameter(result, *known_diameter, size=size), known_diameter[0]
-        settings = {"known_diameter": known_diameter}
-    else:
-        return result
-    if scale_of(result) == "gain":
-        settings["by_gain"] = mm / factor
-    return scaled(result, factor, **settings)
+def scale_of(result: Result | Iterate) -> str:
+    """How the scale was fixed: "gain", "none" (relative units), or what `Scale.by` says."""
+    scale = result.problem.origin.scale
+    if scale is not None:
+        return scale.by
+    return "gain" if result.problem.metric else "none"
 
 
 def check_scale(
@@ -215,21 +155,19 @@ def pixel_name(pixel: Pixel) -> str:
     return f"column {pixel[0]:g}, row {pixel[1]:g}"
 
 
-def _own_pixel(result: Result, pixel: Pixel, size: tuple[int, int] | None) -> FloatArray:
+def _own_pixel(problem: Problem, pixel: Pixel, size: tuple[int, int] | None) -> FloatArray:
     """A pixel of the picture as one of the depth map, which may be smaller: column, row."""
-    camera = result.problem.camera
-    own = (camera.width, camera.height)
-    said = result.problem.settings.get("picture_size")
-    full = np.array(size or (own if said is None else cast("tuple[int, int]", said)))
+    own = (problem.camera.width, problem.camera.height)
+    full = np.array(size or problem.origin.picture_size or own)
     place = np.array(pixel, dtype=np.float64)
     if not (np.all(place >= -0.5) and np.all(place <= full - 0.5)):
         raise ValueError(f"the pixel at {pixel_name(pixel)} is outside the picture of {full[0]}x{full[1]} px")
     return (place + 0.5) * own / full - 0.5
 
 
-def _surface_at(result: Result, pixel: Pixel, size: tuple[int, int] | None) -> FloatArray:
+def _surface_at(result: Result | Iterate, pixel: Pixel, size: tuple[int, int] | None) -> FloatArray:
     """The surface point at a pixel of the picture, (3,), camera frame."""
-    own = _own_pixel(result, pixel, size)
+    own = _own_pixel(result.problem, pixel, size)
     mask = result.mask
     column, row = np.clip(np.round(own).astype(int), 0, [mask.shape[1] - 1, mask.shape[0] - 1])
     if not mask[row, column]:
@@ -240,22 +178,3 @@ def _surface_at(result: Result, pixel: Pixel, size: tuple[int, int] | None) -> F
     if not np.all(np.isfinite(ray)):  # the pixel's centre is seen, this corner of it is not
         ray = result.problem.field.rays[row, column]
     return float(np.nanmedian(around)) * ray
-
-
-# Words ----------------------------------------------------------------------------------
-def scale_of(result: Result | Iterate) -> str:
-    """How the scale was fixed.
-
-    Returns
-    -------
-    str
-        "gain", "known distance", "known diameter", "median distance", "frame before" (of a video)
-        or "none", and then distances are in relative units.
-    """
-    settings = result.problem.settings
-    if settings.get("scale") is not None:
-        return str(settings["scale"])
-    for name in SCALES:
-        if settings.get(name.replace(" ", "_")) is not None:
-            return name
-    return "gain" if result.problem.metric else "none"

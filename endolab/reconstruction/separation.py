@@ -2,17 +2,22 @@
 
 A wall of albedo ρ shows I_c = g ρ/π (E + S), the lamp's light E and light S from other walls. The
 three colours see one E, but the more a colour is reflected, the more of it bounces. From a surface
-that is known roughly follows S/E for each colour (`bounces`); divided by 1 + S/E, the three pictures
-are three measurements of E, which are merged and solved, and S/E follows anew from a better surface.
+that is known roughly follows S/E for each colour (`interreflection`); divided by 1 + S/E, the three
+pictures are three measurements of E, which are merged and solved, and S/E follows anew from a better
+surface.
 
 Albedos that are not given are found from the colours: the tissue looks more alike all over the
 picture the better the bounced light is known.
+
+This is the stage "bounced light and contours found" of a reconstruction. What it solves on the way
+it yields, iterate by iterate: `BOUNCED`, `MARCH`, `TORN_MARCH` and `CONTOURS` name the stages.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +25,26 @@ from numpy.typing import NDArray
 from endolab.depth.fast_marching import fast_marching
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import EXACT, NONE, Problem
-from endolab.depth.result import Result, run
+from endolab.depth.result import Iterate, Result, staged
+from endolab.model.endoscope import Endoscope
 from endolab.model.interreflection import Walls
+from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.contours import find_contours
-from endolab.preprocessing.frame import QUIET, noise_level
+from endolab.preprocessing.frame import BRIGHT, QUIET, Frame, noise_level
+from endolab.reconstruction.problem_setup import (
+    SEPARATED,
+    enlarged,
+    in_units,
+    make_problems,
+    noted,
+    on_grid,
+    resampled,
+    torn,
+)
 
+BOUNCED, MARCH, TORN_MARCH, CONTOURS = "bounced light", "march", "torn march", "contours"  # stages
+WIDTH = 320  # px; light that has bounced is smooth, and its surface need not be fine
 DOUBT = 0.3  # share of S/E that may be wrong
 TEXTURE = (0.05, 0.2, 0.2)  # of the albedos' logarithms: blood takes green and blue light, hardly red
 TISSUE = (0.7, 0.35, 0.28)  # red, green and blue of mucosa, before anything is known
@@ -43,6 +62,37 @@ class NoColour(ValueError):
 
 
 @dataclass(frozen=True)
+class Colours:
+    """A frame prepared for the separation: red, green and blue, in full and as wide as it needs."""
+
+    fine: list[Problem]
+    coarse: list[Problem]
+    albedo: FloatArray | None  # of the wall in red, green and blue, if the calibration tells
+
+    @classmethod
+    def of(
+        cls,
+        frame: Frame,
+        calibration: Endoscope,
+        width: int | None = None,
+        smooth: float | None = None,
+        highlights: str | None = None,
+        **options: Any,
+    ) -> Colours:
+        """Prepare the three colours; see `make_problems`. Highlights are ignored by default."""
+        if frame.image.ndim == 2:
+            raise ValueError(f"{frame.name} is grey, and channel='separated' needs its three colours")
+        albedo = _albedos(calibration)
+        highlights = "ignore" if highlights is None else highlights
+        fine = make_problems(frame, calibration, CHANNELS, width, smooth, highlights, **options)
+        coarse = fine
+        if fine[0].camera.width > WIDTH:
+            options = options | {"cuts": None}
+            coarse = make_problems(frame, calibration, CHANNELS, WIDTH, smooth, highlights, **options)
+        return cls(fine, coarse, albedo)
+
+
+@dataclass(frozen=True)
 class Separation:
     """What was found of a picture's bounced light.
 
@@ -51,16 +101,144 @@ class Separation:
     inflation : (H, W, 3) float array
         S/E in red, green and blue; 0 where nothing is known.
     albedo : (3,) float array
-    cuts : (2, H, W) bool array or None
-        Steps over which the surface is torn, see `Problem`.
-    surface : Result
-        Of the last problem that was solved.
+    surface : Iterate
+        Of the last problem that was solved; its cuts are the contours that were found.
     """
 
     inflation: FloatArray
     albedo: FloatArray
-    cuts: BoolArray | None
-    surface: Result
+    surface: Iterate
+
+    @property
+    def cuts(self) -> BoolArray | None:
+        """Steps over which the surface is torn, see `Problem`."""
+        return self.surface.problem.cuts
+
+
+# The stage ------------------------------------------------------------------------------
+
+
+def direct_light(
+    colours: Colours, contours: bool | None = None, before: Result | None = None
+) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
+    """Find the light that has not bounced.
+
+    Parameters
+    ----------
+    colours : Colours
+    contours : bool, optional
+        Whether to tear the surface at the occluding contours that are found; by default if that
+        explains the picture much better.
+    before : Result, optional
+        An earlier result of the same or of the last frame: then one round is enough.
+
+    Yields
+    ------
+    Iterate
+        Of every solve, its stage and round named.
+
+    Returns
+    -------
+    problem : Problem
+        Of direct light, in full; of the best single colour where the colours tell nothing.
+    start : (H, W) float array or None
+        log d to begin with.
+    """
+    given = colours.albedo
+    if colours.fine[0].cuts is not None:
+        contours = False  # they are known
+    try:
+        if before is None:
+            found = yield from separate(colours.coarse, given, contours)
+        else:
+            tear = contours is not False and before.problem.cuts is not None
+            surface = resampled(before.iterate, colours.coarse[1])
+            found = yield from continued(colours.coarse, given, tear, surface)
+    except NoColour as error:
+        best = max((colours.fine[index] for index in (1, 2, 0)), key=_signal)  # of equals, not red
+        name = best.settings["channel"]
+        note = f"The colours tell nothing of bounced light ({error}), so {name} is taken as it is."
+        best = replace(best, origin=replace(best.origin, notes=(note,)))
+        return noted(best, notes=(note,), contours=False), None
+    problem = _in_full(colours.fine, found, given is not None)
+    return problem, on_grid(found.surface, problem)
+
+
+def separate(
+    colours: Sequence[Problem], albedo: FloatArray | None = None, contours: bool | None = None
+) -> Generator[Iterate, None, Separation]:
+    """Find the bounced light of a picture, its surface, and where it is torn, in three rounds.
+
+    `colours` are red, green and blue of one picture; an `albedo` (3,) that is not given is estimated
+    from them. Raises `NoColour` if they are one.
+    """
+    _check_colours(colours)
+    known = albedo
+    albedo = np.array(TISSUE) if known is None else np.asarray(known, dtype=np.float64)
+    inflation = np.broadcast_to(GUESS * albedo / (1 - GUESS * albedo), (*colours[1].mask.shape, 3))
+    surface = yield from _solved(merged(colours, inflation, albedo), contours, STEPS[0], 1)
+    for number, steps in enumerate(STEPS[1:], 2):
+        inflation, albedo = _bounced(colours, surface.log_distance, surface.problem.cuts, known)
+        surface = yield from _solved(merged(colours, inflation, albedo), contours, steps, number)
+    return Separation(inflation, albedo, surface)
+
+
+def continued(
+    colours: Sequence[Problem], albedo: FloatArray | None, contours: bool, log_distance: FloatArray
+) -> Generator[Iterate, None, Separation]:
+    """Do the same with a surface that is nearly the right one, the last frame's say: one round.
+
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives.
+    """
+    cuts = torn(colours[1]).cuts if contours else None
+    inflation, albedo = _bounced(colours, log_distance, cuts, albedo)
+    problem = merged(colours, inflation, albedo)
+    problem = torn(replace(problem, cuts=None)) if contours else problem
+    start = np.where(np.isfinite(log_distance), log_distance, problem.log_facing)
+    solver = gauss_newton(problem, start=start, max_iterations=STEPS[0])
+    return Separation(inflation, albedo, (yield from staged(solver, BOUNCED, 1)))
+
+
+def _solved(
+    problem: Problem, contours: bool | None, steps: int, number: int
+) -> Generator[Iterate, None, Iterate]:
+    """Solve with and without the contours that are found, and choose."""
+    smooth = yield from staged(gauss_newton(problem, max_iterations=steps), BOUNCED, number)
+    if contours is False:
+        return smooth
+    edges, cuts = find_contours(problem.log_facing, problem.mask)
+    if not edges.any():
+        return smooth
+    cut = replace(problem, cuts=cuts)
+    # Half-way between the two: what lies between two contours is held by neither.
+    one = yield from staged(fast_marching(problem), MARCH, number)
+    other = yield from staged(fast_marching(cut), TORN_MARCH, number)
+    start = (one.log_distance + other.log_distance) / 2
+    found = yield from staged(gauss_newton(cut, start=start, max_iterations=steps), CONTOURS, number)
+    return found if contours or found.energy < GAIN * smooth.energy else smooth
+
+
+def _in_full(fine: list[Problem], found: Separation, given: bool) -> Problem:
+    """Return the problem of the light that has not bounced, at full size."""
+    shape = fine[1].mask.shape
+    problem = merged(fine, enlarged(found.inflation, shape), found.albedo)
+    if found.cuts is not None:
+        same = found.cuts.shape[1:] == shape
+        cuts = found.cuts if same else find_contours(problem.log_facing, problem.mask)[1]
+        problem = replace(problem, cuts=cuts)
+    red, green, blue = (100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T)
+    note = (
+        f"Bounced light was taken out: {red:.0f} % of the direct light in red, {green:.0f} % in green, "
+        f"{blue:.0f} % in blue (medians), for {'given' if given else 'estimated'} albedos of "
+        f"{', '.join(f'{one:.2f}' for one in found.albedo)}."
+    )
+    albedo = tuple(float(one) for one in found.albedo)
+    problem = replace(problem, origin=replace(problem.origin, albedo=albedo, notes=(note,)))
+    told = {"channel": SEPARATED, "contours": problem.cuts is not None, "albedo": list(albedo)}
+    return in_units(noted(problem, **told, notes=(note,)))
+
+
+# Colours --------------------------------------------------------------------------------
 
 
 def merged(colours: Sequence[Problem], inflation: FloatArray, albedo: FloatArray) -> Problem:
@@ -106,24 +284,42 @@ def _evidence(problem: Problem) -> NDArray[np.int8]:
     return np.zeros(problem.mask.shape, np.int8) if problem.evidence is None else problem.evidence
 
 
+def _signal(problem: Problem) -> float:
+    """Median grey level over noise; less where much is saturated."""
+    image = problem.image[problem.mask]
+    noise = max(noise_level(problem.image, problem.mask), QUIET)
+    return float(np.median(image) * np.mean(image < BRIGHT)) / noise
+
+
+def _check_colours(colours: Sequence[Problem]) -> None:
+    """Raise NoColour if the three are one picture, such as a grey one that was stored as RGB."""
+    mask = np.all([one.mask for one in colours], axis=0)
+    if mask.any():
+        images = [one.image[mask] for one in colours]
+        if max(np.median(np.abs(one / images[1] - 1)) for one in images) < SAME:
+            raise NoColour("red, green and blue are one")
+
+
+# Albedos and S/E ------------------------------------------------------------------------
+
+
+def _albedos(calibration: Endoscope) -> FloatArray | None:
+    """Return the wall's albedos in red, green and blue, if the calibration tells them."""
+    albedo = np.asarray(getattr(calibration.photometry.brdf, "albedo", 0.0), dtype=np.float64)
+    if albedo.shape != (3,):
+        return None
+    found = tuple(albedo.tolist())
+    if np.any(albedo <= 0) or np.any(albedo >= 1):
+        raise ValueError(f"channel='separated' needs albedos between 0 and 1, got {found}")
+    if np.ptp(albedo) < ALIKE * albedo.max():
+        raise ValueError(f"channel='separated' needs albedos that differ between colours, got {found}")
+    return albedo
+
+
 def estimated_albedo(colours: Sequence[Problem], inflation: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Find the albedos that make the tissue's colour most alike all over the picture.
+    """Find the albedos (3,) that make the tissue's colour most alike all over the picture.
 
-    Parameters
-    ----------
-    colours : sequence of 3 Problem
-        Red, green and blue of one picture.
-    inflation : callable
-        Gives S/E (H, W, 3) for three albedos.
-
-    Returns
-    -------
-    (3,) float array
-
-    Raises
-    ------
-    NoColour
-        If the colours are one.
+    `inflation` gives S/E (H, W, 3) for three albedos. Raises `NoColour` if the colours are one.
     """
     gamma = colours[1].photometry.gamma
     exact = np.all([one.mask & (_evidence(one) == EXACT) for one in colours], axis=0)
@@ -153,82 +349,6 @@ def estimated_albedo(colours: Sequence[Problem], inflation: Callable[[FloatArray
     return best
 
 
-def separate(
-    colours: Sequence[Problem], albedo: FloatArray | None = None, contours: bool | None = None
-) -> Separation:
-    """Find the bounced light of a picture, its surface, and where it is torn.
-
-    Parameters
-    ----------
-    colours : sequence of 3 Problem
-        Red, green and blue of one picture.
-    albedo : (3,) float array, optional
-        Of the wall; estimated from the colours if it is not given.
-    contours : bool, optional
-        Whether to tear the surface at the occluding contours that are found; by default if that
-        explains the picture much better.
-
-    Returns
-    -------
-    Separation
-
-    Raises
-    ------
-    NoColour
-        If the colours are one.
-    """
-    _check_colours(colours)
-    known = albedo
-    albedo = np.array(TISSUE) if known is None else np.asarray(known, dtype=np.float64)
-    inflation = np.broadcast_to(GUESS * albedo / (1 - GUESS * albedo), (*colours[1].mask.shape, 3))
-    surface = _solved(merged(colours, inflation, albedo), contours, STEPS[0])
-    for steps in STEPS[1:]:
-        inflation, albedo = _bounced(colours, surface.iterate.log_distance, surface.problem.cuts, known)
-        surface = _solved(merged(colours, inflation, albedo), contours, steps)
-    return Separation(inflation, albedo, surface.problem.cuts, surface)
-
-
-def continued(
-    colours: Sequence[Problem], albedo: FloatArray | None, contours: bool, log_distance: FloatArray
-) -> Separation:
-    """Do the same with a surface that is nearly the right one, the last frame's say: one round.
-
-    Parameters
-    ----------
-    colours, albedo
-        See `separate`.
-    contours : bool
-        Whether to tear the surface at the occluding contours that are found.
-    log_distance : (H, W) float array
-        log d of that surface wherever a colour is known, in the unit that the gain of `colours` gives.
-
-    Returns
-    -------
-    Separation
-    """
-    cuts = None
-    if contours:
-        edges, found = find_contours(colours[1].log_facing, colours[1].mask)
-        cuts = found if edges.any() else None
-    inflation, albedo = _bounced(colours, log_distance, cuts, albedo)
-    problem = merged(colours, inflation, albedo)
-    if contours:
-        edges, found = find_contours(problem.log_facing, problem.mask)
-        problem = replace(problem, cuts=found if edges.any() else None)
-    start = np.where(np.isfinite(log_distance), log_distance, problem.log_facing)
-    surface = run(gauss_newton(problem, start=start, max_iterations=STEPS[0]))
-    return Separation(inflation, albedo, problem.cuts, surface)
-
-
-def _check_colours(colours: Sequence[Problem]) -> None:
-    """Raise NoColour if the three are one picture, such as a grey one that was stored as RGB."""
-    mask = np.all([one.mask for one in colours], axis=0)
-    if mask.any():
-        images = [one.image[mask] for one in colours]
-        if max(np.median(np.abs(one / images[1] - 1)) for one in images) < SAME:
-            raise NoColour("red, green and blue are one")
-
-
 def _bounced(
     colours: Sequence[Problem], log_distance: FloatArray, cuts: BoolArray | None, albedo: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
@@ -250,18 +370,3 @@ def _bounced(
 
     found = estimated_albedo(colours, inflation)
     return inflation(found), found
-
-
-def _solved(problem: Problem, contours: bool | None, steps: int) -> Result:
-    """Solve with and without the contours that are found, and choose."""
-    smooth = run(gauss_newton(problem, max_iterations=steps))
-    if contours is False:
-        return smooth
-    edges, cuts = find_contours(problem.log_facing, problem.mask)
-    if not edges.any():
-        return smooth
-    torn = replace(problem, cuts=cuts)
-    # Half-way between the two: what lies between two contours is held by neither.
-    starts = [run(fast_marching(one)).iterate.log_distance for one in (problem, torn)]
-    result = run(gauss_newton(torn, start=(starts[0] + starts[1]) / 2, max_iterations=steps))
-    return result if contours or result.energy < GAIN * smooth.energy else smooth

@@ -11,20 +11,19 @@ import inspect
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from endolab.depth.problem import Scale
 from endolab.depth.result import Result
 from endolab.depth.solvers import DEFAULT_SOLVER, SOLVERS
+from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.reconstruction.scale import check_scale, rescaled, with_known_length
-
-if TYPE_CHECKING:
-    from endolab.model.endoscope import Endoscope
 
 WORSE = 1.3  # times the energy of the last cold start: then a warm start is not trusted
 REFRESH = 25  # frames after which a cold start is tried anyway
@@ -157,7 +156,8 @@ def reconstruct_sequence(
                 if result is None or not warm:
                     result = cold
             if before is None:
-                result = with_known_length(result, **lengths, size=(frame.width, frame.height))
+                size = (frame.width, frame.height)
+                result = with_known_length(result, **lengths, size=size)
         except (ValueError, OSError) as error:
             if before is None and any(length is not None for length in lengths.values()):
                 raise ValueError(_sentence(name, error)) from error  # another frame shows other places
@@ -167,8 +167,8 @@ def reconstruct_sequence(
         if before is not None:
             gain = result.problem.photometry.gain or 1.0
             factor = np.sqrt(before.gain / gain) if known_gain else scale_between(before, result)
-            linked = {} if known_gain and np.isclose(factor, 1) else {"scale": "frame before"}
-            result = rescaled(result, float(factor), before.metric, **linked)
+            linked = None if known_gain and np.isclose(factor, 1) else Scale("frame before")
+            result = rescaled(result, float(factor), before.metric, linked)
         before = Surface.of(result)
         last, last_light = result, light
         yield Step(index, name, result, "", warm, time.perf_counter() - started)

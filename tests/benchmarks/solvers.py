@@ -1,4 +1,4 @@
-"""The iterative solvers as tables: `make bench`, or some of them by name: `bench_solvers.py sizes`.
+"""The iterative solvers as tables, all or some by name: `python -m tests.benchmarks.solvers sizes`.
 
 Not a test: it asserts nothing and depends on the machine.
 """
@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import gc
 import sys
-import time
 import tracemalloc
-from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 from statistics import median
 
 import numpy as np
@@ -24,13 +23,13 @@ from endolab.depth.primal_dual import _Path
 from endolab.depth.problem import Problem
 from endolab.depth.result import run
 from endolab.depth.solvers import solve
-from endolab.metrics.depth_errors import Errors, occlusion_cuts
+from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.numerics.compiled import inner
-from endolab.reconstruction.problem_setup import pose
-from endolab.synthetic.scenes import Colon
-from tests.benchmarks.speed import _bandwidth, errors_of, table
+from endolab.reconstruction.problem_setup import make_problem
+from tests.benchmarks.report import bandwidth, both, ended, seconds_of, table
 from tests.depth import primal_dual_model
 from tests.depth.gauss_newton_model import GaussNewtonModel
+from tests.tools.problems import Shot
 
 SIZES = (80, 160, 320, 640, 1440)
 PRIMAL_DUAL_SIZES = (80, 160, 320)  # its iterations grow with the pixels
@@ -47,34 +46,15 @@ PAPER = (  # Table I: scene, ξ, order, iterations, mean / median %, mean / medi
 )
 
 
-class Shot:
-    """A rendered frame with its truth."""
-
-    def __init__(self, scene: str | el.Scene, width: int = 320, **how: float) -> None:
-        calibration = datasets.load_calibration("simple", width)
-        shape = el.SCENES[scene] if isinstance(scene, str) else scene
-        one = calibration.photometry.channel("green")
-        self.seen = el.render(shape, calibration.camera, one, **how)  # type: ignore[arg-type]
-        self.frame = el.Frame(self.seen.image, self.seen.mask)
-        self.calibration = el.Calibration(self.seen.camera, self.seen.photometry)
-
-    def pose(self, **options: object) -> Problem:
-        """Problem of this frame."""
-        return pose(self.frame, self.calibration, **options)  # type: ignore[arg-type]
-
-    def errors(self, result: el.Result) -> Errors:
-        """Errors of a result."""
-        return errors_of(result, self.seen.distance, true_normals=self.seen.normals)
+def shot_of(scene: str | el.Scene, width: int = 320, **how: float) -> Shot:
+    """A frame of one albedo and its truth."""
+    calibration = datasets.load_calibration("simple", width)
+    return Shot(scene, calibration, calibration.photometry.channel("green"), **how)
 
 
-def percent(e: Errors) -> str:
-    """Mean and median error of distance."""
-    return f"{e.mean_percent:.4f} / {e.median_percent:.4f}"
-
-
-def degrees(e: Errors) -> str:
-    """Mean and median error of normals."""
-    return f"{e.mean_degrees:.3f} / {e.median_degrees:.3f}"
+def problem_of(shot: Shot) -> Problem:
+    """What `reconstruct` would solve."""
+    return make_problem(shot.frame, shot.calibration)
 
 
 def fresh(problem: Problem) -> Problem:
@@ -87,16 +67,13 @@ def table_one() -> None:
     """Table I of the paper, row by row, and the default solver."""
     rows = []
     for scene, xi, order, iterations, theirs, their_degrees in PAPER:
-        shot = Shot(scene)
+        shot = shot_of(scene)
         for solver in ("primal_dual", "gauss_newton"):
-            result = el.reconstruct(
-                shot.frame, shot.calibration, solver=solver, xi=xi, regulariser=order, max_iterations=20000
-            )
+            how = {"solver": solver, "xi": xi, "regulariser": order, "max_iterations": 20000}
+            result = shot.reconstruct(**how)
             e = shot.errors(result)
-            ours = [f"{result.iterations} {result.status.name}", f"{result.seconds:.2f}"]
-            rows.append(
-                [scene, xi, order, solver, *ours, percent(e), degrees(e), iterations, theirs, their_degrees]
-            )
+            ours = ended(result), f"{result.seconds:.2f}", both(e, "percent"), both(e, "degrees", 3)
+            rows.append([scene, xi, order, solver, *ours, iterations, theirs, their_degrees])
     heads = ("scene", "ξ", "order", "solver", "iterations", "s", "% mean / median", "° mean / median")
     heads += ("paper: iterations", "%", "°")
     table("Table I at 320x240, exact frames", heads, rows)
@@ -105,79 +82,54 @@ def table_one() -> None:
 def colons() -> None:
     """Colons of several shapes, clean and not, with and without their true contours as cuts."""
     shapes = {
-        "default": Colon(),
-        "wide": Colon(radius=28.0, fold_spacing=34.0),
-        "low folds": Colon(fold_height=0.25),
-        "winding": Colon(winding=24.0),
+        "default": el.Colon(),
+        "wide": el.Colon(radius=28.0, fold_spacing=34.0),
+        "low folds": el.Colon(fold_height=0.25),
+        "winding": el.Colon(winding=24.0),
     }
     rows = []
     for name, shape in shapes.items():
-        for seed, how in (
-            (0, {}),
-            (1, {"texture": 0.08, "noise": 1.5}),
-            (2, {"texture": 0.08, "noise": 1.5}),
-        ):
-            shot = Shot(shape, seed=seed, **how)
-            cuts = occlusion_cuts(shot.seen.distance)
-            cells = []
-            for chosen in (None, cuts):
-                for solver in ("fast_marching", "gauss_newton"):
-                    result = el.reconstruct(shot.frame, shot.calibration, solver=solver, cuts=chosen)
-                    e = shot.errors(result)
-                    cells.append(f"{e.mean_percent:.2f} / {e.median_percent:.2f}")
+        for seed in range(3):
+            how = {"texture": 0.08, "noise": 1.5} if seed else {}
+            shot = shot_of(shape, seed=seed, **how)
+            cuts = occlusion_cuts(shot.truth.distance)
+            cells = [
+                both(shot.errors(shot.reconstruct(solver=solver, cuts=chosen)), "percent", 2)
+                for chosen, solver in product((None, cuts), ("fast_marching", "gauss_newton"))
+            ]
             rows.append([name, f"8 % texture, 1.5 grey, seed {seed}" if how else "clean", *cells])
     heads = ("colon", "frame", "marching", "Gauss-Newton", "marching, true cuts", "Gauss-Newton, true cuts")
     table("Colons at 320x240: mean / median error of distance, %", heads, rows)
 
 
-def _runs() -> Iterator[tuple[str, str, int]]:
-    for width in SIZES:
-        for scene in el.SCENES:
-            yield from ((solver, scene, width) for solver in ("fast_marching", "gauss_newton"))
-            if width in PRIMAL_DUAL_SIZES:
-                yield "primal_dual", scene, width
-
-
 def sizes() -> None:
     """Solver by scene by size: iterations, seconds, energy, errors, peak memory."""
     rows = []
-    shots: dict[tuple[str, int], Shot] = {}
-    for solver, scene, width in _runs():
-        shots = {key: shot for key, shot in shots.items() if key[1] == width}
-        shot = shots.setdefault((scene, width), Shot(scene, width))
-        problem = shot.pose()
-        result = run(solve(fresh(problem), solver))
-        repeats = 1 if solver == "primal_dual" or width > 640 else 3
-        seconds = median(run(solve(fresh(problem), solver)).seconds for _ in range(repeats))
-        problem = fresh(problem)
-        gc.collect()
-        tracemalloc.start()
-        run(solve(problem, solver), max_iterations=400 if solver == "primal_dual" else None)
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        warm = ""
-        if solver == "gauss_newton":
-            moved = fresh(replace(problem, lam=1.1 * problem.lam))
-            start = result.iterate.log_distance
-            repeated = [run(solve(fresh(moved), solver, start=start)).seconds for _ in range(repeats)]
-            warm = f"{1e3 * median(repeated):.0f}"
-        e, pixels = shot.errors(result), int(problem.mask.sum())
-        rows.append(
-            [
-                f"{width}x{problem.camera.height}",
-                scene,
-                solver,
-                f"{result.iterations} {result.status.name}",
-                f"{1e3 * seconds:.0f}",
-                warm,
-                f"{1e6 * seconds / pixels:.2f}",
-                f"{result.energy:.3e}",
-                percent(e),
-                degrees(e),
-                f"{peak / 2**20:.0f}",
-            ]
-        )
-        print(".", end="", flush=True)
+    for width, scene in product(SIZES, el.SCENES):
+        shot = shot_of(scene, width)
+        problem = problem_of(shot)
+        solvers = ("fast_marching", "gauss_newton", "primal_dual")
+        for solver in solvers if width in PRIMAL_DUAL_SIZES else solvers[:2]:
+            result = run(solve(fresh(problem), solver))
+            repeats = 1 if solver == "primal_dual" or width > 640 else 3
+            seconds = median(run(solve(fresh(problem), solver)).seconds for _ in range(repeats))
+            measured = fresh(problem)
+            gc.collect()
+            tracemalloc.start()
+            run(solve(measured, solver), max_iterations=400 if solver == "primal_dual" else None)
+            peak = tracemalloc.get_traced_memory()[1]
+            tracemalloc.stop()
+            warm = ""
+            if solver == "gauss_newton":
+                moved, start = replace(problem, lam=1.1 * problem.lam), result.iterate.log_distance
+                again = [run(solve(fresh(moved), solver, start=start)).seconds for _ in range(repeats)]
+                warm = f"{1e3 * median(again):.0f}"
+            e, pixels = shot.errors(result), int(problem.mask.sum())
+            times = f"{1e3 * seconds:.0f}", warm, f"{1e6 * seconds / pixels:.2f}"
+            errors = f"{result.energy:.3e}", both(e, "percent"), both(e, "degrees", 3)
+            size = f"{width}x{problem.camera.height}"
+            rows.append([size, scene, solver, ended(result), *times, *errors, f"{peak / 2**20:.0f}"])
+            print(".", end="", flush=True)
     heads = ("size", "scene", "solver", "iterations", "ms", "warm ms", "µs/pixel", "energy")
     heads += ("% mean / median", "° mean / median", "peak MiB")
     table("Solver, scene, size (ms: solver alone, median of 3, or of 1 where slow)", heads, rows)
@@ -187,42 +139,34 @@ def sensitivity() -> None:
     """Error against λ for each ξ, and against the start."""
     rows = []
     for noise in (0.0, 3.0):
-        shot = Shot("tube", 160, noise=noise, **({"bits": 8} if noise else {}))
-        for xi in ("1/z", "d", "1/d"):
-            for order in ("first", "second"):
-                cells = []
-                for lam in LAMBDAS:
-                    options = {"xi": xi, "regulariser": order, "lam": lam}
-                    result = el.reconstruct(shot.frame, shot.calibration, **options)  # type: ignore[arg-type]
-                    cells.append(f"{shot.errors(result).mean_percent:.2f}")
-                rows.append([f"{noise:g} grey", xi, order, *cells])
+        shot = shot_of("tube", 160, noise=noise, **({"bits": 8} if noise else {}))
+        for xi, order in product(("1/z", "d", "1/d"), ("first", "second")):
+            results = [shot.reconstruct(xi=xi, regulariser=order, lam=lam) for lam in LAMBDAS]
+            cells = [f"{shot.errors(result).mean_percent:.2f}" for result in results]
+            rows.append([f"{noise:g} grey", xi, order, *cells])
     heads = ("noise", "ξ", "order", *(f"λ {lam:g}" for lam in LAMBDAS))
     table("Gauss-Newton, tube at 160x120: mean error of distance, %, against λ", heads, rows)
 
     rows = []
     for scene in el.SCENES:
-        shot = Shot(scene)
-        problem = shot.pose()
+        shot = shot_of(scene)
+        problem = problem_of(shot)
         middle = np.full(problem.mask.shape, float(np.median(problem.log_facing)))
         march = run(solve(problem, "fast_marching")).iterate.log_distance
-        for name, start in (
-            ("none", None),
-            ("march", march),
-            ("d₀", problem.log_facing),
-            ("constant", middle),
-        ):
+        starts = {"none": None, "march": march, "d₀": problem.log_facing, "constant": middle}
+        for name, start in starts.items():
             result = run(solve(problem, "gauss_newton", start=start))
-            e, end = shot.errors(result), f"{result.iterations} {result.status.name}"
-            rows.append([scene, name, end, f"{result.energy:.3e}", percent(e), degrees(e)])
+            e, least = shot.errors(result), f"{result.energy:.3e}"
+            rows.append([scene, name, ended(result), least, both(e, "percent"), both(e, "degrees", 3)])
     heads = ("scene", "start", "iterations", "energy", "% mean / median", "° mean / median")
     table("Gauss-Newton at 320x240 from other starts (none: coarse to fine)", heads, rows)
 
 
 def kernels() -> None:
     """Compiled loops of a Gauss-Newton step beside their NumPy twins and beside the memory's speed."""
-    rate, rows = _bandwidth(), []
+    rate, rows = bandwidth(), []
     for width in (320, 1440):
-        problem = Shot("colon", width).pose()
+        problem = problem_of(shot_of("colon", width))
         grid = Grid.of(problem)
         v = grid.march()
         coefficients, b = grid.linearised(v, 1.0)
@@ -243,43 +187,30 @@ def kernels() -> None:
             "V-cycle": (lambda c=cycles: c._cycle(), 0),
         }
         for name, (call, size) in timed.items():
-            seconds = _seconds(call)
-            plain = f"{1e3 * _seconds(twin[name], 3):.2f}" if name in twin else ""
+            seconds = seconds_of(call)
+            plain = f"{1e3 * seconds_of(twin[name], 3):.2f}" if name in twin else ""
             share = f"{100 * size * problem.mask.size / seconds / rate:.0f} %" if size else ""
-            per_pixel = f"{1e9 * seconds / problem.mask.size:.1f}"
-            rows.append(
-                [f"{width}x{problem.camera.height}", name, f"{1e3 * seconds:.2f}", per_pixel, share, plain]
-            )
+            times = f"{1e3 * seconds:.2f}", f"{1e9 * seconds / problem.mask.size:.1f}"
+            rows.append([f"{width}x{problem.camera.height}", name, *times, share, plain])
     heads = ("size", "loop", "ms", "ns/pixel", "of the memory's bandwidth", "NumPy twin ms")
     table(f"Loops of a step; a large copy moves {rate / 1e9:.1f} GB/s", heads, rows)
 
 
 def primal_dual_steps() -> None:
     """One step of the paper's path, compiled and in NumPy, without its energy."""
-    problem = Shot("tube").pose()
+    problem = problem_of(shot_of("tube"))
     rows = []
     for radius in (0, 8):
         path = _Path.at(problem, problem.log_facing, radius, 0.7)
-        ours = _seconds(lambda path=path: path.advance(10, 1.0, 1.0), 5) / 10
+        ours = seconds_of(lambda path=path: path.advance(10, 1.0, 1.0), 5) / 10
         rows.append([f"{radius} px", f"{1e3 * ours:.2f}", ""])
     # Patches and s are written there for reading, in loops that take seconds.
     primal_dual_model.patch_means = lambda p, *_: p
     twin = primal_dual_model.PrimalDualModel(problem, problem.log_facing, 0, 0.7)
     twin.gain = lambda *_: 1.0
-    rows[0][-1] = f"{1e3 * _seconds(lambda: twin.step(1.0), 5):.1f}"
-    table(
-        "Primal-dual step, tube at 320x240", ("patch", "compiled ms", "NumPy ms, without s and patches"), rows
-    )
-
-
-def _seconds(call, repeats: int = 9) -> float:  # type: ignore[no-untyped-def]
-    call()
-    seconds = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        call()
-        seconds.append(time.perf_counter() - started)
-    return median(seconds)
+    rows[0][-1] = f"{1e3 * seconds_of(lambda: twin.step(1.0), 5):.1f}"
+    heads = ("patch", "compiled ms", "NumPy ms, without s and patches")
+    table("Primal-dual step, tube at 320x240", heads, rows)
 
 
 TABLES = {one.__name__: one for one in (table_one, colons, sizes, sensitivity, kernels, primal_dual_steps)}

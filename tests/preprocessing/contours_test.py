@@ -8,7 +8,7 @@ import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import compare, occlusion_cuts
 from endolab.preprocessing.contours import find_contours
-from endolab.reconstruction.problem_setup import pose
+from endolab.reconstruction.problem_setup import make_problem
 
 
 def seen(scene, width=320, **options):
@@ -17,7 +17,7 @@ def seen(scene, width=320, **options):
     rendered = el.render(el.SCENES[scene], known.camera, known.photometry, bits=8, **options)
     known = el.Calibration(rendered.camera, rendered.photometry)
     frame = el.Frame(rendered.image, rendered.mask)
-    return rendered, frame, known, pose(frame, known, channel="green")
+    return rendered, frame, known, make_problem(frame, known, channel="green")
 
 
 def within(lines, others, pixels):

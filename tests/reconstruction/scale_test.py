@@ -114,6 +114,18 @@ def test_the_result_is_the_same_surface_in_another_unit(relative):
     np.testing.assert_allclose(again.distance, relative.distance)
 
 
+def test_a_length_that_is_known_solves_nothing_twice(shot, relative):
+    seen = []
+    whole = solve(shot, known_distance=(30.0, *ONE), observers=[seen.append])
+    assert [step.stage for step in seen] == ["solution"] * len(relative.history) + ["scaled"]
+    assert seen[-1] is whole.iterate
+    assert [row["energy"] for row in whole.history] == [row["energy"] for row in relative.history]
+    factor = factor_of_distance(relative, 30.0, *ONE)
+    np.testing.assert_allclose(whole.distance, factor * relative.distance, rtol=1e-12)
+    gains = [result.problem.photometry.gain for result in (whole, relative)]
+    assert gains[0] == pytest.approx(factor**2 * gains[1])
+
+
 @pytest.mark.parametrize(
     ("pixel", "message"),
     [

@@ -80,7 +80,7 @@ def test_observers_see_every_solve_with_its_stage_and_round(dry):
 
 
 def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
-    """The surface so far, on all pixels of the frame though it was sought on fewer, and in mm if it can be."""
+    """The surface so far, on all pixels of the frame though it was sought on fewer, and in mm."""
     relative = without(dry.calibration, gain=None)
     large = el.Frame(*(np.repeat(np.repeat(a, 2, 0), 2, 1) for a in (dry.frame.image, dry.frame.mask)))
     known = el.Calibration(dry.calibration.camera.resize(640, 480), relative.photometry)

@@ -14,6 +14,7 @@ from endolab.numerics.iteration import Status
 from endolab.reconstruction.problem_setup import make_problem
 from endolab.tuning import engine as tuning
 from endolab.tuning.engine import Tuner, sentence_of
+from endolab.tuning.panels import Cut, outcome_board, summary
 from endolab.tuning.source import Settings, Source
 
 PAPER = datasets.load_calibration("paper")
@@ -122,6 +123,61 @@ def test_a_long_solve_shows_what_it_has_so_far(start, monkeypatch):
     assert all(len(one.result.history) == one.result.iterations + 1 for one in between)
     assert all(one.median_error is not None for one in between)
     assert told[-1] is final
+
+
+def staged_solve(frame, calibration, *, observers=(), max_iterations=None, **_):
+    """A run whose first stage, on a grid of half the size, takes its time."""
+    small = calibration.camera.width // 2, calibration.camera.height // 2
+    coarse = make_problem(
+        frame.resize(*small, 2.2), replace(calibration, camera=calibration.camera.resize(*small))
+    )
+    fine = make_problem(frame, calibration)
+
+    def iterates():
+        for number in (1, 2):
+            iterate = replace(Iterate.of(coarse, coarse.log_facing), stage="bounced light", round=number)
+            for _ in range(3 if max_iterations else 40):
+                yield iterate
+                time.sleep(0.005)
+                iterate = replace(iterate, k=iterate.k + 1)
+        yield Iterate.of(fine, fine.log_facing)
+        return Status.CONVERGED
+
+    return run(iterates(), observers)
+
+
+def test_what_is_told_of_a_stage_on_the_way_is_of_that_stage_alone(start, monkeypatch):
+    monkeypatch.setattr(tuning, "PATIENCE", 0.05)
+    told = []
+    tuner = start(told.append, solve=staged_solve)
+    tuner.ask(SMALL)
+    final = tuner.wait(30)
+    between = [one for one in told if one.stage == "refining"]
+    assert {one.label for one in between} >= {"bounced light, round 1", "bounced light, round 2"}
+    for one in between:
+        assert [entry["k"] for entry in one.result.history] == list(range(one.result.iterate.k + 1))
+        assert one.result.mask.shape == (60, 80)
+        assert one.median_error is not None  # the truth is of the whole grid
+        assert f"Gauss-Newton, {one.label} · " in summary(one)
+        assert outcome_board(one, Cut()).shape == outcome_board(final, Cut()).shape
+    assert final.label == "fine"
+
+
+def test_a_wish_stops_a_stage_on_the_way(start):
+    solver = Slow()
+
+    def solve(frame, calibration, *, lam=1.0, observers=(), **options):
+        if lam == 1:
+            return staged_solve(frame, calibration, observers=observers, **options)
+        return solver(frame, calibration, lam=lam, observers=observers, **options)
+
+    told = []
+    tuner = start(told.append, solve=solve)
+    tuner.ask(replace(SMALL, lam=1.0))
+    time.sleep(0.1)
+    tuner.ask(replace(SMALL, lam=2.0))
+    assert tuner.wait(10).settings.lam == 2
+    assert not [one for one in told if one.settings.lam == 1 and one.stage == "fine"]
 
 
 def test_a_wish_stops_the_solve_in_flight_at_its_next_iterate(start):
