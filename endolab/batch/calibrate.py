@@ -41,28 +41,10 @@ def calibrate_to_files(
 ) -> Session:
     """Calibrate an endoscope from frames of a target; write its file and a folder with the report.
 
-    Parameters
-    ----------
-    frames : Frames
-    target : Target
-    out : path
-        Of `endoscope.json`, which is not written if the light was refused. Beside it the folder of
-        `report_folder`: what was detected (kept between calls), the page, `camera.json`.
-    record : bool
-        Write a recording for the Rerun viewer, too.
-    say : callable, optional
-        Told, in a sentence, what an earlier call had done.
-    camera, every, channel, progress, **light
-        As for `calibrate`.
-
-    Returns
-    -------
-    Session
-
-    Raises
-    ------
-    OSError, ValueError, MissingPackage
-        As `calibrate`; if the files cannot be written, or a package that writes them is missing.
+    `out` is `endoscope.json`, not written if the light was refused. Beside it, in `report_folder`, are
+    what was detected (kept between calls), the page, `camera.json` and, with `record`, a recording for
+    the Rerun viewer. `say` is told, in a sentence, what an earlier call had done; the rest is as for
+    `calibrate`. Raises `MissingPackage` at once if a package that writes these is missing.
     """
     need("jinja2", *(["rerun"] if record else []))
     folder = report_folder(out)

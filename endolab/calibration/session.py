@@ -109,10 +109,7 @@ def choose_views(detections: Mapping[str, Detection], every: int = EVERY) -> lis
 
 
 def locate(
-    detections: Mapping[str, Detection],
-    target: Target,
-    camera: KannalaBrandt,
-    progress: Progress = silent,
+    detections: Mapping[str, Detection], target: Target, camera: KannalaBrandt, progress: Progress = silent
 ) -> tuple[dict[str, tuple[Pose | None, ...]], dict[str, str]]:
     """Find the poses of the target's panels in every frame.
 

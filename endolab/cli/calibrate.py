@@ -22,10 +22,8 @@ class _Bar:
 
         if stage != self.stage:
             self.close()
-            self.stage, self.bar = (
-                stage,
-                tqdm(total=total, unit="frame", leave=False, disable=None, desc=stage),
-            )
+            self.stage = stage
+            self.bar = tqdm(total=total, unit="frame", leave=False, disable=None, desc=stage)
         self.bar.update(done - self.bar.n)
 
     def close(self) -> None:
@@ -186,59 +184,26 @@ def add_calibration_commands(commands: Any) -> None:
     add.set_defaults(run=_target)
 
     add = commands.add_parser("calibrate", help="frames of a target in, endoscope.json out")
-    add.add_argument("source", metavar="FOLDER_OR_VIDEO")
-    add.add_argument("--target", required=True, help="its name, as for target, or TARGET.json")
-    add.add_argument(
-        "--out", required=True, metavar="CAL.json", help="the report goes into CAL_report beside it"
-    )
-    add.add_argument(
-        "--camera", metavar="CAL.json", help="calibrate the light only, with the camera of this file"
-    )
-    add.add_argument(
-        "--every",
-        type=int,
-        default=20,
-        metavar="N",
-        help="one frame of a video in N goes into the geometry (default 20)",
-    )
-    add.add_argument(
-        "--channel",
-        choices=("grey", "red", "green", "blue"),
-        default="grey",
-        help="whose response: grey (default), red, green or blue",
-    )
-    add.add_argument(
-        "--gamma",
-        default="2.2",
-        metavar="γ",
-        help="a number (default 2.2), a number and its standard deviation (2.2,0.1), or free",
-    )
-    add.add_argument(
-        "--brdf",
-        choices=("tabulated", "lambertian"),
-        default="tabulated",
-        help="of the paper: tabulated (default) or lambertian",
-    )
-    add.add_argument(
-        "--gain",
-        choices=("free", "locked"),
-        default="free",
-        help="free (default), or locked: the same in all frames",
-    )
-    add.add_argument(
-        "--light",
-        choices=("centred", "free"),
-        default="centred",
-        help="centred (default), or free: its offset and direction are fitted too",
-    )
-    add.add_argument(
-        "--reflectance",
-        action="append",
-        default=[],
-        metavar="R",
-        help="of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free",
-    )
-    add.add_argument("--record", action="store_true", help="write a recording for the Rerun viewer too")
+    option = add.add_argument
+    option("source", metavar="FOLDER_OR_VIDEO")
+    option("--target", required=True, help="its name, as for target, or TARGET.json")
+    option("--out", required=True, metavar="CAL.json", help="the report goes into CAL_report beside it")
+    option("--camera", metavar="CAL.json", help="calibrate the light only, with the camera of this file")
+    how = "one frame of a video in N goes into the geometry (default 20)"
+    option("--every", type=int, default=20, metavar="N", help=how)
+    how = "whose response: grey (default), red, green or blue"
+    option("--channel", choices=("grey", "red", "green", "blue"), default="grey", help=how)
+    how = "a number (default 2.2), a number and its standard deviation (2.2,0.1), or free"
+    option("--gamma", default="2.2", metavar="γ", help=how)
+    for name, usual, other, how in (
+        ("--brdf", "tabulated", "lambertian", "of the paper: tabulated (default) or lambertian"),
+        ("--gain", "free", "locked", "free (default), or locked: the same in all frames"),
+        ("--light", "centred", "free", "centred (default), or free: its offset and direction are fitted too"),
+    ):
+        option(name, choices=(usual, other), default=usual, help=how)
+    how = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"
+    option("--reflectance", action="append", default=[], metavar="R", help=how)
+    option("--record", action="store_true", help="write a recording for the Rerun viewer too")
     add.set_defaults(run=_calibrate)
 
     add = commands.add_parser("convert", help="EndoMapper's calibration XML in, endoscope.json out")

@@ -38,6 +38,16 @@ def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: st
     ax.legend(loc="upper right", ncols=2)
 
 
+def _other_axis(ax: Axes, label: str) -> Axes:
+    """Add an axis on the right, blue, beside the one on the left, which turns red."""
+    other = ax.twinx()
+    other.set_ylabel(label, color=BLUE)
+    other.tick_params(axis="y", colors=BLUE)
+    ax.yaxis.label.set_color(VERMILION)
+    ax.tick_params(axis="y", colors=VERMILION)
+    return other
+
+
 def _shade_unseen(ax: Axes, low: float, high: float) -> None:
     """Shade the angles of 0 to 90° that are not between two."""
     ax.axvspan(0, low, color=UNSEEN, lw=0, zorder=0)
@@ -173,13 +183,9 @@ def show_gains(
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3), useMathText=True)
     if distance is not None:
-        other = ax.twinx()
+        other = _other_axis(ax, "mean distance of the sheet [mm]")
         handles += other.plot(frames, distance, color=BLUE, lw=1.5, ls="--", label="distance")
-        other.set_ylabel("mean distance of the sheet [mm]", color=BLUE)
-        other.tick_params(axis="y", colors=BLUE)
         other.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
-        ax.yaxis.label.set_color(VERMILION)
-        ax.tick_params(axis="y", colors=VERMILION)
     ax.legend(handles=handles, loc="upper right", ncols=2)
     return ax
 
@@ -302,11 +308,6 @@ def show_ridge(
     handles = ax.plot(gammas, sigmas, color=VERMILION, lw=2, marker="o", ms=4, label="residuals")
     ax.set_ylim(0, 1.2 * float(np.max(sigmas)))
     decorate(ax, title, "γ", "standard deviation [grey levels]")
-    other = ax.twinx()
-    handles += other.plot(gammas, ks, color=BLUE, lw=1.5, ls="--", label="k")
-    other.set_ylabel("k", color=BLUE)
-    other.tick_params(axis="y", colors=BLUE)
-    ax.yaxis.label.set_color(VERMILION)
-    ax.tick_params(axis="y", colors=VERMILION)
+    handles += _other_axis(ax, "k").plot(gammas, ks, color=BLUE, lw=1.5, ls="--", label="k")
     ax.legend(handles=handles, loc="lower right")
     return ax

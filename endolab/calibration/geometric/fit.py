@@ -16,13 +16,7 @@ import numpy as np
 from endolab.calibration.geometric.planar_pose import LEAST
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import NAMES, camera_of, camera_vector
-from endolab.calibration.geometric.reprojection import (
-    FINEST,
-    Geometry,
-    Reprojection,
-    View,
-    linear_pose,
-)
+from endolab.calibration.geometric.reprojection import FINEST, Geometry, Reprojection, View, linear_pose
 from endolab.calibration.least_squares import Fit, FitIterate, fit, iterate_fit
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt

@@ -220,16 +220,10 @@ def calibrate_light(
         raise ValueError(f"samples must be at least 10, got {len(samples)}")
     frames, frame = np.unique(samples.frame, return_inverse=True)
     group = frame if gain == "free" else np.zeros(len(samples), int)
-    model, begin, sigma = _posed(
-        samples,
-        group,
-        1 if brdf == "lambertian" else nodes,
-        known_gamma,
-        _checked_reflectance(reflectance, samples),
-        light == "free",
-        levels,
-        paper_albedo,
-    )
+    known = _checked_reflectance(reflectance, samples)
+    theta, pinned = _nodes(samples, 1 if brdf == "lambertian" else nodes, levels)
+    model = LightModel(samples, group, theta, pinned, known_gamma, known, light == "free", levels)
+    begin, sigma = _start(model, paper_albedo)
     expected = strengths(model, begin, sigma)
     refuse(model, expected)
     stiff = held(model, expected)
@@ -239,17 +233,8 @@ def calibrate_light(
     return _result(model, frames, expected, found)
 
 
-def _posed(
-    samples: Samples,
-    group: IntArray,
-    nodes: int,
-    gamma: float | tuple[float, float] | None,
-    reflectance: tuple[float | tuple[float, float] | None, ...],
-    free_light: bool,
-    levels: tuple[float, float],
-    albedo: float,
-) -> tuple[LightModel, LightUnknowns, float]:
-    """Choose the nodes of the BRDF and the pinned one, and find where to start."""
+def _nodes(samples: Samples, count: int, levels: tuple[float, float]) -> tuple[FloatArray, int]:
+    """Choose the nodes of the BRDF, rad, and the pinned one, which has the most light."""
     geometry = SampleGeometry.of(samples, np.zeros(5))
     good = geometry.valid & (samples.level > levels[0]) & (samples.level < levels[1])
     if good.sum() < 10:
@@ -258,7 +243,7 @@ def _posed(
         )
     theta = geometry.theta[good]
     chosen = np.zeros(1)
-    if nodes > 1:
+    if count > 1:
         if np.ptp(theta) < 1e-3:
             raise NotIdentifiableError(
                 "brdf",
@@ -266,11 +251,9 @@ def _posed(
                 f"{np.rad2deg(theta[0]):.1f}°; "
                 'tilt the sheet, or assume that it is matt (brdf="lambertian")',
             )
-        chosen = place_nodes(theta, nodes)
+        chosen = place_nodes(theta, count)
     light = samples.level[good] ** 2
-    pinned = int(np.argmax(hats(chosen, theta).T @ light))
-    model = LightModel(samples, group, chosen, pinned, gamma, reflectance, free_light, levels)
-    return (model, *_start(model, albedo))
+    return chosen, int(np.argmax(hats(chosen, theta).T @ light))
 
 
 def _check_bounds(model: LightModel, unknowns: LightUnknowns, spread: dict[str, float]) -> None:
