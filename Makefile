@@ -67,8 +67,8 @@ traced: $(READY) ## path-trace the frames anew, with Mitsuba (about 10 minutes)
 lock: | $(BIN)/python ## renew requirements.lock from pyproject.toml
 	$(PIP) install --quiet uv
 	echo '# Versions known to work together, for Python 3.11 and newer; "make lock" renews them.' > $(VENV)/lock
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --extra dev --no-header --no-annotate \
-	  --no-emit-index-url --no-emit-find-links pyproject.toml >> $(VENV)/lock
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --extra lab --extra dev --no-header \
+	  --no-annotate --no-emit-index-url --no-emit-find-links pyproject.toml >> $(VENV)/lock
 	mv $(VENV)/lock requirements.lock
 
 clean: ## delete what the other targets made, but for .venv
