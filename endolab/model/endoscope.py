@@ -106,7 +106,7 @@ class Endoscope:
 
     camera: Camera
     photometry: Photometry
-    evidence: dict[str, Any] = field(default_factory=dict)  # provenance; nothing here depends on it
+    evidence: dict[str, Any] = field(default_factory=dict)  # standard errors, ranges, provenance
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], name: str = "calibration") -> Self:

@@ -12,19 +12,17 @@ from matplotlib.text import Text
 from skimage.color import rgb2lab
 
 from endolab import plots
+from endolab.datasets import load_calibration
 from endolab.depth.problem import Problem
 from endolab.depth.result import Iterate, Result
 from endolab.model.brdf import Lambertian
-from endolab.model.cameras import KannalaBrandt
 from endolab.model.photometry import Photometry
 from endolab.numerics.iteration import Status
 from endolab.plots import style
 from endolab.synthetic.rendering import Rendered, render
 from endolab.synthetic.scenes import SCENES
 
-PAPER = KannalaBrandt(
-    1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -0.0012396, 0.00091258, -0.000040716)
-)
+PAPER = load_calibration("paper").camera
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from endolab.datasets import load_calibration
 from endolab.depth.energy import model_image
 from endolab.depth.problem import Problem
 from endolab.depth.result import Iterate, run
 from endolab.model.brdf import Lambertian
-from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
+from endolab.model.cameras import Camera, Pinhole
 from endolab.model.photometry import Photometry
 from endolab.numerics.iteration import Status
 from endolab.recording import viewer
@@ -24,9 +25,7 @@ from endolab.synthetic.rendering import Rendered, render
 from endolab.synthetic.scenes import SCENES
 from tests.tools.recorded import Recorded
 
-PAPER = KannalaBrandt(
-    1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -0.0012396, 0.00091258, -0.000040716)
-)
+PAPER = load_calibration("paper").camera
 
 
 def frame(camera: Camera, metric: bool = True) -> tuple[Rendered, Problem]:

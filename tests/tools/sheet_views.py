@@ -5,11 +5,10 @@ from scipy.spatial.transform import Rotation
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.reprojection import View
+from endolab.datasets import load_calibration
 from endolab.model.cameras import KannalaBrandt
 
-PAPER = KannalaBrandt(
-    1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -1.2396e-3, 9.1258e-4, -4.0716e-5)
-)
+PAPER = load_calibration("paper").camera
 WIDE = KannalaBrandt(1280, 1024, 400.0, 401.0, 645.0, 505.0, (-0.02, 0.004, -0.002, 0.0003))  # 190° and more
 
 

@@ -16,15 +16,13 @@ from endolab.calibration.simulation.sheet_image import render_sheet
 from endolab.calibration.simulation.trajectory import trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET
 from endolab.calibration.targets import TARGETS
+from endolab.datasets import load_calibration
 from endolab.model.brdf import Lambertian
-from endolab.model.cameras import KannalaBrandt
 from endolab.model.photometry import Photometry
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES
 
-CAMERA = KannalaBrandt(
-    1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -1.2396e-3, 9.1258e-4, -4.0716e-5)
-).resize(720, 540)
+CAMERA = load_calibration("paper", 720).camera
 PAPER = Photometry(k=2.5, gamma=2.2, brdf=PAPER_SHEET)
 
 

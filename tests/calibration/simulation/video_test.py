@@ -11,14 +11,12 @@ from endolab.calibration.simulation.sheet_image import GAIN_RANGE, WHITE, automa
 from endolab.calibration.simulation.trajectory import trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples, simulate_video
 from endolab.calibration.targets import TARGETS
+from endolab.datasets import load_calibration
 from endolab.model.brdf import TabulatedBRDF
-from endolab.model.cameras import KannalaBrandt
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 
-FULL = KannalaBrandt(
-    1440, 1080, 717.21, 717.48, 735.37, 552.80, (-0.13893, -1.2396e-3, 9.1258e-4, -4.0716e-5)
-)
+FULL = load_calibration("paper").camera
 CAMERA, LARGE = FULL.resize(480, 360), FULL.resize(960, 720)
 PAPER = Photometry(k=2.5, gamma=2.2, brdf=PAPER_SHEET)
 FLAT, FOLDED = TARGETS["vicalib_small"], TARGETS["vicalib_folded"]
