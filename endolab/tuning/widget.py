@@ -1,8 +1,8 @@
 """The tuner: knobs on the left of a hand, the surface under its eyes.
 
-`tune` makes a widget for JupyterLab. Its engine, which `endolab.tuning` describes, solves in a
-thread of its own; pictures are drawn and sent from there, so that neither a slow solve nor a
-running cell freezes the page. What goes wrong is said in one line below the knobs.
+`tune` makes a widget for JupyterLab. Its `engine` solves in a thread of its own; pictures are drawn
+and sent from there, so that neither a slow solve nor a running cell freezes the page. What goes
+wrong is said in one line below the knobs.
 """
 
 from __future__ import annotations
@@ -76,16 +76,9 @@ def tune(
 class TunerBox(w.VBox):
     """The tuner's widget; `tune` makes it.
 
-    Attributes
-    ----------
-    engine : Tuner
-        What solves.
-    knobs : mapping of str to widget
-        By the names of `Settings`, and "section", "across".
-    pair : Pair
-        What is shown now, and A. The section's line follows the pointer on input and distance.
-    status : ipywidgets.HTML
-        One line: how the solve went, or what went wrong.
+    `engine` solves what the `knobs` say, by the names of `Settings`, and "section", "across". `pair`
+    shows what there is now, and A; its section follows the pointer on input and distance. `status`
+    is one line: how the solve went, or what went wrong.
     """
 
     def __init__(
@@ -281,16 +274,7 @@ class TunerBox(w.VBox):
     def export(self, folder: str | Path) -> Path:
         """Solve what the knobs say from a cold start and write all there is about it into a folder.
 
-        Returns
-        -------
-        Path
-            The folder, with `board.png`, `result.py`, `recording.rrd` and what `save_result`
-            writes; all of them or none.
-
-        Raises
-        ------
-        OSError, ValueError
-            In one sentence.
+        That is `board.png`, `result.py`, `recording.rrd` and what `save_result` writes; all or none.
         """
         from endolab.recording.recorder import record
 
@@ -323,18 +307,10 @@ class TunerBox(w.VBox):
             self.take(files)
 
     def take(self, files: Mapping[str, bytes]) -> None:
-        """Look at another frame, or through another endoscope.
+        """Look at another frame, or through another endoscope: pictures and calibration files by name.
 
-        Parameters
-        ----------
-        files : mapping of str to bytes
-            Pictures and calibration files by their names. A calibration without a picture that it
-            fits renders scenes.
-
-        Raises
-        ------
-        OSError, ValueError
-            In one sentence, if one of them cannot be used; then nothing changes.
+        A calibration without a picture that it fits renders scenes. An OSError or ValueError says in
+        one sentence what cannot be used; then nothing changes.
         """
         calibration, frame = self._calibration, None
         with tempfile.TemporaryDirectory() as folder:
