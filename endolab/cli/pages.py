@@ -33,7 +33,7 @@ FORMULAS = """window.MathJax = {tex: {inlineMath: [["$", "$"]], processEscapes: 
 """
 WIDGET = "application/vnd.jupyter.widget-view+json"
 NO_WIDGET = "(Here are controls that need a kernel: open the notebook in JupyterLab to use them.)"
-LINK = re.compile(r"(\]\()([^)#\s]+)([^)\s]*\))")
+LINK = re.compile(r"(\]\()([^)#\s]+)([^)]*\))")
 
 
 def _with_links(text: str, source: Path, out: Path) -> str:

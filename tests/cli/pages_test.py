@@ -7,7 +7,7 @@ import pytest
 
 from endolab.cli import pages
 
-TEXT = "$x^2$ [next](02_b.ipynb#end) [code](../endolab/cameras.py#L1) [home](README.md) [web](https://x.org)"
+TEXT = '$x^2$ [next](02_b.ipynb#end) [code](../a/b.py#L1 "f") [home](README.md) [web](https://x.org)'
 SLIDER = "from ipywidgets import interact\n@interact(a=(0, 9))\ndef show(a=4):\n    print(f'a is {a}')"
 
 
@@ -26,7 +26,7 @@ def test_pages_stand_alone(tmp_path, capsys):
     page = (tmp_path / "build" / "html" / "01_a.html").read_text(encoding="utf-8")
     assert "a is 4" in page
     assert pages.NO_WIDGET in page
-    for link in ("02_b.html#end", "../../endolab/cameras.py#L1", "index.html", "https://x.org"):
+    for link in ("02_b.html#end", "../../a/b.py#L1", "index.html", "https://x.org"):
         assert f'href="{link}"' in page
     assert set(re.findall(r'<script src="([^"]*)"', page)) == {"data:,", "mathjax.js"}
     assert 'href="01_a.html"' in (tmp_path / "build" / "html" / "index.html").read_text(encoding="utf-8")
