@@ -94,6 +94,17 @@ def test_no_import_hides_where_it_leads():
             assert not hidden or path.stem == "_deprecated", f"{path}: import_module"
 
 
+def test_no_test_imports_another_test():
+    """What two of them need is in tests/tools, or beside them in a file that is no test."""
+    for path in (ROOT / "tests").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = (
+                [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+            )
+            names.append(getattr(node, "module", None) or "")
+            assert not any(part.endswith("_test") for name in names for part in name.split(".")), path
+
+
 @pytest.mark.parametrize("module", in_core())
 def test_the_core_knows_neither_files_nor_people(module):
     source = structure.modules(PACKAGE)[module].read_text(encoding="utf-8")
@@ -151,9 +162,12 @@ def test_circles_and_levels_are_found(house):
     assert structure.levels(graph) == {"numerics.low": 1, "model.middle": 1, "cli.high": 2}
 
 
-def test_the_readme_shows_the_same_order():
+def test_the_readme_shows_the_same_order_and_every_file():
     text = (ROOT / "README.md").read_text(encoding="utf-8").split("## The house")[1]
-    assert re.findall(r"^\| `(\w+)/` \|", text, re.MULTILINE) == ORDER
+    rows = re.findall(r"^\| `(\w+)/` \|[^|]*\|(.*)\|$", text, re.MULTILINE)
+    assert [folder for folder, _ in rows] == ORDER
+    named = {f"{folder}.{name}" for folder, files in rows for name in re.findall(r"`(\w+)/?`", files)}
+    assert named == {".".join(name.split(".")[:2]) for name in structure.modules(PACKAGE)} - BESIDE
 
 
 def test_importing_the_package_loads_nothing_slow():

@@ -1,4 +1,4 @@
-"""The photometric calibration as tables, all or some by name: `bench_calibration.py recovery`.
+"""The photometric calibration as tables: `python -m tests.benchmarks.calibration [--seeds N] [recovery]...`.
 
 Not a test: it asserts nothing and depends on the machine. `--seeds N` before the names sets how
 many simulated videos each row is measured on (20). With OPENBLAS_NUM_THREADS=1 it runs alike on
@@ -24,7 +24,7 @@ from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 from endolab.calibration.targets import TARGETS
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from tests.benchmarks.speed import table
+from tests.benchmarks.report import table
 
 K, GAMMA = 2.5, 2.2
 CAMERA = datasets.load_calibration("paper").camera

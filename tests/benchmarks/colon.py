@@ -8,6 +8,7 @@ No test: it takes minutes, and real frames are looked for in $ENDOLAB_DATA or ..
 import sys
 import time
 from dataclasses import replace
+from itertools import product
 
 import cv2
 import numpy as np
@@ -29,36 +30,26 @@ WAYS = {
 }
 
 
-def told(name, way, result, truth, seconds, normals=None, most=90.0, scale="none"):
-    """Print one line of the table."""
-    cosine = result.problem.field.cos_alpha
-    found = compare(
-        result.distance,
-        truth,
-        cosine,
-        normals=result.normals,
-        true_normals=normals,
-        mask=np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(most)),
-        scale=scale,
-    )
+def tell(name, way, frame, calibration, truth, normals=None, most=90.0, scale="none", **options):
+    """Reconstruct, print one line of the table, and return the result."""
+    started = time.perf_counter()
+    result = el.reconstruct(frame, calibration, **options)
+    seconds, cosine = time.perf_counter() - started, result.problem.field.cos_alpha
+    near_axis = np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(most))
+    known = {"normals": result.normals, "true_normals": normals, "mask": near_axis, "scale": scale}
+    found = compare(result.distance, truth, cosine, **known)
     degrees = f"{found.mean_degrees:5.1f}°" if normals is not None else "     -"
     settings = result.problem.settings
     torn = "torn" if settings.get("contours") else ""
     albedo = " ".join(f"{one:.2f}" for one in settings.get("albedo", ()))
+    way = way.format(status=result.status.name)
     print(
         f"{name:12} {way:24} {found.mean_percent:5.1f} {found.median_percent:5.1f} % "
         f"{found.mean_mm:6.2f} {found.median_mm:6.2f} mm {degrees} {result.iterations:5d} {seconds:5.1f} s "
         f"{torn:5}{albedo}",
         flush=True,
     )
-    return found
-
-
-def solved(frame, calibration, **options):
-    """Return the result and its seconds."""
-    started = time.perf_counter()
-    result = el.reconstruct(frame, calibration, **options)
-    return result, time.perf_counter() - started
+    return result
 
 
 def without_albedo(calibration):
@@ -69,14 +60,12 @@ def traced():
     print("path-traced, mean and median of the distance, true scale; normals; iterations")
     for name in CASES:
         sample = el.load_traced(name)
+        frame, known, truth = sample.frame, sample.calibration, (sample.distance, sample.normals)
         for way, options in WAYS.items():
-            result, seconds = solved(sample.frame, sample.calibration, **options)
-            told(name, way, result, sample.distance, seconds, sample.normals)
-        result, seconds = solved(sample.frame, without_albedo(sample.calibration), channel="separated")
-        told(name, "separated, albedo unknown", result, sample.distance, seconds, sample.normals)
-        torn = occlusion_cuts(sample.distance)
-        result, seconds = solved(sample.frame, sample.calibration, channel="separated", cuts=torn)
-        told(name, "separated, true contours", result, sample.distance, seconds, sample.normals)
+            tell(name, way, frame, known, *truth, **options)
+        unknown, torn = without_albedo(known), occlusion_cuts(sample.distance)
+        tell(name, "separated, albedo unknown", frame, unknown, *truth, channel="separated")
+        tell(name, "separated, true contours", frame, known, *truth, channel="separated", cuts=torn)
 
 
 def at_width(sample, width):
@@ -95,41 +84,20 @@ def with_light(calibration, **light):
     return replace(calibration, photometry=replace(calibration.photometry, brdf=TISSUE, **light))
 
 
-def c3vd(widths=(338,)):
+def c3vd(width=338):
     folder = datasets.data_folder()
     print("C3VD, within 55°, median-scaled; k and γ as published, and as fitted to frame 1")
-    for width in widths:
-        for index in (1, 6):
-            sample = datasets.read_c3vd(folder / "c3vd_trans_t1_a", index)
-            frame, calibration, truth = at_width(sample, width)
-            for light, changes in {"published": {}, "of frame 1": {"k": 1.52, "gamma": 2.2}}.items():
-                lit = with_light(calibration, **changes)
-                ways = (
-                    WAYS
-                    if light == "published"
-                    else {k: v for k, v in WAYS.items() if "solved" in k} | {"separated": WAYS["separated"]}
-                )
-                for way, options in ways.items():
-                    result, seconds = solved(frame, lit, **options)
-                    told(
-                        f"c3vd {index} {width}",
-                        f"{way}, {light}",
-                        result,
-                        truth,
-                        seconds,
-                        most=55,
-                        scale="median",
-                    )
-            result, seconds = solved(frame, without_albedo(calibration), channel="separated")
-            told(
-                f"c3vd {index} {width}",
-                "separated, no albedo",
-                result,
-                truth,
-                seconds,
-                most=55,
-                scale="median",
-            )
+    scored = {"most": 55, "scale": "median"}
+    for index in (1, 6):
+        name = f"c3vd {index} {width}"
+        frame, calibration, truth = at_width(datasets.read_c3vd(folder / "c3vd_trans_t1_a", index), width)
+        published, fitted = with_light(calibration), with_light(calibration, k=1.52, gamma=2.2)
+        for way, options in WAYS.items():
+            tell(name, f"{way}, published", frame, published, truth, **scored, **options)
+        for way in ("solved", "separated"):
+            tell(name, f"{way}, of frame 1", frame, fitted, truth, **scored, **WAYS[way])
+        unknown = without_albedo(calibration)
+        tell(name, "separated, no albedo", frame, unknown, truth, **scored, channel="separated")
 
 
 def simcol3d():
@@ -139,8 +107,8 @@ def simcol3d():
         sample = datasets.read_simcol3d(folder / "simcol3d", index)
         frame, calibration, truth = at_width(sample, 320)
         for way in ("marched", "solved", "separated"):
-            result, seconds = solved(frame, with_light(calibration), **WAYS[way])
-            told(f"simcol {index}", way, result, truth, seconds, scale="median")
+            known = with_light(calibration)
+            result = tell(f"simcol {index}", way, frame, known, truth, scale="median", **WAYS[way])
             good = result.mask & np.isfinite(truth)
             cosine = result.problem.field.cos_alpha[good]
             z, true = result.distance[good] * cosine, truth[good] * cosine
@@ -152,13 +120,12 @@ def simcol3d():
 def variants():
     print("Table II: the paper's solver on diffuse-1, all six variants; iterations, distance and normals")
     sample = el.load_traced("diffuse-1")
+    truth = sample.distance, sample.normals
     for light, channel in (("as it is", "green"), ("separated", "separated")):
-        for regulariser in ("first", "second"):
-            for xi in ("1/z", "d", "1/d"):
-                how = {"solver": "primal_dual", "xi": xi, "regulariser": regulariser, "lam": 0.1}
-                result, seconds = solved(sample.frame, sample.calibration, channel=channel, **how)
-                name = f"{xi} {regulariser}"
-                told(name, f"{light}, {result.status.name}", result, sample.distance, seconds, sample.normals)
+        for regulariser, xi in product(("first", "second"), ("1/z", "d", "1/d")):
+            how = {"solver": "primal_dual", "xi": xi, "regulariser": regulariser, "lam": 0.1}
+            way = f"{light}, {{status}}"
+            tell(f"{xi} {regulariser}", way, sample.frame, sample.calibration, *truth, channel=channel, **how)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import numpy as np
 
 from endolab import datasets
 from endolab.preprocessing.highlights import find_highlights, grown, inpaint
-from tests.benchmarks.speed import table
+from tests.benchmarks.report import table
 
 LIMITS = (0.1, 0.2, 0.5)  # mirrored light over the tissue's, in green
 

@@ -1,4 +1,4 @@
-"""What recording costs, in time and on disk: `bench_recording.py [RUNS]`.
+"""What recording costs, in time and on disk: `python -m tests.benchmarks.recording [RUNS]`.
 
 Not a test: it asserts nothing and depends on the machine.
 """
@@ -13,7 +13,7 @@ from statistics import median
 
 import endolab as el
 from endolab import datasets
-from tests.benchmarks.speed import table
+from tests.benchmarks.report import table
 
 RUNS = {
     "gauss_newton, cold": {},

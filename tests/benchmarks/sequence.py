@@ -1,4 +1,4 @@
-"""Videos and sweeps as tables: seconds a frame, memory, two cores against one. `bench_sequence.py`.
+"""Videos and sweeps as tables: seconds a frame, memory, two cores against one.
 
 Not a test: it asserts nothing and depends on the machine.
 """
@@ -20,23 +20,19 @@ import endolab as el
 from endolab import datasets
 from endolab.batch.sweep import sweep
 from endolab.reconstruction.sequence import reconstruct_sequence
+from tests.tools.problems import moved_colon
 
 SIZES = (("simple", 320), ("paper", 1440))  # 320x240 and 1440x1080
 FRAMES = {320: 6, 1440: 4}
-
-
-def moved(t: float) -> el.Colon:
-    """The colon, the camera having gone on by t mm."""
-    return type("Moved", (el.Colon,), {"_camera": np.array([2 + 0.1 * t, -1.5, t])})()
 
 
 def shots(name: str, width: int) -> tuple[list[tuple[str, np.ndarray]], el.Calibration]:
     """A video of the colon, 1 mm a frame, and its calibration of unknown gain."""
     calibration = datasets.load_calibration(name, width)
     photometry = calibration.photometry
-    first = el.render(moved(0), calibration.camera, photometry)
+    first = el.render(moved_colon(0), calibration.camera, photometry)
     seen = [
-        el.render(moved(t), calibration.camera, first.photometry, noise=1, bits=8, seed=t)
+        el.render(moved_colon(t), calibration.camera, first.photometry, noise=1, bits=8, seed=t)
         for t in range(FRAMES[width])
     ]
     known = el.Calibration(calibration.camera, replace(photometry, gain=None))
@@ -95,5 +91,5 @@ if __name__ == "__main__":
         video(sys.argv[1], int(sys.argv[2]))
     else:
         for name, width in SIZES:
-            subprocess.run([sys.executable, __file__, name, str(width)], check=True)
+            subprocess.run([sys.executable, "-m", "tests.benchmarks.sequence", name, str(width)], check=True)
         cores()

@@ -1,4 +1,4 @@
-"""A calibration from rendered pictures, end to end: `bench_session.py [FRAMES [SEEDS]]`.
+"""A calibration from rendered pictures, end to end: `python -m tests.benchmarks.session [FRAMES [SEEDS]]`.
 
 Not a test: it asserts nothing and depends on the machine; 300 frames take some minutes a video.
 """
@@ -19,7 +19,7 @@ from endolab.calibration.simulation.sheet_image import SheetFrame
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.calibration.targets import TARGETS, Target
 from endolab.model.photometry import Photometry
-from tests.benchmarks.speed import table
+from tests.benchmarks.report import table
 
 CAMERA = datasets.load_calibration("paper").camera
 TRUTH = Photometry(2.5, 2.2, None, PAPER_SHEET)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
 from statistics import median
 
 import numpy as np
@@ -17,49 +16,24 @@ import endolab as el
 from endolab import datasets
 from endolab.depth.fast_marching import March
 from endolab.depth.problem import Problem
-from endolab.metrics.depth_errors import Errors, compare
+from endolab.metrics.depth_errors import compare
+from tests.benchmarks.report import bandwidth, both, ended, seconds_of, table
+from tests.tools.problems import Shot
 
 SOLVERS = ("facing", "fast_marching", "gauss_newton")
-
-
-def table(title: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Print an aligned table."""
-    lines = [list(heads), *(list(row) for row in rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
-    print(f"\n{title}")
-    for line in lines:
-        print("  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)))
-    sys.stdout.flush()
-
-
-def errors_of(result: el.Result, truth: np.ndarray, **options: object) -> Errors:
-    """Errors of a result."""
-    return compare(result.distance, truth, result.problem.field.cos_alpha, normals=result.normals, **options)
 
 
 def scenes() -> None:
     """The solvers on the four scenes, exact and as a real camera would give them; λ is the same for all."""
     rows = []
-    calibration = datasets.load_calibration("simple")
-    for noise, bits in ((0.0, None), (3.0, 8)):
-        for name, scene in el.SCENES.items():
-            seen = el.render(scene, calibration.camera, calibration.photometry, noise=noise, bits=bits)
-            frame = el.Frame(seen.image, seen.mask, name)
-            known = el.Calibration(calibration.camera, seen.photometry)
+    for kind, how in (("exact", {}), ("3 grey, 8 bit", {"noise": 3.0, "bits": 8})):
+        for name in el.SCENES:
+            shot = Shot(name, datasets.load_calibration("simple"), **how)
             for solver in SOLVERS:
-                result = el.reconstruct(frame, known, solver=solver)
-                e = errors_of(result, seen.distance, true_normals=seen.normals)
-                rows.append(
-                    [
-                        name,
-                        "exact" if bits is None else f"{noise:g} grey, {bits} bit",
-                        solver,
-                        f"{result.iterations} {result.status.name}",
-                        f"{e.mean_mm:.4f} / {e.median_mm:.4f}",
-                        f"{e.mean_percent:.4f} / {e.median_percent:.4f}",
-                        f"{e.mean_degrees:.3f} / {e.median_degrees:.3f}",
-                    ]
-                )
+                result = shot.reconstruct(solver=solver)
+                e = shot.errors(result)
+                errors = both(e, "mm"), both(e, "percent"), both(e, "degrees", 3)
+                rows.append([name, kind, solver, ended(result), *errors])
     heads = ("scene", "frame", "solver", "iterations", "distance [mm]", "distance [%]", "normals [°]")
     table("Scenes at 320x240, 90° pinhole: mean / median errors", heads, rows)
 
@@ -77,74 +51,33 @@ def published() -> None:
         for channel in ("red", "green", "blue", "grey"):
             for solver in SOLVERS:
                 result = el.reconstruct(sample.frame, sample.calibration, solver=solver, channel=channel)
-                near_axis = result.problem.field.cos_alpha > np.cos(np.deg2rad(55))
-                e = errors_of(result, sample.distance, mask=near_axis, scale="median")
-                rows.append(
-                    [
-                        name,
-                        channel,
-                        solver,
-                        f"{result.iterations} {result.status.name}",
-                        f"{e.mean_percent:.2f} / {e.median_percent:.2f}",
-                        f"{e.mean_mm:.2f} / {e.median_mm:.2f}",
-                        f"{e.rmse_z_mm:.2f}",
-                    ]
-                )
-    heads = (
-        "frame",
-        "channel",
-        "solver",
-        "iterations",
-        "mean / median [%]",
-        "mean / median [mm]",
-        "RMSE of z [mm]",
-    )
+                cosine = result.problem.field.cos_alpha
+                near_axis = cosine > np.cos(np.deg2rad(55))
+                e = compare(result.distance, sample.distance, cosine, mask=near_axis, scale="median")
+                errors = both(e, "percent", 2), both(e, "mm", 2), f"{e.rmse_z_mm:.2f}"
+                rows.append([name, channel, solver, ended(result), *errors])
+    heads = ("frame", "channel", "solver", "iterations", "mean / median [%]", "mean / median [mm]")
+    heads += ("RMSE of z [mm]",)
     table("Published frames, k 2.5, γ 2.2, median-scaled, within 55° of the axis", heads, rows)
-
-
-def _marching_seconds(problem: Problem, repeats: int = 5) -> float:
-    log_facing, metric = problem.log_facing, problem.field.inverse_metric
-    seconds = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        march = March.seeded(log_facing, problem.mask, metric, None)
-        march.advance(problem.mask.size)
-        seconds.append(time.perf_counter() - started)
-    return median(seconds)
-
-
-def _bandwidth() -> float:
-    """Bytes a second that a large copy reads and writes."""
-    source, target = np.ones(16_000_000), np.empty(16_000_000)
-    seconds = []
-    for _ in range(7):
-        started = time.perf_counter()
-        np.copyto(target, source)
-        seconds.append(time.perf_counter() - started)
-    return 2 * source.nbytes / median(seconds)
 
 
 def speed() -> None:
     """Time of a march per pixel, beside the time it takes to touch its arrays once."""
     # Per pixel: d₀² and three of the metric read (32 B); d², heap, place read and written (32 B), fixed.
-    bound = 65 / _bandwidth()
+    bound = 65 / bandwidth()
     rows = []
     for width in (160, 320, 640, 1280, 1440):
         calibration = datasets.load_calibration("simple", width)
-        seen = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry.channel("green"))
-        problem = Problem(seen.image, seen.mask, seen.camera, seen.photometry)
-        _marching_seconds(problem, 1)
-        seconds, pixels = _marching_seconds(problem), int(seen.mask.sum())
+        shot = Shot("colon", calibration, calibration.photometry.channel("green"))
+        problem = Problem(shot.truth.image, shot.truth.mask, shot.truth.camera, shot.truth.photometry)
+        given = problem.log_facing, problem.mask, problem.field.inverse_metric, None
+        seconds = seconds_of(lambda given=given: March.seeded(*given).advance(given[1].size), 5)
         started = time.perf_counter()
-        el.reconstruct(
-            el.Frame(seen.image, seen.mask),
-            el.Calibration(seen.camera, seen.photometry),
-            solver="fast_marching",
-        )
-        whole = time.perf_counter() - started
+        shot.reconstruct(solver="fast_marching")
+        whole, pixels = time.perf_counter() - started, int(problem.mask.sum())
         rows.append(
             [
-                f"{width}x{seen.camera.height}",
+                f"{width}x{problem.camera.height}",
                 f"{1e3 * seconds:.1f}",
                 f"{1e6 * seconds / pixels:.3f}",
                 f"{1e9 * seconds / (pixels * np.log2(pixels)):.1f}",
@@ -152,14 +85,8 @@ def speed() -> None:
                 f"{1e3 * whole:.0f}",
             ]
         )
-    heads = (
-        "size",
-        "march [ms]",
-        "µs/pixel",
-        "ns/(pixel·log₂ n)",
-        "bandwidth bound µs/pixel",
-        "reconstruct [ms]",
-    )
+    heads = ("size", "march [ms]", "µs/pixel", "ns/(pixel·log₂ n)", "bandwidth bound µs/pixel")
+    heads += ("reconstruct [ms]",)
     table("Fast marching, colon, after compilation (median of 5)", heads, rows)
 
 

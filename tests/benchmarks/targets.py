@@ -22,7 +22,7 @@ from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid, Target
 from endolab.io.images import read_image
 from endolab.model.cameras import KannalaBrandt
 from endolab.model.photometry import CHANNELS
-from tests.benchmarks.speed import table
+from tests.benchmarks.report import table
 
 PAPER = datasets.load_calibration("paper").camera
 LAPAROSCOPE = (1770.0, 1770.0, 915.0, 459.0)  # published with it

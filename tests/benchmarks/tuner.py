@@ -1,4 +1,4 @@
-"""From a slider to a picture in headless Chromium: `bench_tuner.py [MOVES [RANDOM_MOVES]]`.
+"""From a slider to a picture in headless Chromium: `python -m tests.benchmarks.tuner [MOVES [RANDOM_MOVES]]`.
 
 Not a test: it asserts nothing and depends on the machine. JupyterLab runs on a notebook in a
 temporary folder.
@@ -25,12 +25,10 @@ from typing import Any
 import numpy as np
 import psutil
 
-from tests.benchmarks.speed import table
+from tests.benchmarks.report import table
 
 ROOT = Path(__file__).resolve().parents[2]
-CELL = """from endolab.widgets import tuner
-box = tuner(scene="colon", width=320)
-box"""
+CELL = "import endolab as el\nbox = el.tune(scene='colon', width=320)\nbox"
 FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
 READY = "() => window.jupyterapp?.shell?.currentWidget?.sessionContext?.session?.kernel?.status === 'idle'"
 # Notes, for each new picture, when it was decoded and drawn and what the status line said of it.

@@ -1,0 +1,50 @@
+"""What the tables share: how they are printed, times, the memory's speed, errors of frames with truth."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterable
+from statistics import median
+
+import numpy as np
+
+import endolab as el
+from endolab.metrics.depth_errors import Errors
+
+
+def table(title: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
+    """Print an aligned table."""
+    lines = [list(heads), *(list(row) for row in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
+    print(f"\n{title}")
+    for line in lines:
+        print("  " + "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)))
+    sys.stdout.flush()
+
+
+def ended(result: el.Result) -> str:
+    """How many iterations, and why no more."""
+    return f"{result.iterations} {result.status.name}"
+
+
+def both(e: Errors, what: str, digits: int = 4) -> str:
+    """Mean and median error in mm, percent or degrees."""
+    return " / ".join(f"{getattr(e, f'{kind}_{what}'):.{digits}f}" for kind in ("mean", "median"))
+
+
+def seconds_of(call: Callable[[], object], repeats: int = 9) -> float:
+    """Median of the seconds that a call takes, once it is compiled."""
+    call()
+    seconds = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - started)
+    return median(seconds)
+
+
+def bandwidth() -> float:
+    """Bytes a second that a large copy reads and writes."""
+    source, target = np.ones(16_000_000), np.empty(16_000_000)
+    return 2 * source.nbytes / seconds_of(lambda: np.copyto(target, source), 7)
