@@ -1,13 +1,13 @@
 """The energy and its Gauss-Newton model, compiled.
 
 What is computed here is written readably in `energy.py`; the tests hold the two together. Arrays
-are padded, see `padding.py`; what is meant by each is in `grid.Grid`.
+are padded, see `numerics.compiled`; what is meant by each is in `grid.Grid`.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,35 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, kernel
 
 TABLE_SIZE = 4096
+
+
+class Picture(NamedTuple):
+    """What the energy needs of a grid's pixels; padded arrays, see `grid.Grid`."""
+
+    image: FloatArray
+    log_scale: FloatArray
+    metric: FloatArray
+    edge: FloatArray
+    active: Any
+    link: Any
+    evidence: Any
+
+
+class Wall(NamedTuple):
+    """How a wall's brightness falls with its slant: γ and the table of `shading_table`."""
+
+    gamma: float
+    table: FloatArray
+    step: float
+
+
+class Penalties(NamedTuple):
+    """Huber's threshold of the data, ε, the unit of a derivative of ξ, whether it is the second."""
+
+    threshold: float
+    epsilon: float
+    scale: float
+    second: bool
 
 
 @kernel
@@ -94,12 +123,11 @@ def listen(
 
 
 @kernel
-def sums(
-    v: FloatArray, xi: FloatArray, image: FloatArray, log_scale: FloatArray, metric: Any, edge: FloatArray,
-    active: Any, link: Any, evidence: Any, gamma: float, table: Any, step: float, threshold: float,
-    epsilon: float, scale: float, second: bool,
-) -> tuple[float, float]:  # fmt: skip
+def sums(v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any) -> tuple[float, float]:
     """Sums over the mask of the data's penalty and of the regulariser's without λ."""
+    image, log_scale, metric, edge, active, link, evidence = picture
+    gamma, table, step = wall
+    threshold, epsilon, scale, second = penalties
     data, rough = 0.0, 0.0
     for i in range(PAD, v.shape[0] - PAD):
         for j in range(PAD, v.shape[1] - PAD):
@@ -120,13 +148,13 @@ def sums(
 
 @kernel
 def linearise(
-    v: FloatArray, xi: FloatArray, image: FloatArray, log_scale: FloatArray, metric: Any, edge: FloatArray,
-    active: Any, link: Any, evidence: Any, gamma: float, table: Any, step: float, threshold: float,
-    epsilon: float, scale: float, second: bool, lam: float,
-    by_v: FloatArray, by_v_u: FloatArray, by_v_v: FloatArray, weight: FloatArray, smoothness: FloatArray,
-    descent: FloatArray, smooth: FloatArray,
-) -> None:  # fmt: skip
+    v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any, lam: float, out: Any
+) -> None:
     """Coefficients of the normal equations, -Jᵀ W r and Dᵀ Q D ξ."""
+    image, log_scale, metric, edge, active, link, evidence = picture
+    gamma, table, step = wall
+    threshold, epsilon, scale, second = penalties
+    by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth = out
     for i in range(PAD, v.shape[0] - PAD):
         for j in range(PAD, v.shape[1] - PAD):
             if not active[i, j]:

@@ -1,7 +1,7 @@
 """A problem on a grid of its own or fewer pixels, and the way from one grid to the next.
 
 A `Grid` keeps what the compiled energy needs of a `Problem` in padded arrays (see
-`padding.py`), such that a grid of half the rows and columns has the same form: block means,
+`numerics.compiled`), such that a grid of half the rows and columns has the same form: block means,
 and a metric in its own pixels. Maps of log-distance go down as means too; up by their own
 gradient, which is right to the second order to the very rim and never reaches over a cut.
 """
@@ -13,7 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.energy_kernels import differences, fill_xi, linearise, shading_table, sums
+from endolab.depth.energy_kernels import (
+    Penalties,
+    Picture,
+    Wall,
+    differences,
+    fill_xi,
+    linearise,
+    shading_table,
+    sums,
+)
 from endolab.depth.fast_marching import March
 from endolab.depth.normal_equations import Coefficients
 from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
@@ -68,7 +77,7 @@ class Grid:
     active : int8 array
         The mask.
     link : (2, ...) int8 array
-        Steps that derivatives take, see `endolab.operators.links`.
+        Steps that derivatives take, see `numerics.derivatives.links`.
     evidence : int8 array
         See `Problem`; (0, 0) for exact pixels.
     inflow : (H, W) array, not padded
@@ -78,7 +87,7 @@ class Grid:
     scale : float
         What a derivative of ξ per pixel of this grid is multiplied by.
     table, step
-        See `endolab.depth.compiled.shading_table`.
+        See `energy_kernels.shading_table`.
     """
 
     problem: Problem
@@ -203,15 +212,16 @@ class Grid:
         fill_xi(v, self.factor, self.active, 1.0 if self.problem.xi == "d" else -1.0, xi)
         return xi
 
-    def _arguments(self) -> tuple[Any, ...]:
+    def _energy(self) -> tuple[Picture, Wall, Penalties]:
+        """What the compiled energy takes beside the map."""
         p = self.problem
         arrays = (self.image, self.log_scale, self.metric, self.edge, self.active, self.link, self.evidence)
-        model = (p.photometry.gamma, self.table, self.step)
-        return (*arrays, *model, p.threshold, p.epsilon, self.scale, self._second)
+        wall = Wall(p.photometry.gamma, self.table, self.step)
+        return Picture(*arrays), wall, Penalties(p.threshold, p.epsilon, self.scale, self._second)
 
     def terms(self, v: FloatArray, lam: float) -> dict[str, float]:
         """The energy's terms, as `energy_terms` gives them, of the map v."""
-        data, rough = sums(v, self._xi(v), *self._arguments())
+        data, rough = sums(v, self._xi(v), *self._energy())
         count = int(self.active.sum())
         return {"data": data / count, "regulariser": lam * rough / count}
 
@@ -220,7 +230,7 @@ class Grid:
         xi = self._xi(v)
         by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth = np.zeros((7, *v.shape))
         out = (by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth)
-        linearise(v, xi, *self._arguments(), lam, *out)
+        linearise(v, xi, *self._energy(), lam, out)
         slope = xi if self.problem.xi == "d" else -xi
         free = self.active * padded(np.isnan(self.inflow).astype(np.int8))
         fields = (by_v, by_v_u, by_v_v, weight, slope, smoothness, self.link, free)
