@@ -9,6 +9,10 @@ import endolab as el
 from endolab import datasets
 from endolab.datasets import folders
 from endolab.metrics.depth_errors import compare
+from endolab.model.cameras import Pinhole
+
+UCL = Pinhole(256, 256, 128.0, 128.0, 127.5, 127.5)  # 90° wide, for the sake of a number
+SERIES = "T1_L2_1_resized"
 
 
 def write_c3vd(folder, suffix="png", shape=(1080, 1350)):
@@ -30,6 +34,30 @@ def write_simcol3d(folder, shape=(475, 475)):
     colour[..., 0] = 128 << 8  # blue
     cv2.imwrite(str(folder / "FrameBuffer_0007.png"), colour)
     cv2.imwrite(str(folder / "Depth_0007.png"), depth)
+
+
+def write_ucl2019(folder, series=SERIES, value=51, shape=(256, 256), dtype=np.uint8):
+    """A frame of UCL 2019 at z = 4 cm, with one pixel unknown and one too far."""
+    depth = np.full(shape, value, dtype)
+    depth[0, 0], depth[0, 1] = 0, 255
+    colour = np.full((256, 256, 3), 51, np.uint8)
+    colour[..., 2] = 255
+    cv2.imwrite(str(folder / f"{series}_Depth_0012.png"), depth)
+    cv2.imwrite(str(folder / f"{series}_FrameBuffer_0012.png"), colour)
+
+
+LOAD = {
+    "c3vd": lambda folder, index=42: datasets.read_c3vd(folder, index),
+    "simcol3d": lambda folder, index=7: datasets.read_simcol3d(folder, index),
+    "ucl2019": lambda folder, index=12: datasets.read_ucl2019(folder, SERIES, index, UCL),
+}
+WRITE = {"c3vd": write_c3vd, "simcol3d": write_simcol3d, "ucl2019": write_ucl2019}
+COLOUR = {
+    "c3vd": "0042_color.png",
+    "simcol3d": "FrameBuffer_0007.png",
+    "ucl2019": f"{SERIES}_FrameBuffer_0012.png",
+}
+every_layout = pytest.mark.parametrize("layout", LOAD)
 
 
 # Known endoscopes --------------------------------------------------------------------------
@@ -85,39 +113,80 @@ def test_a_frame_of_simcol3d(tmp_path):
     assert sample.distance[0, 474] == pytest.approx(40.0 * np.sqrt(1 + side @ side), rel=1e-9)
 
 
+def test_a_frame_of_ucl2019(tmp_path):
+    write_ucl2019(tmp_path)
+    sample = LOAD["ucl2019"](tmp_path)
+    assert sample.frame.name == COLOUR["ucl2019"]
+    np.testing.assert_allclose(sample.frame.image[5, 5], (1.0, 0.2, 0.2))
+    assert sample.frame.mask.all()
+    assert np.isnan(sample.distance[0, :2]).all()
+    side = 127.5 / 128  # the lower right corner, off the axis by as much across as down
+    assert sample.distance[255, 255] == pytest.approx(40.0 * np.sqrt(1 + 2 * side**2))
+    assert sample.calibration.camera == UCL
+    assert sample.calibration.photometry.gain is None
+    z = datasets.true_z(tmp_path / f"{SERIES}_Depth_0012.png")
+    assert z[5, 5] == pytest.approx(40.0)
+    assert np.isnan(z[0, :2]).all()
+
+
 @pytest.mark.parametrize(
     ("load", "message"),
     [
-        (lambda folder: datasets.read_c3vd(folder, 7), "expected a file 0007_color.png"),
-        (lambda folder: datasets.read_c3vd(folder, 42), "expected a file 0042_depth.png or 0042_depth.tiff"),
-        (lambda folder: datasets.read_simcol3d(folder, 3), "expected a file FrameBuffer_0003.png"),
-        (lambda folder: datasets.read_simcol3d(folder, 7), "expected a file Depth_0007.png"),
-        (lambda folder: datasets.read_c3vd(folder / "none", 7), "none: expected a file 0007_color.png"),
+        (lambda folder: LOAD["c3vd"](folder, 7), "expected a file 0007_color.png"),
+        (LOAD["c3vd"], "expected a file 0042_depth.png or 0042_depth.tiff"),
+        (lambda folder: LOAD["c3vd"](folder / "none", 7), "none: expected a file 0007_color.png"),
+        (lambda folder: LOAD["simcol3d"](folder, 3), "expected a file FrameBuffer_0003.png"),
+        (LOAD["simcol3d"], "expected a file Depth_0007.png"),
+        (lambda folder: LOAD["ucl2019"](folder, 13), f"expected a file {SERIES}_FrameBuffer_0013.png"),
+        (LOAD["ucl2019"], f"expected a file {SERIES}_Depth_0012.png"),
         (lambda folder: datasets.true_z(folder / "0001_depth.png"), "there is no such file"),
     ],
 )
 def test_a_missing_file_is_named(tmp_path, load, message):
-    for name in ("0042_color.png", "FrameBuffer_0007.png"):
+    for name in COLOUR.values():
         cv2.imwrite(str(tmp_path / name), np.zeros((4, 4), np.uint8))
     with pytest.raises(FileNotFoundError, match=message) as caught:
         load(tmp_path)
     assert str(caught.value).startswith(str(tmp_path))
 
 
-def test_depth_of_another_size(tmp_path):
-    write_c3vd(tmp_path, shape=(600, 700))
-    with pytest.raises(ValueError, match=r"0042_depth\.png: expected 1350x1080 px, found 700x600 px"):
-        datasets.read_c3vd(tmp_path, 42)
-    write_simcol3d(tmp_path, shape=(300, 400))
-    with pytest.raises(ValueError, match=r"Depth_0007\.png: expected 475x475 px, found 400x300 px"):
-        datasets.read_simcol3d(tmp_path, 7)
+@pytest.mark.parametrize(
+    ("layout", "shape", "message"),
+    [
+        ("c3vd", (600, 700), "0042_depth.png: expected 1350x1080 px, found 700x600 px"),
+        ("simcol3d", (300, 400), "Depth_0007.png: expected 475x475 px, found 400x300 px"),
+        ("ucl2019", (128, 256), f"{SERIES}_Depth_0012.png: expected 256x256 px, found 256x128 px"),
+    ],
+)
+def test_depth_of_another_size(tmp_path, layout, shape, message):
+    WRITE[layout](tmp_path, shape=shape)
+    with pytest.raises(ValueError, match=message) as caught:
+        LOAD[layout](tmp_path)
+    assert str(caught.value).startswith(str(tmp_path))
 
 
-@pytest.mark.parametrize("image", [np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3), np.uint16)])
-@pytest.mark.parametrize("name", ["0001_depth.png", "Depth_0001.png"])
-def test_depth_of_another_kind(tmp_path, name, image):
+def test_ucl2019_for_another_camera(tmp_path):
+    write_ucl2019(tmp_path)
+    with pytest.raises(ValueError, match=r"Depth_0012\.png: expected 320x240 px, found 256x256 px"):
+        datasets.read_ucl2019(tmp_path, SERIES, 12, datasets.load_calibration("simple").camera)
+
+
+@pytest.mark.parametrize(
+    ("name", "image", "wanted"),
+    [
+        ("0001_depth.png", np.zeros((4, 4), np.uint8), "uint16"),
+        ("0001_depth.png", np.zeros((4, 4, 3), np.uint16), "uint16"),
+        ("0001_depth.tiff", np.full((4, 4), 2000.0, np.float32), "uint16"),
+        ("Depth_0001.png", np.zeros((4, 4), np.uint8), "uint16"),
+        ("Depth_0001.png", np.zeros((4, 4, 3), np.uint16), "uint16"),
+        ("a_Depth_0001.png", np.zeros((256, 256), np.uint16), "uint8"),
+        ("a_Depth_0001.png", np.zeros((256, 256, 3), np.uint8), "uint8"),
+    ],
+)
+def test_depth_of_another_kind(tmp_path, name, image, wanted):
     cv2.imwrite(str(tmp_path / name), image)
-    with pytest.raises(ValueError, match=f"{name}: expected one channel of uint16, found {image.dtype}"):
+    message = f"{name}: expected one channel of {wanted}, found {image.dtype} of shape"
+    with pytest.raises(ValueError, match=message):
         datasets.true_z(tmp_path / name)
 
 
@@ -139,19 +208,16 @@ def test_true_z_goes_by_the_name(tmp_path, name, unit):
         ("0001_depth.png", 100, "steps of 0.001526 mm, found none beyond 0.15 mm; .* another unit"),  # mm
         ("Depth_0001.png", 200, "steps of 0.003064 mm, found none beyond 0.61 mm; .* another unit"),  # mm
         ("Depth_0001.png", 65535, "expected values up to 65280, which is 200 mm, found 65535"),
+        ("a_Depth_0001.png", 0, "found 0 everywhere"),
+        ("a_Depth_0001.png", 1, "none beyond 0.78 mm"),
     ],
 )
 def test_depth_in_another_unit(tmp_path, name, value, message):
-    cv2.imwrite(str(tmp_path / name), np.full((4, 4), value, np.uint16))
+    kind = np.uint8 if name.startswith("a_") else np.uint16
+    cv2.imwrite(str(tmp_path / name), np.full((256, 256), value, kind))
     with pytest.raises(ValueError, match=message) as caught:
         datasets.true_z(tmp_path / name)
     assert str(caught.value).startswith(str(tmp_path / name))
-
-
-def test_floating_point_depth_is_no_c3vd(tmp_path):
-    cv2.imwrite(str(tmp_path / "0001_depth.tiff"), np.full((4, 4), 2000.0, np.float32))
-    with pytest.raises(ValueError, match="expected one channel of uint16, found float32"):
-        datasets.true_z(tmp_path / "0001_depth.tiff")
 
 
 def test_a_frame_of_c3vd_shrunk_in_proportion(tmp_path):
@@ -165,34 +231,24 @@ def test_a_frame_of_c3vd_shrunk_in_proportion(tmp_path):
     np.testing.assert_allclose(z[np.isfinite(z)], 20.0, atol=1e-3)
 
 
-@pytest.mark.parametrize("layout", ["c3vd", "simcol3d"])
+@every_layout
 def test_colours_of_another_size(tmp_path, layout):
-    (write_c3vd if layout == "c3vd" else write_simcol3d)(tmp_path)
-    name = {"c3vd": "0042_color.png", "simcol3d": "FrameBuffer_0007.png"}[layout]
-    cv2.imwrite(str(tmp_path / name), np.zeros((4, 5, 3), np.uint8))
-    with pytest.raises(ValueError, match=rf"{name}: expected colours of .* found the shape \(4, 5, 3\)"):
-        getattr(datasets, "read_" + layout)(tmp_path, 42 if layout == "c3vd" else 7)
-
-
-# Normals and poses of C3VD -------------------------------------------------------------------
-
-
-def store_normals(path, normals, known=True):
-    stored = np.round((np.asarray(normals) + 1) / 2 * 65535).astype(np.uint16)
-    cv2.imwrite(str(path), np.where(known, stored, 0).astype(np.uint16)[..., ::-1])  # as R, G, B
+    WRITE[layout](tmp_path)
+    for image in (np.zeros((4, 5, 3), np.uint8), np.zeros((256, 256), np.uint8)):
+        cv2.imwrite(str(tmp_path / COLOUR[layout]), image)
+        with pytest.raises(ValueError, match=rf"{COLOUR[layout]}: expected colours of .* map, found the shape"):
+            LOAD[layout](tmp_path)
 
 
 # Folders -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("write", "layout", "name"),
-    [(write_c3vd, "c3vd", "0042_color.png"), (write_simcol3d, "simcol3d", "FrameBuffer_0007.png")],
-)
-def test_a_folder_tells_its_layout(tmp_path, write, layout, name):
-    write(tmp_path)
+@every_layout
+def test_a_folder_tells_its_layout(tmp_path, layout):
+    name, camera = COLOUR[layout], UCL if layout == "ucl2019" else None
+    WRITE[layout](tmp_path)
     (tmp_path / "notes.txt").write_text("a frame")
-    folder = folders.open_dataset(tmp_path)
+    folder = folders.open_dataset(tmp_path, camera)
     assert (folder.layout, folder.names, len(folder)) == (layout, (name,), 1)
     by_position, by_name = folder[0], folder[name]
     np.testing.assert_array_equal(by_position.distance, by_name.distance)
@@ -200,8 +256,18 @@ def test_a_folder_tells_its_layout(tmp_path, write, layout, name):
     assert [sample.frame.name for sample in folder] == [sample.frame.name for sample in folder[:2]] == [name]
     with pytest.raises(ValueError, match="there is no frame 7"):
         folder["7"]
-    with pytest.raises(ValueError, match=f"the camera of {layout} is known; give none"):
-        folders.open_dataset(tmp_path, datasets.load_calibration("simple").camera)
+    message = f"the camera of {layout} is known; give none" if camera is None else "not published; give one"
+    with pytest.raises(ValueError, match=message):
+        folders.open_dataset(tmp_path, UCL if camera is None else None)
+
+
+def test_a_folder_of_two_series(tmp_path):
+    write_ucl2019(tmp_path)
+    write_ucl2019(tmp_path, series="C_T3_L2_3_resized", value=102)
+    folder = folders.open_dataset(tmp_path, UCL)
+    assert folder.names == ("C_T3_L2_3_resized_FrameBuffer_0012.png", COLOUR["ucl2019"])
+    near = [np.nanmin(sample.distance) for sample in folder]
+    np.testing.assert_allclose(near, (80.0, 40.0), rtol=1e-4)
 
 
 def test_the_frames_of_a_folder_are_in_order(tmp_path):
@@ -241,7 +307,7 @@ def sample_of(data, name, index):
     folder = data / {"c3vd": "c3vd_trans_t1_a", "simcol3d": "simcol3d"}[name]
     if not folder.is_dir():
         pytest.skip(f"{folder} is not there")
-    return getattr(datasets, "read_" + name)(folder, index)
+    return LOAD[name](folder, index)
 
 
 @pytest.mark.parametrize(
