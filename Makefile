@@ -42,7 +42,7 @@ test-browser: $(READY) ## run the browser's tests alone; they leave screenshots 
 	$(BIN)/python -m pytest tests/browser
 
 html: $(READY) ## render every notebook to a static page: build/html/index.html
-	@unset MPLBACKEND; $(BIN)/python -m endolab.cli.pages notebooks build/html
+	@unset MPLBACKEND; $(BIN)/python -m tests.tools.render_pages notebooks build/html
 	@echo 'Look at build/html/index.html'
 
 lint: $(READY) ## check style, format and types

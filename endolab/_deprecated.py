@@ -88,7 +88,6 @@ MOVED = {
     "meshes": "reconstruction.mesh io.surfaces metrics.mesh_distance model.mesh numerics.arrays",
     "mucosa": "synthetic.mucosa",
     "operators": "numerics.derivatives numerics.arrays",
-    "pages": "cli.pages",
     "pair": "tuning.controls",
     "path_tracing": "synthetic.path_tracing",
     "penalties": "numerics.penalties",

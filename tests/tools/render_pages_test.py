@@ -5,7 +5,7 @@ import re
 import nbformat
 import pytest
 
-from endolab.cli import pages
+from tests.tools import render_pages as pages
 
 TEXT = '$x^2$ [next](02_b.ipynb#end) [code](../a/b.py#L1 "f") [home](README.md) [web](https://x.org)'
 SLIDER = "from ipywidgets import interact\n@interact(a=(0, 9))\ndef show(a=4):\n    print(f'a is {a}')"
