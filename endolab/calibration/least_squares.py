@@ -296,30 +296,10 @@ def _descend(
 def iterate_fit(
     model: Model, start: Any, max_iterations: int = 200, smallest: float = SMALLEST
 ) -> Generator[FitIterate, None, Status]:
-    """Fit a model, step by step.
+    """Fit a model from its unknowns `start`, step by step, `max_iterations` after the start in all.
 
-    Parameters
-    ----------
-    model : Model
-    start
-        Its unknowns to begin with.
-    max_iterations : int
-        Steps after the start, in all.
-    smallest : float
-        σ is never taken to be less: what the measurements are good for at best.
-
-    Yields
-    ------
-    FitIterate
-
-    Returns
-    -------
-    Status
-
-    Raises
-    ------
-    ValueError
-        If no measurement is usable, or too few are left.
+    σ is never taken to be below `smallest`: what the measurements are good for at best. ValueError if no
+    measurement is usable, or too few are left.
     """
     unknowns, k, status = start, 0, Status.STALLED
     lin = model.linearise(start)
@@ -359,24 +339,9 @@ def fit(
     max_iterations: int = 200,
     smallest: float = SMALLEST,
 ) -> Fit:
-    """Fit a model to its end.
+    """Fit a model to its end, or until one of the observers, who are shown every iterate, returns True.
 
-    Parameters
-    ----------
-    model : Model
-    start
-        Its unknowns to begin with.
-    observers : iterable of callables
-        Each is shown every iterate; True stops the fit.
-    max_iterations : int
-        Steps after the start.
-    smallest : float
-        σ is never taken to be less: what the measurements are good for at best.
-
-    Returns
-    -------
-    Fit
-        Also after a keyboard interrupt: the last iterate, of status STOPPED.
+    Parameters as of `iterate_fit`. A keyboard interrupt, too, leaves the last iterate, of status STOPPED.
     """
     history: list[dict[str, float]] = []
     last: FitIterate | None = None

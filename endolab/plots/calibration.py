@@ -291,11 +291,8 @@ def light_figure(session: Session, image: FloatArray, name: str | None = None) -
 
     Parameters
     ----------
-    session : Session
-    image : (H, W) or (H, W, 3) float array
-        A frame, stored values in [0, 1].
-    name : str, optional
-        Which; `best_frame` by default.
+    session, image, name
+        As for `geometry_figure`.
 
     Returns
     -------

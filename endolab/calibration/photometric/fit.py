@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from endolab.calibration.least_squares import Covariance, Fit, FitIterate, fit
 from endolab.calibration.photometric.identifiability import (
@@ -35,6 +36,7 @@ from endolab.calibration.photometric.model import (
     FIRST_GAMMA,
     GREY,
     LEVELS,
+    Known,
     LightModel,
     LightUnknowns,
     SampleGeometry,
@@ -54,46 +56,42 @@ GAMMA_BOUNDS = (0.5, 5.0)
 LIGHT_ERRORS = (2.0, 0.1)  # largest standard errors of a free light: mm, and of its tilt
 
 
-def _checked_gamma(gamma: float | tuple[float, float] | str) -> float | tuple[float, float] | None:
+def _number_or_pair(value: ArrayLike) -> float | tuple[float, float] | None:
+    """Read a number, or a mean and its standard deviation; None for what is neither, or not positive."""
+    numbers = [float(number) for number in np.atleast_1d(value)]
+    if len(numbers) not in (1, 2) or not all(0 < number < np.inf for number in numbers):
+        return None
+    return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
+
+
+def _checked_gamma(gamma: float | tuple[float, float] | str) -> Known:
     if isinstance(gamma, str):
         if gamma != "free":
             raise ValueError(f'gamma must be a number, (mean, standard deviation) or "free", got {gamma!r}')
         return None
-    known = tuple(float(value) for value in np.atleast_1d(gamma))
-    low, high = GAMMA_BOUNDS
-    if (
-        len(known) not in (1, 2)
-        or not low < known[0] < high
-        or (len(known) == 2 and not 0 < known[1] < np.inf)
-    ):
+    known, (low, high) = _number_or_pair(gamma), GAMMA_BOUNDS
+    if known is None or not low < np.ravel(known)[0] < high:
         raise ValueError(
             f"gamma must lie between {low:g} and {high:g}, alone or with a positive standard deviation, "
             f"got {gamma}"
         )
-    return known[0] if len(known) == 1 else (known[0], known[1])
+    return known
 
 
-def _checked_reflectance(
-    reflectance: Sequence[float | tuple[float, float] | None], samples: Samples
-) -> tuple[float | tuple[float, float] | None, ...]:
+def _checked_reflectance(reflectance: Sequence[Known], samples: Samples) -> tuple[Known, ...]:
     most = int(samples.material.max())
     if samples.material.min() < 0 or most != len(reflectance):
         raise ValueError(
             f"reflectance must have an entry for each of materials 1 to {most} of the samples, "
             f"got {len(reflectance)}"
         )
-    checked: list[float | tuple[float, float] | None] = []
-    for value in reflectance:
-        if value is None:
-            checked.append(None)
-            continue
-        numbers = [float(number) for number in np.atleast_1d(value)]
-        if len(numbers) not in (1, 2) or not all(np.isfinite(number) and number > 0 for number in numbers):
+    checked = tuple(None if value is None else _number_or_pair(value) for value in reflectance)
+    for value, known in zip(reflectance, checked, strict=True):
+        if value is not None and known is None:
             raise ValueError(
                 f"reflectance must be None, positive, or (value, standard deviation), got {value}"
             )
-        checked.append(numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1]))
-    return tuple(checked)
+    return checked
 
 
 def _start(model: LightModel, albedo: float) -> tuple[LightUnknowns, float]:
@@ -147,7 +145,7 @@ def calibrate_light(
     brdf: str = "tabulated",
     nodes: int = 15,
     gain: str = "free",
-    reflectance: Sequence[float | tuple[float, float] | None] = (),
+    reflectance: Sequence[Known] = (),
     light: str = "centred",
     levels: tuple[float, float] = LEVELS,
     paper_albedo: float = 1.0,

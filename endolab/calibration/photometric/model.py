@@ -29,6 +29,8 @@ FIRST_GAMMA = 2.2  # where the fit of a γ that is not known begins
 DENSER = 1.15  # exponent that brings the nodes closer together near θ = 0
 LEAST_SUPPORT = 40  # samples between two nodes of the BRDF, or one of them is left out
 
+Known = float | tuple[float, float] | None  # given, (mean, sd), or free
+
 
 @dataclass(frozen=True)
 class LightUnknowns:
@@ -114,8 +116,8 @@ class LightModel:
     group: IntArray  # (n,), frame that a sample takes its gain from, counted from 0
     nodes: FloatArray  # of the BRDF, rad; a single one makes the surface Lambertian
     pinned: int  # the node that is no unknown
-    gamma: float | tuple[float, float] | None  # known, (mean, sd), or None if free
-    reflectance: tuple[float | tuple[float, float] | None, ...]  # of materials 1 and up
+    gamma: Known
+    reflectance: tuple[Known, ...]  # of materials 1 and up
     free_light: bool
     levels: tuple[float, float]  # stored values that the model may predict for a sample to count
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Self
 
 import cv2
@@ -60,28 +60,16 @@ class Samples:
 
     def __getitem__(self, which: BoolArray | IntArray | slice) -> Self:
         """Return some of the samples."""
-        return type(self)(
-            self.frame[which],
-            self.level[which],
-            self.points[which],
-            self.normals[which],
-            self.material[which],
-        )
+        return type(self)(*(getattr(self, column.name)[which] for column in fields(self)))
 
     @classmethod
     def concatenate(cls, parts: Sequence[Samples]) -> Samples:
         """Join samples, in the order of their frames."""
         if not parts:
             return cls(np.zeros(0, int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, int))
-        frame = np.concatenate([part.frame for part in parts])
-        order = np.argsort(frame, kind="stable")
-        return cls(
-            frame[order],
-            np.concatenate([part.level for part in parts])[order],
-            np.concatenate([part.points for part in parts])[order],
-            np.concatenate([part.normals for part in parts])[order],
-            np.concatenate([part.material for part in parts])[order],
-        )
+        order = np.argsort(np.concatenate([part.frame for part in parts]), kind="stable")
+        columns = ([getattr(part, column.name) for part in parts] for column in fields(cls))
+        return cls(*(np.concatenate(column)[order] for column in columns))
 
     @property
     def distance(self) -> FloatArray:
@@ -161,14 +149,9 @@ def sample_sheet(
         light = linear[row, column].astype(np.float64)
         rays = camera.unproject(nearest[good])
         depth = (pose.translation @ pose.normal) / (rays @ pose.normal)
+        frames, normals = np.full(good.sum(), frame), np.tile(pose.normal, (good.sum(), 1))
         found.append(
-            Samples(
-                np.full(good.sum(), frame),
-                light ** (1 / gamma),
-                rays * depth[:, None],
-                np.tile(pose.normal, (good.sum(), 1)),
-                material[here][good],
-            )
+            Samples(frames, light ** (1 / gamma), rays * depth[:, None], normals, material[here][good])
         )
     samples = Samples.concatenate(found)
     samples = samples[(samples.cos_theta > 0) & np.isfinite(samples.distance)]
@@ -199,17 +182,14 @@ def sample_surface(
         chosen = np.sort(np.random.default_rng(frame).choice(len(rows), most, replace=False))
         rows, columns = rows[chosen], columns[chosen]
     channels = image[..., None] if image.ndim == 2 else image
-    parts = [
-        Samples(
-            np.full(len(rows), frame),
-            channels[rows, columns, channel].astype(np.float64),
-            points[rows, columns].astype(np.float64),
-            normals[rows, columns].astype(np.float64),
-            np.full(len(rows), channel),
-        )
-        for channel in range(channels.shape[-1])
-    ]
-    return Samples.concatenate(parts)
+    level, places, towards = (a[rows, columns].astype(np.float64) for a in (channels, points, normals))
+    frames = np.full(len(rows), frame)
+    return Samples.concatenate(
+        [
+            Samples(frames, level[:, channel], places, towards, np.full(len(rows), channel))
+            for channel in range(channels.shape[-1])
+        ]
+    )
 
 
 def sample_depth(

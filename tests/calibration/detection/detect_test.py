@@ -1,9 +1,7 @@
 """Detection of targets: rendered sheets of known pose, and published frames."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -16,7 +14,8 @@ from endolab.calibration.detection.dots import match_code
 from endolab.calibration.detection.lattice import fitting
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.simulation.sheet_image import render_sheet
-from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid, DotGrid, Target
+from endolab.calibration.simulation.trajectory import folded
+from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid
 from endolab.model.brdf import Lambertian
 from endolab.model.photometry import Photometry
 
@@ -26,20 +25,20 @@ DOTS = TARGETS["vicalib_small"]
 BOARD = Chessboard(12, 7, 7.0)  # its two ends differ, so that its order is unique
 
 
-def posed(target: Target, distance: float = 45.0, tilt: float = 0.0, turn: float = 0.0) -> Pose:
+def posed(target, distance=45.0, tilt=0.0, turn=0.0):
     """Place a sheet with its middle on the axis; mm and degrees."""
     left, top, width, height = target.sheet
     rotation = Rotation.from_euler("YXZ", [tilt, 0.4 * tilt, turn], degrees=True).as_matrix()
     return Pose(rotation, [0, 0, distance] - rotation @ [left + width / 2, top + height / 2, 0])
 
 
-def picture(target: Target, poses: Sequence[Pose], gamma: float = 2.2, **options: float) -> np.ndarray:
+def picture(target, poses, gamma=2.2, **options):
     """Render a sheet, to uint8."""
     image = render_sheet(target, poses, CAMERA, replace(LIGHT, gamma=gamma), **options).image
     return np.round(image * 255).astype(np.uint8)
 
 
-def truth(target: Target, poses: Sequence[Pose]) -> np.ndarray:
+def truth(target, poses):
     """Where the middles of the discs' images are, from finely sampled discs, (n, 2); or the corners."""
     steps = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), axis=-1).reshape(-1, 2)
     steps = steps[np.hypot(*steps.T) <= 1]
@@ -63,26 +62,29 @@ def truth(target: Target, poses: Sequence[Pose]) -> np.ndarray:
     return out
 
 
-def seen(pixels: np.ndarray, margin: float = 15.0) -> np.ndarray:
+def seen(pixels, margin=15.0):
     """Ids of the features well within the picture."""
     inside = np.all((pixels > margin) & (pixels < np.array([639, 479]) - margin), axis=1)
     return np.flatnonzero(inside)
 
 
-def errors(found: np.ndarray, ids: np.ndarray, true: np.ndarray) -> np.ndarray:
-    """Distances to the truth, px."""
-    return np.linalg.norm(found - true[ids], axis=1)
+def errors(found, true):
+    """Distances of a detection to the truth, px."""
+    return np.linalg.norm(found.pixels - true[found.ids], axis=1)
+
+
+def look(target, *poses, **options):
+    """What is found in a picture of a sheet, where its features truly are, and how far off it is, px."""
+    true, found = truth(target, poses), detect(picture(target, poses, **options), target)
+    return found, true, errors(found, true)
 
 
 @pytest.mark.parametrize(
     ("distance", "tilt", "turn"), [(45, 0, 0), (30, 30, 100), (50, 50, -40), (45, 65, 200)]
 )
-def test_dots_are_found_and_named(distance: float, tilt: float, turn: float) -> None:
+def test_dots_are_found_and_named(distance, tilt, turn):
     """Nearly all dots in view, none wrongly named, and their middles to a few hundredths of a pixel."""
-    pose = posed(DOTS, distance, tilt, turn)
-    true = truth(DOTS, [pose])
-    found = detect(picture(DOTS, [pose]), DOTS)
-    off = errors(found.pixels, found.ids, true)
+    found, true, off = look(DOTS, posed(DOTS, distance, tilt, turn))
     assert len(np.intersect1d(found.ids, seen(true))) >= (0.9 if tilt < 60 else 0.75) * len(seen(true))
     assert off.max() < 1.5
     assert np.median(off) < 0.06
@@ -90,21 +92,17 @@ def test_dots_are_found_and_named(distance: float, tilt: float, turn: float) -> 
     assert found.reason == ""
 
 
-def test_middles_are_those_of_the_discs_images() -> None:
+def test_middles_are_those_of_the_discs_images():
     """Not the images of the discs' centres: near and tilted, the two differ."""
     pose = posed(DOTS, 22.0, 35.0)
-    true = truth(DOTS, [pose])
-    centres = CAMERA.project(pose.transform(DOTS.points))
-    found = detect(picture(DOTS, [pose], noise=0.5), DOTS)
-    middle = errors(found.pixels, found.ids, true)
-    centre = errors(found.pixels, found.ids, centres)
+    found, _, middle = look(DOTS, pose, noise=0.5)
+    centre = errors(found, CAMERA.project(pose.transform(DOTS.points)))
     assert np.median(middle) < 0.04
     assert np.median(centre) > 2 * np.median(middle)
 
 
 @pytest.mark.parametrize("name", ["vicalib_small", "circles", "charuco", "board"])
-def test_a_turned_picture_gives_the_same_ids(name: str) -> None:
-    """Turning the picture by quarters turns what is found."""
+def test_a_turned_picture_gives_the_same_ids(name):
     target = BOARD if name == "board" else TARGETS[name]
     image = picture(target, [posed(target, 60 if name == "vicalib_small" else 75, 20)], noise=1)
     height, width = image.shape
@@ -122,21 +120,20 @@ def test_a_turned_picture_gives_the_same_ids(name: str) -> None:
 
 
 @pytest.mark.parametrize("window", [(0, 0, 400, 300), (200, 120, 640, 400), (150, 100, 460, 330)])
-def test_part_of_a_picture_gives_the_right_ids(window: tuple[int, int, int, int]) -> None:
+def test_part_of_a_picture_gives_the_right_ids(window):
     """A part of the sheet is enough; dots that the border cuts are left out."""
     left, top, right, bottom = window
     pose = posed(DOTS, 40, 25, 30)
     true = truth(DOTS, [pose]) - [left, top]
     found = detect(picture(DOTS, [pose])[top:bottom, left:right], DOTS)
     assert len(found.ids) >= 20
-    assert errors(found.pixels, found.ids, true).max() < 1
+    assert errors(found, true).max() < 1
     assert np.all(found.pixels > 1)
     assert np.all(found.pixels < [right - left - 2, bottom - top - 2])
 
 
 @pytest.mark.parametrize("name", ["vicalib_small", "charuco"])
-def test_a_mirrored_picture_is_refused(name: str) -> None:
-    """What is seen in a mirror is not named wrongly."""
+def test_a_mirrored_picture_is_refused(name):
     target = TARGETS[name]
     found = detect(picture(target, [posed(target, 60)])[:, ::-1].copy(), target)
     assert len(found.ids) == 0
@@ -145,7 +142,7 @@ def test_a_mirrored_picture_is_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["vicalib_big", "charuco", "chessboard", "circles"])
-def test_nothing_is_found_where_nothing_is(name: str, rng: np.random.Generator) -> None:
+def test_nothing_is_found_where_nothing_is(name, rng):
     """Black, white, a ramp, noise, and another target; each time a reason is given."""
     ramp = np.tile(np.linspace(0, 1, 320), (240, 1))
     other = picture(TARGETS["circles"], [posed(TARGETS["circles"], 60)])
@@ -160,60 +157,45 @@ def test_nothing_is_found_where_nothing_is(name: str, rng: np.random.Generator) 
 
 
 @pytest.mark.parametrize("gamma", [1.0, 2.2])
-def test_grey_discs_are_not_dots(gamma: float) -> None:
+def test_grey_discs_are_not_dots(gamma):
     """Neither on a linear camera, where they are darker, nor on a usual one."""
     target = TARGETS["vicalib_grey"]
-    pose = posed(target, 45, 30, 15)
-    true = truth(target, [pose])
-    found = detect(picture(target, [pose], gamma=gamma), target)
+    found, true, off = look(target, posed(target, 45, 30, 15), gamma=gamma)
     assert len(found.ids) >= 0.9 * len(seen(true))
-    assert errors(found.pixels, found.ids, true).max() < 1
+    assert off.max() < 1
 
 
 @pytest.mark.parametrize("fold", [5.0, 40.0])
-def test_both_panels_of_a_folded_sheet(fold: float) -> None:
-    """The lattice is followed over the fold."""
+def test_both_panels_of_a_folded_sheet(fold):
     target = TARGETS["vicalib_folded"]
     pose = posed(target, 45, 15, 20)
-    ridge = np.array([8.5 * target.spacing, 0, 0])
-    poses = []
-    for half in (fold / 2, -fold / 2):
-        turn = Rotation.from_euler("y", half, degrees=True).as_matrix()
-        poses.append(Pose(pose.rotation @ turn, pose.transform(ridge - turn @ ridge)))
-    true = truth(target, poses)
-    found = detect(picture(target, poses), target)
-    assert errors(found.pixels, found.ids, true).max() < 1
+    found, true, off = look(target, *folded(target, pose, np.deg2rad(fold)))
+    assert off.max() < 1
     for panel in (0, 1):
         there = target.panel_of(target.points) == panel
         assert there[found.ids].sum() >= 0.85 * there[seen(true)].sum()
 
 
 @pytest.mark.parametrize("options", [{"blur": 1.5}, {"motion": 5.0}, {"noise": 8.0}, {"outliers": 0.01}])
-def test_blur_noise_and_glints(options: dict[str, float]) -> None:
-    """Right ids still, most of the dots, and no gross error."""
-    pose = posed(DOTS, 35, 30, 10)
-    true = truth(DOTS, [pose])
-    found = detect(picture(DOTS, [pose], **options), DOTS)
-    off = errors(found.pixels, found.ids, true)
+def test_blur_noise_and_glints(options):
+    found, true, off = look(DOTS, posed(DOTS, 35, 30, 10), **options)
     assert len(found.ids) >= 0.7 * len(seen(true))
     assert off.max() < 3
     assert np.median(off) < 0.15
 
 
-def test_a_highlight_across_the_sheet() -> None:
-    """Dots under it are lost; those on either side are named rightly."""
+def test_a_highlight_across_the_sheet():
     pose = posed(DOTS, 45)
     true = truth(DOTS, [pose])
     image = picture(DOTS, [pose]).astype(float)
     glare = np.exp(-(((np.arange(640) - 330) / 30) ** 4)) * 600
     found = detect(np.clip(image + glare, 0, 255).astype(np.uint8), DOTS)
-    assert errors(found.pixels, found.ids, true).max() < 1
+    assert errors(found, true).max() < 1
     assert (found.pixels[:, 0] < 290).sum() > 30
     assert (found.pixels[:, 0] > 370).sum() > 30
 
 
-def test_overexposed_and_dark_pictures() -> None:
-    """Twice too much light, and an eighth of it."""
+def test_overexposed_and_dark_pictures():
     pose = posed(DOTS, 45, 20)
     true = truth(DOTS, [pose])
     usual = render_sheet(DOTS, [pose], CAMERA, LIGHT).gain
@@ -221,23 +203,19 @@ def test_overexposed_and_dark_pictures() -> None:
         frame = render_sheet(DOTS, [pose], CAMERA, replace(LIGHT, gain=factor * usual))
         found = detect(frame.image, DOTS)
         assert len(found.ids) > 120
-        assert errors(found.pixels, found.ids, true).max() < 1.5
+        assert errors(found, true).max() < 1.5
 
 
 @pytest.mark.parametrize("name", ["charuco", "board", "circles"])
-def test_other_targets_in_place(name: str) -> None:
-    """Corners to a tenth of a pixel, circles to a few hundredths."""
+def test_other_targets_in_place(name):
     target = BOARD if name == "board" else TARGETS[name]
-    pose = posed(target, 75, 25, 20)
-    true = truth(target, [pose])
-    found = detect(picture(target, [pose]), target)
-    off = errors(found.pixels, found.ids, true)
+    found, _, off = look(target, posed(target, 75, 25, 20))
     assert len(found.ids) >= (0.7 if name == "charuco" else 0.9) * len(target.points)
     assert off.max() < 2
     assert np.median(off) < (0.05 if name == "circles" else 0.2)
 
 
-def test_a_chessboard_that_looks_the_same_when_turned_is_not_mirrored() -> None:
+def test_a_chessboard_that_looks_the_same_when_turned_is_not_mirrored():
     """Either order of its 180° is right; rows run to the right in the picture."""
     target = TARGETS["chessboard"]
     image = picture(target, [posed(target, 75, 10)], noise=1)
@@ -254,8 +232,7 @@ def test_a_chessboard_that_looks_the_same_when_turned_is_not_mirrored() -> None:
             assert along[0] > 0
 
 
-def test_grids_that_look_the_same_when_turned() -> None:
-    """An asymmetric grid with an even number of rows is ordered along the picture."""
+def test_grids_that_look_the_same_when_turned():
     target = CircleGrid(4, 8, 7.0, radius=2.5)
     image = picture(target, [posed(target, 75, 10)], noise=1)
     for turn in (0, 2):
@@ -267,8 +244,7 @@ def test_grids_that_look_the_same_when_turned() -> None:
         assert min(across) > 0
 
 
-def test_types_and_colours_do_not_matter() -> None:
-    """One picture as uint8, uint16, float and grey RGB."""
+def test_types_and_colours_do_not_matter():
     image = picture(DOTS, [posed(DOTS, 45, 20)])
     reference = detect(image, DOTS)
     for same in (image.astype(np.uint16) * 257, image / 255, np.repeat(image[..., None], 3, axis=2)):
@@ -287,16 +263,14 @@ def test_types_and_colours_do_not_matter() -> None:
         (np.full((40, 40), np.nan), "finite"),
     ],
 )
-def test_bad_pictures(image: np.ndarray, said: str) -> None:
-    """Wrong shapes, types and values are named."""
+def test_bad_pictures(image, said):
     with pytest.raises(ValueError, match=said):
         detect(image, DOTS)
 
 
-def test_every_window_of_the_code_is_told_from_every_other(rng: np.random.Generator) -> None:
+def test_every_window_of_the_code_is_told_from_every_other(rng):
     """Also turned by a quarter and with blurred sizes; mirrored or random ones are refused."""
     code = DOTS.code
-    assert isinstance(DOTS, DotGrid)
     for row in range(0, 4):
         for column in range(0, 13, 3):
             size = 2.0 * code[row : row + 6, column : column + 7] - 1
@@ -313,7 +287,7 @@ def test_every_window_of_the_code_is_told_from_every_other(rng: np.random.Genera
         assert match_code(rng.choice([-1.0, 1.0], (6, 7)), code) is None
 
 
-def test_a_feature_out_of_place_is_noticed(rng: np.random.Generator) -> None:
+def test_a_feature_out_of_place_is_noticed(rng):
     """One that is 1.5 px off a smoothly curved grid, and none of the others."""
     row, column = np.indices((8, 12)).astype(float)
     grid = np.stack([100 + 20 * column + 0.3 * column * row, 50 + 18 * row + 0.2 * column**2], axis=-1)
@@ -326,7 +300,7 @@ def test_a_feature_out_of_place_is_noticed(rng: np.random.Generator) -> None:
     assert np.allclose(cell[6:, 8:], area[6:, 8:], rtol=0.05)
 
 
-def test_the_published_frame_of_the_sheet(data: Path) -> None:
+def test_the_published_frame_of_the_sheet(data):
     """All 190 dots, the right ones, where a prototype found them."""
     folder = data / "vicalib_frame"
     table = np.loadtxt(folder / "dots_detected.csv", delimiter=",", skiprows=1)
@@ -338,16 +312,14 @@ def test_the_published_frame_of_the_sheet(data: Path) -> None:
     assert np.median(off) < 0.12
 
 
-def test_published_circles(data: Path) -> None:
-    """Every frame of the fetoscope."""
+def test_published_circles(data):
     files = sorted((data / "circles_fetoscope").rglob("*.jpg"))
     counts = [len(detect(cv2.imread(str(file)), CircleGrid(3, 11, 1.0, radius=0.4)).ids) for file in files]
     assert len(counts) == 11
     assert min(counts) >= 30
 
 
-def test_published_chessboards(data: Path) -> None:
-    """Every frame of the capsule, and the laparoscope's with its published corners."""
+def test_published_chessboards(data):
     for file in sorted((data / "checkerboard_capsule").glob("*.jpg")):
         assert len(detect(cv2.imread(str(file)), Chessboard(8, 7, 2.0)).ids) >= 38
     for file in sorted((data / "plates_laparoscope" / "chessboard").glob("*.png")):
