@@ -94,9 +94,17 @@ def sweep(
     """
     import joblib
 
-    tasks = list(
-        _tasks(list(frames), calibration, list(lam), list(xi), list(regulariser), solver, truth, options)
-    )
+    told = {name: value for name, value in sorted(options.items()) if value is not None}
+    told = {"calibration": _checksum(calibration)} | told
+    last = solver, " ".join(f"{name}={value}" for name, value in told.items())
+    settings = list(itertools.product(*map(dict.fromkeys, (xi, regulariser, map(float, lam)))))
+    tasks = [
+        (dict(zip(KEY, (name, *setting, *last), strict=True)), frame, known)
+        for name, frame, known in _named(list(frames), truth)
+        for setting in settings
+    ]
+    if not tasks:
+        raise ValueError("a sweep needs at least one frame, lam, xi and regulariser")
     target = Path(table)
     rows = read_table(target) if target.exists() else {}
     todo = [task for task in tasks if _unfinished(rows.get(_key(task[0])), task[2] is not None)]
@@ -147,33 +155,18 @@ def _checksum(calibration: Endoscope) -> str:
     return f"{zlib.crc32(as_json(known)):08x}"
 
 
-def _tasks(
-    frames: list[Frame | PathLike],
-    calibration: Endoscope,
-    lam: list[float],
-    xi: list[str],
-    regulariser: list[str],
-    solver: str,
-    truth: Sequence[Truth] | None,
-    options: dict[str, Any],
-) -> Iterator[tuple[Row, Frame | PathLike, Truth | None]]:
-    """Give the key of every row, with its frame and the frame's truth."""
+def _named(
+    frames: list[Frame | PathLike], truth: Sequence[Truth] | None
+) -> Iterator[tuple[str, Frame | PathLike, Truth | None]]:
+    """Give every frame with its name, which is its own, and its truth."""
     names = [frame.name if isinstance(frame, Frame) else Path(frame).name for frame in frames]
-    if not (names and lam and xi and regulariser):
-        raise ValueError("a sweep needs at least one frame, lam, xi and regulariser")
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(f"two frames are called {twice[0]}: the table could not tell them apart")
     truths = [None] * len(names) if truth is None else list(truth)
     if len(truths) != len(names):
         raise ValueError(f"expected a truth for each of {len(names)} frames, found {len(truths)}")
-    told = " ".join(f"{name}={options[name]}" for name in sorted(options) if options[name] is not None)
-    told = f"calibration={_checksum(calibration)} {told}".strip()
-    settings = list(itertools.product(dict.fromkeys(xi), dict.fromkeys(regulariser), dict.fromkeys(lam)))
-    for name, frame, known in zip(names, frames, truths, strict=True):
-        for a, b, c in settings:
-            values = (name, a, b, float(c), solver, told)
-            yield dict(zip(KEY, values, strict=True)), frame, known
+    return zip(names, frames, truths, strict=True)
 
 
 def _key(row: Row) -> tuple[object, ...]:

@@ -18,7 +18,7 @@ from endolab._extras import lacking
 from endolab.batch.table import Row, measured, read_numbers, write_rows
 from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
 from endolab.io.images import read_mask
-from endolab.io.surfaces import save_depth
+from endolab.io.surfaces import read_depth, save_depth
 from endolab.io.video import Frames, open_frames
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -32,10 +32,8 @@ if TYPE_CHECKING:
     from endolab.model.cameras import Camera
     from endolab.recording.sequence import SequenceRecorder
 
-NUMBERS = (
-    *("iterations", "energy", "data", "regulariser_energy", "seconds", "gain"),
-    *("median_distance", "pixels"),
-)
+ENERGIES = ("energy", "data", "regulariser_energy")
+NUMBERS = ("iterations", *ENERGIES, "seconds", "gain", "median_distance", "pixels")
 COLUMNS = ("index", "frame", "status", "warm", "unit", *NUMBERS, "error")
 PLOTTED = ("energy", "iterations", "seconds", "gain", "median_distance")
 FILES = ("frames", "frames.csv", "recording.rrd", "report.json")
@@ -144,34 +142,17 @@ def reconstruct_video(
 class SequenceFolder:
     """Holds ``frames/NAME/depth.npz``, the table ``frames.csv`` and ``report.json``.
 
-    Parameters
-    ----------
-    folder : path
-        Nothing is written before the first frame is done. One that holds results of something else
-        is a ValueError or OSError in one sentence.
-    source : str
-        What the frames are of.
-    names : iterable of str
-        Of all frames that the source has.
-    settings : dict
-        All that a frame's result depends on; JSON.
-
-    Attributes
-    ----------
-    index : dict of str to int
-        Each frame's place in the source.
-    rows : dict of str to dict
-        What is known of each frame, by its name.
-    meaning : list of str
-        What the numbers of the first frame that was done mean; the others take their scale from it.
+    `source` says what the frames are of, `names` are all that it has, and `settings`, JSON, all that a
+    frame's result depends on. ValueError or OSError in one sentence, if the folder holds something
+    else. Nothing is written before the first frame is done.
     """
 
     def __init__(self, folder: PathLike, source: str, names: Iterable[str], settings: dict[str, Any]) -> None:
         self.folder, self.source = Path(folder), source
         self.settings = json.loads(as_json(settings))
-        self.rows: dict[str, Row] = {}
-        self.meaning: list[str] = []
-        self.index = {name: index for index, name in enumerate(names)}
+        self.index = {name: index for index, name in enumerate(names)}  # each frame's place in the source
+        self.rows: dict[str, Row] = {}  # what is known of each frame, by its name
+        self.meaning: list[str] = []  # of the first frame's numbers, from which the others take their scale
         stems = [Path(name).stem for name in self.index]
         alone = len(set(stems)) == len(stems)
         self._places = dict(zip(self.index, stems if alone else self.index, strict=True))
@@ -229,10 +210,10 @@ class SequenceFolder:
         """Read what a frame that is done came to."""
         row, path = self.rows[name], self.depth(name)
         try:
-            with np.load(path, allow_pickle=False) as archive:
-                distance, normals = (archive[key].astype(np.float64) for key in ("distance", "normals"))
-        except (ValueError, OSError, EOFError, KeyError) as error:
+            maps = read_depth(path, ("distance", "normals"))
+        except (ValueError, OSError) as error:
             raise ValueError(f"{path}: not a depth.npz that endolab wrote; remove it") from error
+        distance, normals = (maps[name].astype(np.float64) for name in ("distance", "normals"))
         return Surface(distance, normals, row["gain"], row["unit"] == "mm")
 
     def add(self, step: Step) -> None:

@@ -70,8 +70,8 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     cos_alpha = depth["z"] / distance
     true_normals = None
     if arguments.truth.endswith(".npz"):
-        known = read_depth(arguments.truth)
-        truth, true_normals = known["distance"].astype(np.float64), known.get("normals")
+        maps = read_depth(arguments.truth)
+        truth, true_normals = maps["distance"].astype(np.float64), maps.get("normals")
     else:
         z = true_z(arguments.truth)
         if z.shape != cos_alpha.shape:
@@ -85,20 +85,12 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     scale = arguments.scale or ("none" if metric else "median")
     if scale == "none" and not metric:
         raise ValueError(f"{arguments.depth} is in relative units: compare it with --scale median")
-    errors = compare(
-        distance,
-        truth,
-        cos_alpha,
-        normals=depth.get("normals"),
-        true_normals=true_normals,
-        mask=mask,
-        scale=scale,
-    )
+    known = {"normals": depth.get("normals"), "true_normals": true_normals}
+    e = compare(distance, truth, cos_alpha, mask=mask, scale=scale, **known)
     if arguments.json:
-        content = {key: None if np.isnan(value) else value for key, value in asdict(errors).items()}
+        content = {key: None if np.isnan(value) else value for key, value in asdict(e).items()}
         print(json.dumps(content, indent=2))
         return
-    e = errors
     print(f"{e.pixels} pixels, estimate multiplied by {e.scale:.4g} (scale: {scale})")
     print(f"distance  mean {e.mean_mm:.4g} mm, median {e.median_mm:.4g} mm, RMSE {e.rmse_mm:.4g} mm")
     print(f"          mean {e.mean_percent:.4g} % (AbsRel), median {e.median_percent:.4g} %")
@@ -126,47 +118,38 @@ def _parser() -> argparse.ArgumentParser:
 
     add_reconstruct_commands(commands)
 
-    add = commands.add_parser("simulate", help="render a scene: a frame with its truth")
-    add.add_argument(
-        "scene", metavar="SCENE", help="plane, curved, tube or colon; sheet: a calibration video"
-    )
-    add.add_argument("--out", required=True, metavar="DIR")
-    add.add_argument(
-        "--calibration", default="paper", metavar="CAL", help="endoscope.json, or a name (default paper)"
-    )
-    add.add_argument("--width", type=int, default=640, metavar="PX", help="of the frame (default 640)")
-    add.add_argument(
-        "--noise", type=float, default=1.0, metavar="GREY", help="standard deviation (default 1 of 255)"
-    )
-    add.add_argument("--bits", type=int, default=8, choices=(8, 16))
-    add.add_argument("--texture", type=float, default=0.0, metavar="S", help="sd of the albedo's logarithm")
-    add.add_argument("--fog", type=float, default=0.0, metavar="PER_MM", help="attenuation")
-    add.add_argument(
-        "--highlights", type=float, default=0.0, metavar="S", help="share of light a wet film mirrors"
-    )
-    add.add_argument("--seed", type=int, default=0)
-    add_sheet_options(add)
-    add.set_defaults(run=_simulate)
+    command = commands.add_parser("simulate", help="render a scene: a frame with its truth")
+    option = command.add_argument
+    option("scene", metavar="SCENE", help="plane, curved, tube or colon; sheet: a calibration video")
+    option("--out", required=True, metavar="DIR")
+    option("--calibration", default="paper", metavar="CAL", help="endoscope.json, or a name (default paper)")
+    option("--width", type=int, default=640, metavar="PX", help="of the frame (default 640)")
+    option("--noise", type=float, default=1.0, metavar="GREY", help="standard deviation (default 1 of 255)")
+    option("--bits", type=int, default=8, choices=(8, 16))
+    option("--texture", type=float, default=0.0, metavar="S", help="sd of the albedo's logarithm")
+    option("--fog", type=float, default=0.0, metavar="PER_MM", help="attenuation")
+    option("--highlights", type=float, default=0.0, metavar="S", help="share of light a wet film mirrors")
+    option("--seed", type=int, default=0)
+    add_sheet_options(command)
+    command.set_defaults(run=_simulate)
 
     add_calibration_commands(commands)
 
-    add = commands.add_parser("evaluate", help="compare a depth map with the truth")
-    add.add_argument("depth", metavar="DEPTH.npz")
-    add.add_argument("truth", metavar="TRUTH", help="truth.npz, or a depth map of C3VD, SimCol3D or UCL 2019")
-    add.add_argument(
-        "--scale", choices=("none", "median"), help="default: median for relative units, else none"
-    )
-    add.add_argument(
-        "--max-angle", type=float, default=90.0, metavar="DEG", help="only pixels this near the axis"
-    )
-    add.add_argument("--json", action="store_true", help="print JSON")
-    add.set_defaults(run=_evaluate)
+    command = commands.add_parser("evaluate", help="compare a depth map with the truth")
+    option = command.add_argument
+    option("depth", metavar="DEPTH.npz")
+    option("truth", metavar="TRUTH", help="truth.npz, or a depth map of C3VD, SimCol3D or UCL 2019")
+    option("--scale", choices=("none", "median"), help="default: median for relative units, else none")
+    option("--max-angle", type=float, default=90.0, metavar="DEG", help="only pixels this near the axis")
+    option("--json", action="store_true", help="print JSON")
+    command.set_defaults(run=_evaluate)
 
-    add = commands.add_parser("lab", help="open JupyterLab on the notebooks")
-    add.add_argument("--notebooks", metavar="DIR", help="other notebooks than endolab's own")
-    add.add_argument("--port", type=int, default=8888, metavar="N", help="the next free one (default 8888)")
-    add.add_argument("jupyter", nargs="*", metavar="OPTION", help="passed on to JupyterLab, after --")
-    add.set_defaults(run=_lab)
+    command = commands.add_parser("lab", help="open JupyterLab on the notebooks")
+    option = command.add_argument
+    option("--notebooks", metavar="DIR", help="other notebooks than endolab's own")
+    option("--port", type=int, default=8888, metavar="N", help="the next free one (default 8888)")
+    option("jupyter", nargs="*", metavar="OPTION", help="passed on to JupyterLab, after --")
+    command.set_defaults(run=_lab)
     return parser
 
 

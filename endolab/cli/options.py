@@ -44,33 +44,19 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
     add("--solver", help="facing, fast_marching, gauss_newton (default) or primal_dual")
     add("--xi", default="1/d", help=f"what the regulariser sees: 1/z, d or 1/d (default){more}")
     add("--regulariser", default="second", help=f"first or second (default){more}")
-    add(
-        "--lam",
-        type=str if several else float,
-        default=1.0,
-        metavar="λ",
-        help=f"its weight; larger is smoother (default 1){more}",
-    )
-    add(
-        "--channel",
-        help="red, green (default), blue or grey; separated: all three, light that bounced taken out",
-    )
+    weight = f"its weight; larger is smoother (default 1){more}"
+    add("--lam", type=str if several else float, default=1.0, metavar="λ", help=weight)
+    channels = "red, green (default), blue or grey; separated: all three, light that bounced taken out"
+    add("--channel", help=channels)
     add("--albedo", metavar="A", help="of a matt wall, or R,G,B, in place of the calibration's BRDF")
-    add(
-        "--contours",
-        choices=tuple(CONTOURS),
-        default="auto",
-        help="whether folds may hide what is behind them",
-    )
+    folds = "whether folds may hide what is behind them"
+    add("--contours", choices=tuple(CONTOURS), default="auto", help=folds)
     add("--highlights", choices=("keep", "ignore", "inpaint"), help="what to do with mirrored light")
     add("--median-distance", type=float, metavar="MM", help="fix the scale of the result")
     if not several:
         add("--known-distance", metavar=KNOWN["distance"], help="fix it by the distance at a pixel")
-        add(
-            "--known-diameter",
-            metavar=KNOWN["diameter"],
-            help="fix it by the length between the surface at two pixels: a polyp, the lumen",
-        )
+        length = "fix it by the length between the surface at two pixels: a polyp, the lumen"
+        add("--known-diameter", metavar=KNOWN["diameter"], help=length)
     add("--width", type=int, metavar="PX", help="shrink the frame to this width first")
     add("--smooth", type=float, metavar="PX", help="blur the light first (default: by the noise)")
 

@@ -188,31 +188,33 @@ def _sweep(arguments: argparse.Namespace) -> None:
 
 def add_reconstruct_commands(commands: Any) -> None:
     """Add the commands `reconstruct` and `sweep` to a parser."""
-    add = commands.add_parser("reconstruct", help="a frame or a video and a calibration in, surfaces out")
-    add.add_argument(
-        "frame", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video"
-    )
-    add_solving_options(add)
-    add.add_argument("--out", required=True, metavar="DIR", help="folder for the results")
-    add.add_argument("--mask", metavar="M.png", help="bright where the frame is to be used")
-    add.add_argument(
+    command = commands.add_parser("reconstruct", help="a frame or a video and a calibration in, surfaces out")
+    option = command.add_argument
+    option("frame", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video")
+    add_solving_options(command)
+    option("--out", required=True, metavar="DIR", help="folder for the results")
+    option("--mask", metavar="M.png", help="bright where the frame is to be used")
+    option(
         "--snapshots", type=int, metavar="N", help=f"of fast_marching in the recording (default {SNAPSHOTS})"
     )
-    add.add_argument(
+    option(
         "--prepare",
         action="store_true",
         help="leave out text and dark lumen, undo interlacing, and draw it all: preparation.png",
     )
-    add.add_argument("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
-    add.add_argument("--every", type=int, metavar="N", help="of a video, every N-th frame only")
-    add.add_argument("--limit", type=int, metavar="N", help="of a video, N frames at most")
-    add.set_defaults(run=_reconstruct)
+    option("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
+    option("--every", type=int, metavar="N", help="of a video, every N-th frame only")
+    option("--limit", type=int, metavar="N", help="of a video, N frames at most")
+    command.set_defaults(run=_reconstruct)
 
-    add = commands.add_parser("sweep", help="frames × λ × ξ × order: one table, which can be gone on with")
-    add.add_argument("frames", nargs="+", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits")
-    add.add_argument("--out", default="sweep.csv", metavar="T.csv", help="the table (default sweep.csv)")
-    add_solving_options(add, several=True)
-    add.add_argument("--truth", nargs="+", metavar="T.npz", help="truth.npz of each frame")
-    add.add_argument("--jobs", type=int, default=1, metavar="N", help="at once; -1: as many as cores")
-    add.add_argument("--backend", help="of joblib: loky (processes, the default), threading or dask")
-    add.set_defaults(run=_sweep)
+    command = commands.add_parser(
+        "sweep", help="frames × λ × ξ × order: one table, which can be gone on with"
+    )
+    option = command.add_argument
+    option("frames", nargs="+", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits")
+    option("--out", default="sweep.csv", metavar="T.csv", help="the table (default sweep.csv)")
+    add_solving_options(command, several=True)
+    option("--truth", nargs="+", metavar="T.npz", help="truth.npz of each frame")
+    option("--jobs", type=int, default=1, metavar="N", help="at once; -1: as many as cores")
+    option("--backend", help="of joblib: loky (processes, the default), threading or dask")
+    command.set_defaults(run=_sweep)
