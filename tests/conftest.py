@@ -1,4 +1,4 @@
-"""What every test can ask for: a random generator, the published frames, Open3D."""
+"""What every test can ask for: a random generator, the published frames, Open3D, Mitsuba."""
 
 import os
 from pathlib import Path
@@ -34,6 +34,18 @@ def data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"the published frames are not in {folder}; ENDOLAB_DATA can name another folder")
     return folder
+
+
+@pytest.fixture(scope="session")
+def mitsuba() -> None:
+    """Ask for Mitsuba, an optional extra, and the LLVM that it needs."""
+    pytest.importorskip("mitsuba", reason='Mitsuba is not installed: python -m pip install "mitsuba>=3.9"')
+    from endolab.synthetic import path_tracing
+
+    try:
+        path_tracing.mitsuba()
+    except OSError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session")

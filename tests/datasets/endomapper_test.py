@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import endolab as el
 from endolab import datasets
@@ -78,7 +79,7 @@ def test_the_camera(write):
     theta, k = 0.7, (-0.1396589, -0.0003139987, 0.001505504, -0.0001316715)
     radius = theta + sum(c * theta**power for c, power in zip(k, (3, 5, 7, 9), strict=True))
     pixel = camera.project([0.0, np.sin(theta), np.cos(theta)])  # down in the picture
-    np.testing.assert_allclose(pixel, (734.7278, 552.0724 + 718.0214 * radius), rtol=1e-12)
+    assert_allclose(pixel, (734.7278, 552.0724 + 718.0214 * radius), rtol=1e-12)
 
 
 def test_a_pinhole(write):
@@ -92,8 +93,8 @@ def test_a_light_off_the_axis_is_in_mm(write):
     calibration = endomapper.read_endomapper(*write())
     light = calibration.photometry
     (spot,) = light.lights
-    np.testing.assert_allclose(spot.position, (-0.061, -1.135, -3.612))
-    np.testing.assert_allclose(spot.direction, (0.011092, 0.0, 0.999938), atol=1e-6)
+    assert_allclose(spot.position, (-0.061, -1.135, -3.612))
+    assert_allclose(spot.direction, (0.011092, 0.0, 0.999938), atol=1e-6)
     assert (light.gamma, light.k, light.gain) == (2.2, 0.0, None)
     assert 0.7 * 2.767302 < spot.exponent < 2.767302
     known = calibration.evidence["converted"]

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import endolab as el
@@ -73,7 +74,7 @@ def test_known_endoscopes(name):
     assert el.Calibration.from_dict(whole.to_dict()) == whole
     corners = whole.camera.unproject([(-0.5, -0.5), (whole.camera.width - 0.5, whole.camera.height - 0.5)])
     shrunk = half.camera.unproject([(-0.5, -0.5), (119.5, height - 0.5)])
-    np.testing.assert_allclose(shrunk, corners, atol=1e-9)
+    assert_allclose(shrunk, corners, atol=1e-9)
 
 
 def test_an_unknown_endoscope():
@@ -89,8 +90,8 @@ def test_a_frame_of_c3vd(tmp_path, suffix):
     write_c3vd(tmp_path, suffix)
     sample = datasets.read_c3vd(tmp_path, 42)
     assert sample.frame.name == "0042_color.png"
-    np.testing.assert_array_equal(sample.frame.image[7, 9] * 255, (30, 20, 10))
-    np.testing.assert_array_equal(sample.frame.mask, np.arange(1350) > np.zeros((1080, 1)))
+    assert_array_equal(sample.frame.image[7, 9] * 255, (30, 20, 10))
+    assert_array_equal(sample.frame.mask, np.arange(1350) > np.zeros((1080, 1)))
     z = sample.distance * sample.calibration.camera.field.cos_alpha
     assert np.isnan(z[540, 1])
     assert np.all(np.isnan(z[:, 0]))
@@ -105,7 +106,7 @@ def test_a_frame_of_c3vd(tmp_path, suffix):
 def test_a_frame_of_simcol3d(tmp_path):
     write_simcol3d(tmp_path)
     sample = datasets.read_simcol3d(tmp_path, 7)
-    np.testing.assert_allclose(sample.frame.image[100, 100], (1.0, 1.0, 128 / 255), rtol=1e-12)
+    assert_allclose(sample.frame.image[100, 100], (1.0, 1.0, 128 / 255), rtol=1e-12)
     assert sample.frame.mask.all()
     assert np.isnan(sample.distance[0, 0])
     assert sample.distance[237, 237] == pytest.approx(200 / 255)
@@ -117,7 +118,7 @@ def test_a_frame_of_ucl2019(tmp_path):
     write_ucl2019(tmp_path)
     sample = LOAD["ucl2019"](tmp_path)
     assert sample.frame.name == COLOUR["ucl2019"]
-    np.testing.assert_allclose(sample.frame.image[5, 5], (1.0, 0.2, 0.2))
+    assert_allclose(sample.frame.image[5, 5], (1.0, 0.2, 0.2))
     assert sample.frame.mask.all()
     assert np.isnan(sample.distance[0, :2]).all()
     side = 127.5 / 128  # the lower right corner, off the axis by as much across as down
@@ -197,7 +198,7 @@ def test_depth_of_another_kind(tmp_path, name, image, wanted):
 def test_true_z_goes_by_the_name(tmp_path, name, unit):
     stored = np.array([[0, 1, 30000, 65000]], np.uint16)
     cv2.imwrite(str(tmp_path / name), stored)
-    np.testing.assert_allclose(datasets.true_z(tmp_path / name), np.where(stored, stored * unit, np.nan))
+    assert_allclose(datasets.true_z(tmp_path / name), np.where(stored, stored * unit, np.nan))
 
 
 @pytest.mark.parametrize(
@@ -228,7 +229,7 @@ def test_a_frame_of_c3vd_shrunk_in_proportion(tmp_path):
     assert sample.calibration == datasets.load_calibration("c3vd", 675)
     z = sample.distance * sample.calibration.camera.field.cos_alpha
     assert np.isfinite(z).mean() > 0.9  # the camera has no rays in the corners
-    np.testing.assert_allclose(z[np.isfinite(z)], 20.0, atol=1e-3)
+    assert_allclose(z[np.isfinite(z)], 20.0, atol=1e-3)
 
 
 @every_layout
@@ -236,7 +237,9 @@ def test_colours_of_another_size(tmp_path, layout):
     WRITE[layout](tmp_path)
     for image in (np.zeros((4, 5, 3), np.uint8), np.zeros((256, 256), np.uint8)):
         cv2.imwrite(str(tmp_path / COLOUR[layout]), image)
-        with pytest.raises(ValueError, match=rf"{COLOUR[layout]}: expected colours of .* map, found the shape"):
+        with pytest.raises(
+            ValueError, match=rf"{COLOUR[layout]}: expected colours of .* map, found the shape"
+        ):
             LOAD[layout](tmp_path)
 
 
@@ -251,7 +254,7 @@ def test_a_folder_tells_its_layout(tmp_path, layout):
     folder = folders.open_dataset(tmp_path, camera)
     assert (folder.layout, folder.names, len(folder)) == (layout, (name,), 1)
     by_position, by_name = folder[0], folder[name]
-    np.testing.assert_array_equal(by_position.distance, by_name.distance)
+    assert_array_equal(by_position.distance, by_name.distance)
     assert by_position.frame.name == name
     assert [sample.frame.name for sample in folder] == [sample.frame.name for sample in folder[:2]] == [name]
     with pytest.raises(ValueError, match="there is no frame 7"):
@@ -267,7 +270,7 @@ def test_a_folder_of_two_series(tmp_path):
     folder = folders.open_dataset(tmp_path, UCL)
     assert folder.names == ("C_T3_L2_3_resized_FrameBuffer_0012.png", COLOUR["ucl2019"])
     near = [np.nanmin(sample.distance) for sample in folder]
-    np.testing.assert_allclose(near, (80.0, 40.0), rtol=1e-4)
+    assert_allclose(near, (80.0, 40.0), rtol=1e-4)
 
 
 def test_the_frames_of_a_folder_are_in_order(tmp_path):
@@ -326,7 +329,7 @@ def test_known_pixels(data, name, index, shape, stored, pixel, z):
     assert sample.distance.shape == (camera.height, camera.width) == shape
     if stored:
         middle = sample.frame.image[shape[0] // 2, shape[1] // 2]
-        np.testing.assert_allclose(middle * 255, stored, rtol=1e-9)
+        assert_allclose(middle * 255, stored, rtol=1e-9)
     ray = camera.unproject(pixel[::-1])
     assert sample.distance[pixel] == pytest.approx(z / ray[2], rel=1e-9)
     assert 5 < np.nanmin(sample.distance) < 15
@@ -348,8 +351,8 @@ def test_the_octagon_of_c3vd(data):
     sample = sample_of(data, "c3vd", 1)
     with Image.open(data / "c3vd_trans_t1_a" / "0001_depth.png") as file:
         stored = np.asarray(file)
-    np.testing.assert_array_equal(sample.frame.mask, stored > 0)
-    np.testing.assert_array_equal(np.isfinite(sample.distance), (stored > 0) & (stored < 65535))
+    assert_array_equal(sample.frame.mask, stored > 0)
+    assert_array_equal(np.isfinite(sample.distance), (stored > 0) & (stored < 65535))
     assert np.all(sample.calibration.camera.field.valid[sample.frame.mask])
 
 

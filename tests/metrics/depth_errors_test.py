@@ -4,6 +4,7 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from endolab.metrics.depth_errors import angle_between, compare, occlusion_cuts
 
@@ -87,21 +88,21 @@ def test_jumps_of_the_distance_are_cuts_to_the_right_and_downwards():
     for scale in (1e-3, 1.0, 40.0):
         cuts = occlusion_cuts(scale * np.exp(log_distance))
         assert cuts.dtype == bool
-        np.testing.assert_array_equal(cuts, [right, lower])
-    np.testing.assert_array_equal(occlusion_cuts(np.exp(log_distance), 0.5)[0], right & [[False], [True]])
+        assert_array_equal(cuts, [right, lower])
+    assert_array_equal(occlusion_cuts(np.exp(log_distance), 0.5)[0], right & [[False], [True]])
 
 
 def test_the_threshold_counts_in_logarithms():
     for step, is_cut in ((0.0799, False), (0.0801, True)):
         for sign in (1, -1):
             cuts = occlusion_cuts(np.exp(sign * step * np.array([[0.0, 1.0], [0.0, 1.0]])))
-            np.testing.assert_array_equal(cuts, [[[is_cut, False]] * 2, [[False, False]] * 2])
+            assert_array_equal(cuts, [[[is_cut, False]] * 2, [[False, False]] * 2])
 
 
 @pytest.mark.parametrize("unknown", [np.nan, 0.0, -1.0, np.inf])
 def test_what_is_unknown_is_no_contour(unknown):
     cuts = occlusion_cuts(np.array([[1.0, unknown, 2.0], [1.0, 4.0, 2.0]]))
-    np.testing.assert_array_equal(cuts[0], [[False, False, False], [True, True, False]])
+    assert_array_equal(cuts[0], [[False, False, False], [True, True, False]])
     assert not cuts[1].any()
     assert occlusion_cuts(np.full((1, 1), unknown)).shape == (2, 1, 1)
 
@@ -109,9 +110,7 @@ def test_what_is_unknown_is_no_contour(unknown):
 def test_turning_the_map_turns_its_contours(rng):
     distance = np.exp(rng.normal(scale=0.1, size=(6, 9)))
     distance[rng.random(distance.shape) < 0.1] = np.nan
-    np.testing.assert_array_equal(
-        occlusion_cuts(distance.T), occlusion_cuts(distance)[::-1].transpose(0, 2, 1)
-    )
+    assert_array_equal(occlusion_cuts(distance.T), occlusion_cuts(distance)[::-1].transpose(0, 2, 1))
 
 
 @pytest.mark.parametrize("threshold", [0.0, -0.1, np.nan])

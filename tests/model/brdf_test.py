@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from endolab.model.brdf import Glossy, Lambertian, TabulatedBRDF
 
@@ -27,7 +28,7 @@ def test_the_film_returns_its_share(shininess):
 def test_a_table_is_linear_in_the_angle_and_constant_beyond():
     theta = np.array([0.0, 0.1, 0.25, 0.4, 0.65, 0.9, 1.1, 1.3, 1.5])
     expected = [0.30, 0.30, 0.28, 0.26, 0.23, 0.20, 0.125, 0.05, 0.05]
-    np.testing.assert_allclose(TABLE.value(np.cos(theta), np.ones(9)), expected, rtol=0, atol=1e-14)
+    assert_allclose(TABLE.value(np.cos(theta), np.ones(9)), expected, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -39,8 +40,8 @@ def test_derivatives_by_both_cosines(brdf):
     by_i = (brdf.value(i + step, h) - brdf.value(i - step, h)) / (2 * step)
     by_h = (brdf.value(i, h + step) - brdf.value(i, h - step)) / (2 * step)
     actual = brdf.derivative(i, h)
-    np.testing.assert_allclose(actual[0], by_i, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(actual[1], by_h, rtol=0, atol=1e-6)
+    assert_allclose(actual[0], by_i, rtol=0, atol=1e-7)
+    assert_allclose(actual[1], by_h, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("brdf", [Lambertian(0.5), TABLE, Glossy()], ids=lambda b: type(b).__name__)

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from endolab.datasets import load_calibration
 from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
@@ -51,7 +52,7 @@ def test_kannala_brandt_projects_as_opencv_does(rng, camera):
     expected, _ = cv2.fisheye.projectPoints(
         points[None], np.zeros(3), np.zeros(3), matrix(camera), np.array(camera.k)
     )
-    np.testing.assert_allclose(camera.project(points), expected.reshape(-1, 2), rtol=0, atol=1e-9)
+    assert_allclose(camera.project(points), expected.reshape(-1, 2), rtol=0, atol=1e-9)
 
 
 def test_kannala_brandt_unprojects_as_opencv_does(rng):
@@ -62,7 +63,7 @@ def test_kannala_brandt_unprojects_as_opencv_does(rng):
     ).reshape(-1, 2)
     expected = np.concatenate([plane, np.ones((len(plane), 1))], axis=-1)
     expected /= np.linalg.norm(expected, axis=-1, keepdims=True)
-    np.testing.assert_allclose(ENDOSCOPE.unproject(pixel), expected, rtol=0, atol=1e-9 / ENDOSCOPE.fx)
+    assert_allclose(ENDOSCOPE.unproject(pixel), expected, rtol=0, atol=1e-9 / ENDOSCOPE.fx)
 
 
 def test_kannala_brandt_goes_on_beyond_90_degrees(rng):
@@ -72,14 +73,14 @@ def test_kannala_brandt_goes_on_beyond_90_degrees(rng):
     rho = theta + 0.01 * theta**3
     expected = 199.5 + 100 * rho[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
     assert np.sum(ray[:, 2] < 0) > 100
-    np.testing.assert_allclose(WIDE.project(7 * ray), expected, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(WIDE.unproject(expected), ray, rtol=0, atol=1e-12)
+    assert_allclose(WIDE.project(7 * ray), expected, rtol=0, atol=1e-10)
+    assert_allclose(WIDE.unproject(expected), ray, rtol=0, atol=1e-12)
 
 
 def test_pinhole_is_a_division(rng):
     points = rng.uniform([-50, -50, 1], [50, 50, 100], (200, 3))
     expected = points[:, :2] / points[:, 2:] * [200, 210] + [159.5, 119.5]
-    np.testing.assert_allclose(PINHOLE.project(points), expected, rtol=1e-12, atol=1e-10)
+    assert_allclose(PINHOLE.project(points), expected, rtol=1e-12, atol=1e-10)
 
 
 def test_scaramuzza_is_its_polynomial(rng):
@@ -88,8 +89,8 @@ def test_scaramuzza_is_its_polynomial(rng):
     ray = np.column_stack([p, np.polynomial.polynomial.polyval(r, C3VD.a)])
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
     pixel = p @ np.array([[C3VD.c, C3VD.d], [C3VD.e, 1.0]]).T + [C3VD.cx, C3VD.cy]
-    np.testing.assert_allclose(C3VD.unproject(pixel), ray, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(C3VD.project(33 * ray), pixel, rtol=0, atol=1e-10)
+    assert_allclose(C3VD.unproject(pixel), ray, rtol=0, atol=1e-13)
+    assert_allclose(C3VD.project(33 * ray), pixel, rtol=0, atol=1e-10)
 
 
 def test_two_published_calibrations_of_one_endoscope_agree():
@@ -110,14 +111,9 @@ def test_pixel_to_ray_to_pixel(camera):
     ray = camera.unproject(pixel)
     seen = np.isfinite(ray).all(axis=-1)
     assert seen.mean() > 0.9
-    np.testing.assert_allclose(np.linalg.norm(ray[seen], axis=-1), 1.0, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(camera.project(40 * ray[seen]), pixel[seen], rtol=0, atol=1e-10)
-
-
-@every_camera
-def test_distance_along_a_ray_plays_no_part(rng, camera):
-    ray = directions(rng, 50, 60.0)
-    np.testing.assert_allclose(camera.project(1e3 * ray), camera.project(1e-3 * ray), rtol=0, atol=1e-10)
+    assert_allclose(np.linalg.norm(ray[seen], axis=-1), 1.0, rtol=0, atol=1e-14)
+    for distance in (1e-3, 40, 1e3):
+        assert_allclose(camera.project(distance * ray[seen]), pixel[seen], rtol=0, atol=1e-10)
 
 
 # The end of the field ------------------------------------------------------------------
@@ -153,12 +149,12 @@ def test_pixels_outside_the_field_are_invalid():
     field = camera.field
     radius = np.hypot(*np.moveaxis((pixels(camera)[:-1, :-1] - camera._centre) * 20, -1, 0))
     assert field.shape == (54, 72)
-    np.testing.assert_array_equal(field.valid[:-1, :-1], radius[:53, :71] < 745.8)
+    assert_array_equal(field.valid[:-1, :-1], radius[:53, :71] < 745.8)
     for array in (field.rays, field.inverse_metric):
-        np.testing.assert_array_equal(np.isfinite(array).all(axis=-1), field.valid)
+        assert_array_equal(np.isfinite(array).all(axis=-1), field.valid)
 
 
-@pytest.mark.parametrize("point", [(0, 0, 0), (0, 0, -1), (1, 2, -1e3), (0, 1, 0)])
+@pytest.mark.parametrize("point", [(0, 0, 0), (0, 0, -1), (1, 2, -1e3), (0, 1, 0), (1, 0, 1e-6)])
 @every_camera
 def test_points_that_a_camera_cannot_see(camera, point):
     theta = np.arctan2(np.hypot(point[0], point[1]), point[2])
@@ -169,15 +165,10 @@ def test_points_that_a_camera_cannot_see(camera, point):
     assert np.isnan(pixel).all() != seen
 
 
-def test_a_pinhole_sees_less_than_half_the_world():
-    assert np.all(np.isfinite(PINHOLE.project([1.0, 0, 1e-6])))
-    assert np.all(np.isnan(PINHOLE.project([[1.0, 0, -1e-6], [1.0, 0, 0.0]])))
-
-
 @every_camera
 def test_the_axis_meets_the_principal_point(camera):
-    np.testing.assert_allclose(camera.project([0, 0, 5.0]), camera._centre, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(camera.unproject(camera._centre), [0, 0, 1], rtol=0, atol=1e-15)
+    assert_allclose(camera.project([0, 0, 5.0]), camera._centre, rtol=0, atol=1e-12)
+    assert_allclose(camera.unproject(camera._centre), [0, 0, 1], rtol=0, atol=1e-15)
 
 
 @every_camera
@@ -186,7 +177,7 @@ def test_one_many_or_no_points(camera):
     assert camera.unproject((100, 80)).shape == (3,)
     assert camera.project(np.zeros((0, 3))).shape == (0, 2)
     assert camera.unproject(np.zeros((4, 0, 2))).shape == (4, 0, 3)
-    np.testing.assert_array_equal(camera.project([[1, 2, 10]])[0], camera.project([1, 2, 10]))
+    assert_array_equal(camera.project([[1, 2, 10]])[0], camera.project([1, 2, 10]))
 
 
 # The ray field -------------------------------------------------------------------------
@@ -207,7 +198,7 @@ def test_jacobian_is_the_derivative_of_the_rays(camera):
     # Near the end of the endoscope's polynomial ϑ(ρ) has a square root's slope.
     calm = (np.abs(field.jacobian).max(axis=(-2, -1)) < 0.3)[:-1, :-1] & field.valid[:-1, :-1]
     assert calm.mean() > 0.85
-    np.testing.assert_allclose(field.jacobian[:-1, :-1][calm], numerical[calm], rtol=0, atol=1e-7)
+    assert_allclose(field.jacobian[:-1, :-1][calm], numerical[calm], rtol=0, atol=1e-7)
 
 
 @every_camera
@@ -217,14 +208,14 @@ def test_inverse_metric_inverts_the_metric(camera):
     uu, uv, vv = field.inverse_metric[field.valid].T
     inverse = np.moveaxis(np.array([[uu, uv], [uv, vv]]), -1, 0)
     identity = inverse @ np.swapaxes(jacobian, -1, -2) @ jacobian
-    np.testing.assert_allclose(identity, np.broadcast_to(np.eye(2), identity.shape), rtol=0, atol=1e-9)
+    assert_allclose(identity, np.broadcast_to(np.eye(2), identity.shape), rtol=0, atol=1e-9)
 
 
 @every_camera
 def test_the_field_holds_the_rays_of_the_pixel_centres(camera):
     camera = small(camera)
-    np.testing.assert_array_equal(camera.field.rays[11, 23], camera.unproject((23, 11)))
-    np.testing.assert_array_equal(camera.field.cos_alpha, camera.field.rays[..., 2])
+    assert_array_equal(camera.field.rays[11, 23], camera.unproject((23, 11)))
+    assert_array_equal(camera.field.cos_alpha, camera.field.rays[..., 2])
     assert camera.field is camera.field
 
 
@@ -245,10 +236,8 @@ def test_resize_keeps_the_outer_edges(rng, camera):
     points = directions(rng, 100, 60.0)
     resized = camera.resize(camera.width // 3, camera.height * 2)
     scale = np.array([resized.width / camera.width, resized.height / camera.height])
-    np.testing.assert_allclose(
-        resized.project(points) + 0.5, (camera.project(points) + 0.5) * scale, rtol=0, atol=1e-9
-    )
-    np.testing.assert_allclose(
+    assert_allclose(resized.project(points) + 0.5, (camera.project(points) + 0.5) * scale, rtol=0, atol=1e-9)
+    assert_allclose(
         resized.unproject((-0.5, resized.height / 2 - 0.5)),
         camera.unproject((-0.5, camera.height / 2 - 0.5)),
         rtol=0,
@@ -269,14 +258,7 @@ def test_crop_moves_the_origin(rng, camera):
     points = directions(rng, 100, 60.0)
     window = camera.crop(31, 17, 100, 90)
     assert (window.width, window.height) == (100, 90)
-    np.testing.assert_allclose(window.project(points), camera.project(points) - [31, 17], rtol=0, atol=1e-10)
-
-
-@every_camera
-def test_resize_there_and_back(rng, camera):
-    points = directions(rng, 20, 60.0)
-    again = camera.resize(111, 222).resize(camera.width, camera.height)
-    np.testing.assert_allclose(again.project(points), camera.project(points), rtol=0, atol=1e-9)
+    assert_allclose(window.project(points), camera.project(points) - [31, 17], rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("window", [(-1, 0, 9, 9), (0, -1, 9, 9), (312, 0, 9, 9), (0, 232, 9, 9)])

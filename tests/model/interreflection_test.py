@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from endolab import datasets
 from endolab.model.interreflection import Walls, _exchange
@@ -41,9 +42,7 @@ def test_the_exchange_is_that_of_its_plain_twin(rng):
     turned = n + 0.5 * rng.normal(size=n.shape)
     turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
     area = area * rng.uniform(0.5, 2, len(area))
-    np.testing.assert_allclose(
-        _exchange(x, turned, area, *open_cells(120)), plainly(x, turned, area), atol=1e-15
-    )
+    assert_allclose(_exchange(x, turned, area, *open_cells(120)), plainly(x, turned, area), atol=1e-15)
 
 
 def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
@@ -51,7 +50,7 @@ def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
     x, n, area = ball()
     exchange = _exchange(x, n, area, *open_cells(len(x)))
     # In a ball F_ij is A_j over the whole area, whatever i and j.
-    np.testing.assert_allclose(exchange.sum(axis=1), 1.0, atol=0.012)  # 1 % is lost between neighbours
+    assert_allclose(exchange.sum(axis=1), 1.0, atol=0.012)  # 1 % is lost between neighbours
     lit = np.where(x[:, 2] > 10.0, 1.0, 0.0)
     walls = Walls(x, n, area, lit, exchange, np.ones((1, len(x)), bool), np.ones((1, len(x))))
     for albedo in (0.3, 0.6):
@@ -66,7 +65,7 @@ def test_light_is_exchanged_both_ways_and_none_is_made(colon):
     assert walls.exchange.sum(axis=1).max() <= 1 + 1e-12
     raw = _exchange(walls.points, walls.normals, walls.area, *open_cells(len(walls.points)))
     given = walls.area[:, None] * raw
-    np.testing.assert_allclose(given, given.T, rtol=1e-9)
+    assert_allclose(given, given.T, rtol=1e-9)
     for albedo in (0.3, 0.75):
         # Of the lamp's light, bounces can give back ρ/(1 - ρ) at most.
         assert walls.area @ walls.bounced(albedo) < walls.area @ walls.lit * albedo / (1 - albedo)
@@ -87,7 +86,7 @@ def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(colo
     mask = np.isfinite(v)
     walls, larger = Walls.of(v, mask, field, 2.5), Walls.of(v + np.log(7.0), mask, field, 2.5)
     green, red = walls.inflation(0.38), walls.inflation(0.75)
-    np.testing.assert_allclose(larger.inflation(0.38), green, rtol=1e-9)
+    assert_allclose(larger.inflation(0.38), green, rtol=1e-9)
     assert np.all(red[mask] > green[mask])
     assert np.all(green[mask] > 0)
     assert np.isfinite(red).all()

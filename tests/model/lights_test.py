@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from endolab.model.lights import SpotLight
 
@@ -19,15 +20,15 @@ def test_radiance_is_the_papers_formula(rng):
     axis = np.array([0.2, -0.1, 2.0]) / np.sqrt(0.04 + 0.01 + 4.0)
     expected = 0.6 * (offset @ axis / distance) ** 1.7 / distance**2
     radiance, reach = LIGHT.illuminate(x)
-    np.testing.assert_allclose(radiance, expected, rtol=1e-13)
-    np.testing.assert_allclose(reach, distance, rtol=1e-14)
+    assert_allclose(radiance, expected, rtol=1e-13)
+    assert_allclose(reach, distance, rtol=1e-14)
 
 
 def test_twice_as_far_is_a_quarter_as_bright(rng):
     offset = points(rng)
     origin = np.asarray(LIGHT.position)
     near, far = LIGHT.illuminate(origin + offset)[0], LIGHT.illuminate(origin + 2 * offset)[0]
-    np.testing.assert_allclose(far, near / 4, rtol=1e-13)
+    assert_allclose(far, near / 4, rtol=1e-13)
 
 
 def test_light_sent_out_is_that_of_its_cone():
@@ -57,7 +58,7 @@ def test_log_gradient_is_the_derivative(rng, light):
         (np.log(light.illuminate(x + e)[0]) - np.log(light.illuminate(x - e)[0])) / (2 * h)
         for e in np.eye(3) * h
     ]
-    np.testing.assert_allclose(light.log_gradient(x), np.transpose(numerical), rtol=0, atol=1e-9)
+    assert_allclose(light.log_gradient(x), np.transpose(numerical), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

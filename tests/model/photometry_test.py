@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from endolab.model.brdf import Glossy, Lambertian, TabulatedBRDF
 from endolab.model.lights import SpotLight
@@ -49,16 +50,16 @@ def test_derivatives_of_the_general_model(rng, brdf, lights):
     photometry = model(brdf, lights)
     points, normals, *_ = surface(rng)
     intensity, by_point, by_normal = photometry.intensity_gradient(points, normals)
-    np.testing.assert_array_equal(intensity, photometry.intensity(points, normals))
+    assert_array_equal(intensity, photometry.intensity(points, normals))
     assert intensity.min() > 0.05
     h = 1e-4
     for axis, e in enumerate(np.eye(3) * h):
         ahead, behind = photometry.intensity(points + e, normals), photometry.intensity(points - e, normals)
-        np.testing.assert_allclose(by_point[:, axis], (ahead - behind) / (2 * h), rtol=1e-5, atol=1e-8)
+        assert_allclose(by_point[:, axis], (ahead - behind) / (2 * h), rtol=1e-5, atol=1e-8)
     h = 1e-6
     for axis, e in enumerate(np.eye(3) * h):
         ahead, behind = photometry.intensity(points, normals + e), photometry.intensity(points, normals - e)
-        np.testing.assert_allclose(by_normal[:, axis], (ahead - behind) / (2 * h), rtol=1e-5, atol=1e-7)
+        assert_allclose(by_normal[:, axis], (ahead - behind) / (2 * h), rtol=1e-5, atol=1e-7)
 
 
 @every_brdf
@@ -68,10 +69,10 @@ def test_derivatives_of_the_simplified_model(rng, brdf):
     v, p, h = np.log(distance), np.tan(theta) ** 2, 1e-6
     _, by_v, by_p = photometry.shade(v, p, cos_alpha)
     ahead, behind = photometry.shade(v + h, p, cos_alpha)[0], photometry.shade(v - h, p, cos_alpha)[0]
-    np.testing.assert_allclose(by_v, (ahead - behind) / (2 * h), rtol=1e-7)
+    assert_allclose(by_v, (ahead - behind) / (2 * h), rtol=1e-7)
     step = h * (1 + p)
     ahead, behind = photometry.shade(v, p + step, cos_alpha)[0], photometry.shade(v, p - step, cos_alpha)[0]
-    np.testing.assert_allclose(by_p, (ahead - behind) / (2 * step), rtol=2e-5)
+    assert_allclose(by_p, (ahead - behind) / (2 * step), rtol=2e-5)
 
 
 def test_the_dark_has_neither_light_nor_slope():
@@ -92,8 +93,8 @@ def test_simplified_is_the_general_model_with_the_light_at_the_centre(rng, brdf)
     simplified = model(brdf).shade(np.log(distance), np.tan(theta) ** 2, cos_alpha)[0]
     f = brdf.value(np.cos(theta), np.cos(theta))
     by_hand = (cos_alpha**2.5 / distance**2 * f * np.cos(theta) * 3000) ** (1 / 2.2)
-    np.testing.assert_allclose(general, by_hand, rtol=1e-12)
-    np.testing.assert_allclose(simplified, by_hand, rtol=1e-12)
+    assert_allclose(general, by_hand, rtol=1e-12)
+    assert_allclose(simplified, by_hand, rtol=1e-12)
 
 
 @every_brdf
@@ -101,7 +102,7 @@ def test_the_exponent_can_be_the_lights_or_the_lens(rng, brdf):
     points, normals, *_ = surface(rng)
     joint = model(brdf, k=2.5)
     split = model(brdf, (SpotLight(exponent=1.6),), k=0.9)
-    np.testing.assert_allclose(split.intensity(points, normals), joint.intensity(points, normals), rtol=1e-12)
+    assert_allclose(split.intensity(points, normals), joint.intensity(points, normals), rtol=1e-12)
     assert split.simplified().k == pytest.approx(2.5)
 
 
@@ -109,7 +110,7 @@ def test_lights_add_up_before_the_response(rng):
     points, normals, *_ = surface(rng)
     each = [model(lights=(light,)).intensity(points, normals) ** 2.2 for light in THREE_LIGHTS]
     together = model(lights=THREE_LIGHTS).intensity(points, normals) ** 2.2
-    np.testing.assert_allclose(together, sum(each), rtol=1e-12)
+    assert_allclose(together, sum(each), rtol=1e-12)
 
 
 def test_far_away_the_lights_become_one(rng):
@@ -158,7 +159,7 @@ def test_inverse_squares(rng, brdf, lights):
     grown = tuple(replace(light, position=tuple(2 * np.array(light.position))) for light in lights)
     small, large = model(brdf, lights), model(brdf, grown)
     ratio = large.intensity(2 * points, normals) / small.intensity(points, normals)
-    np.testing.assert_allclose(ratio, 2 ** (-2 / 2.2), rtol=1e-12)
+    assert_allclose(ratio, 2 ** (-2 / 2.2), rtol=1e-12)
 
 
 @every_light
@@ -166,20 +167,16 @@ def test_gain_and_gamma(rng, lights):
     points, normals, *_ = surface(rng)
     base = model(lights=lights)
     intensity = base.intensity(points, normals)
-    np.testing.assert_allclose(
+    assert_allclose(
         replace(base, gain=9000.0).intensity(points, normals), intensity * 3 ** (1 / 2.2), rtol=1e-12
     )
-    np.testing.assert_allclose(
-        replace(base, gamma=1.0).intensity(points, normals), intensity**2.2, rtol=1e-12
-    )
+    assert_allclose(replace(base, gamma=1.0).intensity(points, normals), intensity**2.2, rtol=1e-12)
 
 
 @pytest.mark.parametrize("k", [0.0, 2.5])
 def test_attenuation(k):
     cosine = np.array([1.0, 0.5, 1e-3, 0.0, -0.2, np.nan])
-    np.testing.assert_allclose(
-        model(k=k).attenuation(cosine), [1.0, 0.5**k, 1e-3**k, 0.0, 0.0, np.nan], rtol=1e-14
-    )
+    assert_allclose(model(k=k).attenuation(cosine), [1.0, 0.5**k, 1e-3**k, 0.0, 0.0, np.nan], rtol=1e-14)
 
 
 # Canonical intensity -------------------------------------------------------------------
@@ -189,7 +186,7 @@ def test_attenuation(k):
 def test_canonical_intensity_is_cosine_over_square(rng, brdf):
     points, normals, distance, theta, cos_alpha = surface(rng)
     canonical = model(brdf).canonical(model(brdf).intensity(points, normals), cos_alpha, theta)
-    np.testing.assert_allclose(canonical, np.cos(theta) / distance**2, rtol=1e-12)
+    assert_allclose(canonical, np.cos(theta) / distance**2, rtol=1e-12)
 
 
 def test_canonical_intensity_without_gain_or_light():
@@ -209,9 +206,9 @@ def test_the_grey_channel_is_the_grey_of_the_channels(rng):
     rgb = [colour.channel(name).intensity(points, normals) for name in ("red", "green", "blue")]
     expected = 0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2]
     grey = colour.channel("grey").intensity(points, normals)
-    np.testing.assert_allclose(grey, expected, rtol=1e-12)
+    assert_allclose(grey, expected, rtol=1e-12)
     by_opencv = cv2.cvtColor(np.stack(rgb, axis=-1)[None].astype(np.float32), cv2.COLOR_RGB2GRAY)[0]
-    np.testing.assert_allclose(grey, by_opencv, rtol=1e-5)
+    assert_allclose(grey, by_opencv, rtol=1e-5)
 
 
 def test_channels_are_red_green_blue():
@@ -233,7 +230,7 @@ def test_the_slant_table_inverts_the_brightness(brdf):
     theta = np.deg2rad(np.linspace(0, 88, 500))
     cosine = np.cos(theta)
     c = cosine * brdf.value(cosine, cosine) / brdf.value(1.0, 1.0)
-    np.testing.assert_allclose(np.interp(np.log(c), log_c, log_slant), -2 * np.log(cosine), rtol=0, atol=1e-4)
+    assert_allclose(np.interp(np.log(c), log_c, log_slant), -2 * np.log(cosine), rtol=0, atol=1e-4)
 
 
 def test_one_brightness_must_not_have_two_slants():

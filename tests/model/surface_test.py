@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from endolab.datasets import load_calibration
 from endolab.metrics import angle_between
@@ -56,9 +57,7 @@ def eroded(mask, steps=2):
 @pytest.mark.parametrize("xi", surface.XI)
 def test_xi_there_and_back(rng, xi):
     v, cos_alpha = rng.uniform(0, 5, (6, 8)), rng.uniform(0.1, 1, (6, 8))
-    np.testing.assert_allclose(
-        surface.from_xi(surface.to_xi(v, xi, cos_alpha), xi, cos_alpha), v, rtol=0, atol=1e-14
-    )
+    assert_allclose(surface.from_xi(surface.to_xi(v, xi, cos_alpha), xi, cos_alpha), v, rtol=0, atol=1e-14)
 
 
 def test_xi_is_what_its_name_says():
@@ -100,7 +99,7 @@ def test_two_ways_to_the_normals(name, camera):
     by_metric = surface.normals(v, camera.field)
     tangents = by_tangents(surface.points(v, camera.field))
     assert angle_between(by_metric, tangents)[eroded(mask)].mean() < 0.1
-    np.testing.assert_array_equal(np.isfinite(by_metric).all(axis=-1), mask)
+    assert_array_equal(np.isfinite(by_metric).all(axis=-1), mask)
 
 
 @pytest.mark.parametrize("name", ["kannala_brandt", "scaramuzza"])
@@ -120,7 +119,7 @@ def test_normals_have_unit_length_and_face_the_camera(rng, camera):
     field = camera.field
     v = rng.normal(3.5, 0.1, field.shape)
     normals = surface.normals(v, field)[field.valid]
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=1e-9)
+    assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=1e-9)
     assert np.all(np.einsum("ni,ni->n", normals, field.rays[field.valid]) < 0)
 
 
@@ -130,14 +129,14 @@ def test_the_slant_is_the_angle_between_ray_and_normal(rng):
     p = surface.slant(f_u, f_v, camera.field)
     normals = surface.normals_from_gradient(f_u, f_v, camera.field)
     cosine = -np.einsum("hwi,hwi->hw", normals, camera.field.rays)
-    np.testing.assert_allclose(1 / cosine**2 - 1, p, rtol=1e-9)
+    assert_allclose(1 / cosine**2 - 1, p, rtol=1e-9)
 
 
 @every_camera
 def test_a_ball_around_the_camera_is_seen_face_on(camera):
     field = camera.field
     normals = surface.normals(np.full(field.shape, np.log(30.0)), field)
-    np.testing.assert_allclose(normals[field.valid], -field.rays[field.valid], rtol=0, atol=1e-12)
+    assert_allclose(normals[field.valid], -field.rays[field.valid], rtol=0, atol=1e-12)
 
 
 @every_camera
@@ -151,9 +150,9 @@ def test_points_lie_on_the_rays():
     camera = CAMERAS["kannala_brandt"]
     v, _, mask = seen(SCENES["tube"], camera)
     points = surface.points(v, camera.field)[mask]
-    np.testing.assert_allclose(np.linalg.norm(points, axis=-1), np.exp(v[mask]), rtol=1e-13)
+    assert_allclose(np.linalg.norm(points, axis=-1), np.exp(v[mask]), rtol=1e-13)
     rows, columns = np.nonzero(mask)
-    np.testing.assert_allclose(camera.project(points), np.column_stack([columns, rows]), rtol=0, atol=1e-9)
+    assert_allclose(camera.project(points), np.column_stack([columns, rows]), rtol=0, atol=1e-9)
 
 
 # Holes ---------------------------------------------------------------------------------
@@ -167,10 +166,10 @@ def test_a_hole_touches_its_neighbours_only(rubbish):
     hole = (np.hypot(row - 40, column - 60) < 9) | ((row == 80) & (column == 100))
     assert mask[hole].all()
     holed = surface.normals(np.where(hole, rubbish, v), camera.field, mask & ~hole)
-    np.testing.assert_array_equal(np.isnan(holed).any(axis=-1), ~mask | hole)
+    assert_array_equal(np.isnan(holed).any(axis=-1), ~mask | hole)
     touched = mask & ~eroded(mask & ~hole, 1)
     whole = surface.normals(v, camera.field, mask)
-    np.testing.assert_array_equal(holed[mask & ~touched], whole[mask & ~touched])
+    assert_array_equal(holed[mask & ~touched], whole[mask & ~touched])
     assert angle_between(holed, whole)[touched & ~hole].max() < 2.0
 
     points = np.where(hole[..., None], rubbish, surface.points(v, camera.field))
@@ -183,7 +182,7 @@ def test_the_default_mask_is_where_the_map_is_finite():
     v[4, 5] = np.nan
     v[0] = np.inf
     normals = surface.normals(v, camera.field)
-    np.testing.assert_array_equal(np.isnan(normals).any(axis=-1), ~np.isfinite(v))
+    assert_array_equal(np.isnan(normals).any(axis=-1), ~np.isfinite(v))
 
 
 def test_a_lonely_pixel_has_a_slant_of_zero():
@@ -191,6 +190,6 @@ def test_a_lonely_pixel_has_a_slant_of_zero():
     mask = np.zeros((12, 16), dtype=bool)
     mask[4, 5] = True
     v = np.full((12, 16), 3.0)
-    np.testing.assert_allclose(
+    assert_allclose(
         surface.normals(v, camera.field, mask)[4, 5], -camera.field.rays[4, 5], rtol=0, atol=1e-15
     )

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from endolab.numerics.derivatives import (
     forward_gradient,
@@ -62,13 +63,13 @@ def test_shifted_is_a_roll_with_the_far_side_filled(rng, step, axis):
     a = rng.normal(size=(4, 5))
     padded = np.pad(a, 9, constant_values=7.0)
     expected = np.roll(padded, -step, axis)[9:-9, 9:-9]
-    np.testing.assert_array_equal(shifted(a, step, axis, 7.0), expected)
+    assert_array_equal(shifted(a, step, axis, 7.0), expected)
 
 
 @pytest.mark.parametrize("shape", [(3, 3), (3, 8), (9, 12)])
 def test_gradient_is_exact_for_quadratics_up_to_the_border(rng, shape):
     f, exact = polynomial(shape, rng.normal(size=6))
-    np.testing.assert_allclose(gradient(f), exact, rtol=0, atol=1e-12)
+    assert_allclose(gradient(f), exact, rtol=0, atol=1e-12)
 
 
 def test_gradient_is_of_second_order_in_the_border_too():
@@ -109,7 +110,7 @@ def test_gradient_takes_the_best_formula_that_the_mask_allows(rng, mask):
 
 def test_gradient_is_nan_exactly_outside_the_mask(rng, mask):
     for derivative in gradient(rng.normal(size=mask.shape), mask):
-        np.testing.assert_array_equal(np.isnan(derivative), ~mask)
+        assert_array_equal(np.isnan(derivative), ~mask)
 
 
 @pytest.mark.parametrize("operator", OPERATORS)
@@ -118,7 +119,7 @@ def test_values_outside_the_mask_never_matter(rng, mask, operator, rubbish):
     f = rng.normal(size=mask.shape)
     expected = operator(np.where(mask, f, 0.0), mask)
     actual = operator(np.where(mask, f, rubbish), mask)
-    np.testing.assert_array_equal(actual, expected)
+    assert_array_equal(actual, expected)
     assert np.isfinite(np.asarray(actual)[:, mask]).all()
 
 
@@ -142,8 +143,8 @@ def test_every_shape_keeps_its_shape_and_a_constant_has_no_derivative(shape):
 def test_gradient_of_a_line_on_every_shape(shape):
     f, (f_u, f_v) = polynomial(shape, [0.5, 2.0, -3.0, 0, 0, 0])
     by_u, by_v = gradient(f)
-    np.testing.assert_allclose(by_u, f_u if shape[1] > 1 else 0.0, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(by_v, f_v if shape[0] > 1 else 0.0, rtol=0, atol=1e-12)
+    assert_allclose(by_u, f_u if shape[1] > 1 else 0.0, rtol=0, atol=1e-12)
+    assert_allclose(by_v, f_v if shape[0] > 1 else 0.0, rtol=0, atol=1e-12)
 
 
 def test_forward_gradient_is_the_difference_of_two_pixels_of_the_mask(rng, mask):
@@ -152,15 +153,15 @@ def test_forward_gradient_is_the_difference_of_two_pixels_of_the_mask(rng, mask)
     expected = np.zeros((2, *mask.shape))
     expected[0, :, :-1] = np.where(mask[:, 1:] & mask[:, :-1], np.diff(f, axis=1), 0.0)
     expected[1, :-1] = np.where(mask[1:] & mask[:-1], np.diff(f, axis=0), 0.0)
-    np.testing.assert_allclose([f_u, f_v], expected, rtol=0, atol=1e-15)
+    assert_allclose([f_u, f_v], expected, rtol=0, atol=1e-15)
 
 
 def test_hessian_of_a_quadratic(rng):
     c = rng.normal(size=6)
     f_uu, f_uv, f_vv = hessian(polynomial((9, 12), c)[0])
-    np.testing.assert_allclose(f_uu[:, 1:-1], 2 * c[3], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(f_uv[:-1, :-1], np.sqrt(2) * c[4], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(f_vv[1:-1], 2 * c[5], rtol=0, atol=1e-11)
+    assert_allclose(f_uu[:, 1:-1], 2 * c[3], rtol=0, atol=1e-11)
+    assert_allclose(f_uv[:-1, :-1], np.sqrt(2) * c[4], rtol=0, atol=1e-11)
+    assert_allclose(f_vv[1:-1], 2 * c[5], rtol=0, atol=1e-11)
     assert np.all(f_uu[:, [0, -1]] == 0)
     assert np.all(f_vv[[0, -1]] == 0)
     assert np.all(f_uv[-1] == 0)
@@ -175,14 +176,14 @@ def test_hessian_needs_its_whole_stencil(rng):
     expected = np.zeros_like(silent)
     expected[0, 4, 3:6] = expected[2, 3:6, 4] = True
     expected[1, 3:5, 3:5] = True
-    np.testing.assert_array_equal(silent, expected)
-    np.testing.assert_array_equal(hessian(f, mask)[~silent], hessian(f)[~silent])
+    assert_array_equal(silent, expected)
+    assert_array_equal(hessian(f, mask)[~silent], hessian(f)[~silent])
 
 
 def test_the_norm_of_the_hessian_is_the_frobenius_norm_and_does_not_know_rows_from_columns(rng, mask):
     f = rng.normal(size=mask.shape)
     norm = np.linalg.norm(hessian(f, mask), axis=0)
-    np.testing.assert_allclose(np.linalg.norm(hessian(f.T, mask.T), axis=0).T, norm, rtol=0, atol=1e-14)
+    assert_allclose(np.linalg.norm(hessian(f.T, mask.T), axis=0).T, norm, rtol=0, atol=1e-14)
     c = rng.normal(size=6)
     full = np.linalg.norm([[2 * c[3], c[4]], [c[4], 2 * c[5]]])
     assert np.linalg.norm(hessian(polynomial((5, 5), c)[0])[:, 2, 2]) == pytest.approx(full)
@@ -193,10 +194,10 @@ def test_operators_are_linear_and_leave_their_input_alone(rng, mask, operator):
     f, g = rng.normal(size=(2, *mask.shape))
     before = f.copy()
     combined = np.asarray(operator(2 * f - 3 * g, mask))
-    np.testing.assert_allclose(
+    assert_allclose(
         combined, 2 * np.asarray(operator(f, mask)) - 3 * np.asarray(operator(g, mask)), rtol=0, atol=1e-13
     )
-    np.testing.assert_array_equal(f, before)
+    assert_array_equal(f, before)
 
 
 # Two pixels at the rim -----------------------------------------------------------------
@@ -208,7 +209,7 @@ def test_gradient_without_a_mask_is_numpys(rng, shape, edge_order):
     f = rng.normal(size=shape)
     if min(shape) > edge_order:
         f_v, f_u = np.gradient(f, edge_order=edge_order)
-        np.testing.assert_allclose(gradient(f, edge_order=edge_order), (f_u, f_v), rtol=0, atol=1e-14)
+        assert_allclose(gradient(f, edge_order=edge_order), (f_u, f_v), rtol=0, atol=1e-14)
 
 
 def test_two_pixels_give_the_slope_wherever_there_is_a_neighbour(rng, mask):
@@ -229,13 +230,13 @@ def test_two_pixels_give_the_slope_wherever_there_is_a_neighbour(rng, mask):
 
 def test_links_join_neighbours_of_the_mask_that_are_not_cut_apart():
     mask = np.array([[True, True, False], [True, True, True]])
-    np.testing.assert_array_equal(
+    assert_array_equal(
         links(mask),
         [[[True, False, False], [True, True, False]], [[True, True, False], [False, False, False]]],
     )
     cuts = np.zeros((2, 2, 3), dtype=bool)
     cuts[0, 1, 0] = cuts[1, 0, 1] = cuts[0, 0, 2] = cuts[1, 1, 1] = True  # the last two lead nowhere
-    np.testing.assert_array_equal(
+    assert_array_equal(
         links(mask, cuts),
         [[[True, False, False], [False, True, False]], [[True, False, False], [False, False, False]]],
     )
@@ -246,11 +247,12 @@ def test_cuts_tear_a_map_into_maps_of_their_own(rng, mask, operator):
     """Cut along a patchwork's seams, each patch has the derivatives that it has as a mask of its own."""
     f, labels = rng.normal(size=mask.shape), rng.integers(0, 3, mask.shape)
     labels[4:11, 5:12] = 0
+    assert np.all(np.asarray(operator(7.0 * labels, cuts=between(labels))) == 0)
     torn = np.asarray(operator(f, mask, between(labels)))
     assert np.any(torn[:, mask] != np.asarray(operator(f, mask))[:, mask])
     for label in range(3):
         patch = mask & (labels == label)
-        np.testing.assert_array_equal(torn[:, patch], np.asarray(operator(f, patch))[:, patch])
+        assert_array_equal(torn[:, patch], np.asarray(operator(f, patch))[:, patch])
 
 
 @every_pair
@@ -258,31 +260,24 @@ def test_adjoints_of_a_torn_map_are_those_of_its_patches(rng, mask, operator, ad
     labels = rng.integers(0, 2, mask.shape)
     p = rng.normal(size=np.shape(operator(np.zeros(mask.shape))))
     patches = [adjoint(p, mask & (labels == label)) for label in (0, 1)]
-    np.testing.assert_allclose(adjoint(p, mask, between(labels)), sum(patches), rtol=0, atol=1e-13)
+    assert_allclose(adjoint(p, mask, between(labels)), sum(patches), rtol=0, atol=1e-13)
 
 
 def test_one_cut_silences_the_stencils_that_take_its_step(rng):
     f, cuts = rng.normal(size=(7, 8)), np.zeros((2, 7, 8), dtype=bool)
     cuts[0, 3, 4] = True  # between columns 4 and 5
     changed = forward_gradient(f, cuts=cuts) != forward_gradient(f)
-    np.testing.assert_array_equal(np.argwhere(changed), [[0, 3, 4]])
+    assert_array_equal(np.argwhere(changed), [[0, 3, 4]])
     changed = two_pixel_gradient(f, cuts=cuts) != two_pixel_gradient(f)
-    np.testing.assert_array_equal(np.argwhere(changed), [[0, 3, 4], [0, 3, 5]])
+    assert_array_equal(np.argwhere(changed), [[0, 3, 4], [0, 3, 5]])
     changed = hessian(f, cuts=cuts) != hessian(f)
-    np.testing.assert_array_equal(np.argwhere(changed), [[0, 3, 4], [0, 3, 5], [1, 2, 4], [1, 3, 4]])
+    assert_array_equal(np.argwhere(changed), [[0, 3, 4], [0, 3, 5], [1, 2, 4], [1, 3, 4]])
     assert np.all(hessian(f, cuts=cuts)[changed] == 0)
     turned = hessian(f.T, cuts=cuts[::-1].transpose(0, 2, 1))[::-1].transpose(0, 2, 1)
-    np.testing.assert_allclose(turned, hessian(f, cuts=cuts), rtol=0, atol=1e-14)
+    assert_allclose(turned, hessian(f, cuts=cuts), rtol=0, atol=1e-14)
     assert two_pixel_gradient(f, cuts=cuts)[0, 3, 4] == f[3, 4] - f[3, 3]
     assert two_pixel_gradient(f, cuts=cuts)[0, 3, 5] == f[3, 6] - f[3, 5]
     assert gradient(f, cuts=cuts)[0][3, 4] == pytest.approx(1.5 * f[3, 4] - 2 * f[3, 3] + 0.5 * f[3, 2])
-
-
-@pytest.mark.parametrize("operator", OPERATORS)
-def test_a_step_over_a_cut_costs_nothing(rng, operator):
-    """A map that is constant on either side has no derivative."""
-    labels = rng.integers(0, 2, (9, 11))
-    assert np.all(np.asarray(operator(7.0 * labels, cuts=between(labels))) == 0)
 
 
 # Adjoints ------------------------------------------------------------------------------
@@ -298,11 +293,11 @@ def test_adjoints_are_adjoint(rng, operator, adjoint, shape, rubbish):
         f = rng.normal(size=shape)
         p = rng.normal(size=np.shape(operator(f)))
         spoilt = adjoint(np.where(mask, p, rubbish), mask, cuts)
-        np.testing.assert_array_equal(spoilt, adjoint(p, mask, cuts))
+        assert_array_equal(spoilt, adjoint(p, mask, cuts))
         assert spoilt.shape == shape
         assert np.all(spoilt[~mask] == 0)
         forward = operator(np.where(mask, f, rubbish), mask, cuts)
-        np.testing.assert_array_equal(forward, operator(f, mask, cuts))
+        assert_array_equal(forward, operator(f, mask, cuts))
         assert np.sum((forward * p)[:, mask]) == pytest.approx(np.sum(f * spoilt), rel=1e-12, abs=1e-12)
 
 
@@ -310,17 +305,7 @@ def test_adjoints_are_adjoint(rng, operator, adjoint, shape, rubbish):
 def test_adjoints_without_mask_and_cuts_take_everything(rng, operator, adjoint):
     p = rng.normal(size=np.shape(operator(np.zeros((5, 7)))))
     whole = adjoint(p, np.ones((5, 7), dtype=bool), np.zeros((2, 5, 7), dtype=bool))
-    np.testing.assert_array_equal(adjoint(p), whole)
-
-
-@every_pair
-def test_adjoints_leave_a_constant_out(rng, mask, operator, adjoint):
-    """A constant has no derivative, so what an adjoint returns adds up to nothing, patch by patch."""
-    p = rng.normal(size=np.shape(operator(np.zeros(mask.shape))))
-    labels = rng.integers(0, 2, mask.shape)
-    out = adjoint(p, mask, between(labels))
-    for label in (0, 1):
-        assert abs(out[labels == label].sum()) < 1e-12
+    assert_array_equal(adjoint(p), whole)
 
 
 @every_pair
@@ -328,4 +313,4 @@ def test_adjoints_leave_their_input_alone(rng, mask, operator, adjoint):
     p = rng.normal(size=np.shape(operator(np.zeros(mask.shape))))
     before = p.copy()
     adjoint(p, mask)
-    np.testing.assert_array_equal(p, before)
+    assert_array_equal(p, before)

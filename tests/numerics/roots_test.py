@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.polynomial import polynomial
+from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
 from endolab.numerics.roots import invert_increasing, smallest_positive_root
@@ -39,12 +40,9 @@ def test_smallest_positive_root_of_known_roots(roots, limit, expected):
     assert smallest_positive_root(polynomial.polyfromroots(roots), limit) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("coefficients", [[1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0]])
-def test_no_positive_root_gives_the_limit(coefficients):
-    assert smallest_positive_root(coefficients, 3.0) == 3.0
-
-
-def test_trailing_zeros_are_no_degree():
+def test_no_positive_root_gives_the_limit_and_trailing_zeros_are_no_degree():
+    for coefficients in ([1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0]):
+        assert smallest_positive_root(coefficients, 3.0) == 3.0
     assert smallest_positive_root([1.0, -2.0, 0.0, 0.0], 3.0) == pytest.approx(0.5)
 
 
@@ -68,7 +66,7 @@ def test_invert_increasing_agrees_with_brent(name):
     steep = np.flatnonzero(slope > 0.01)[1:-1]
     assert steep.size > 80
     brent = [brentq(lambda s, t=t: function(s)[0] - t, low, high, xtol=1e-15) for t in target[steep]]
-    np.testing.assert_allclose(x[steep], brent, rtol=0, atol=1e-12)
+    assert_allclose(x[steep], brent, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (0,), (3, 4)])
@@ -76,4 +74,4 @@ def test_invert_increasing_keeps_the_shape(shape):
     target = np.full(shape, 0.7)
     x = invert_increasing(lambda x: (x + x**3, 1 + 3 * x**2), target, 0.0, 2.0)
     assert x.shape == shape
-    np.testing.assert_allclose(x + x**3, target, rtol=1e-15)
+    assert_allclose(x + x**3, target, rtol=1e-15)

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from endolab.model.brdf import Glossy, Lambertian
 from endolab.model.cameras import KannalaBrandt, Pinhole
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from endolab.synthetic import path_tracing
 from endolab.synthetic.mucosa import film_radiance, rippled, tissue
 from endolab.synthetic.path_tracing import trace
 from endolab.synthetic.rendering import VEIL, render
@@ -24,15 +24,6 @@ THREE = replace(
     k=0.5,
     lights=tuple(SpotLight((3.5 * np.cos(a), 3.5 * np.sin(a), 0.0), exponent=2.0) for a in (0.0, 2.1, 4.2)),
 )
-
-
-@pytest.fixture(scope="module")
-def mitsuba():
-    pytest.importorskip("mitsuba", reason='Mitsuba is not installed: python -m pip install "mitsuba>=3.9"')
-    try:
-        path_tracing.mitsuba()
-    except OSError as error:
-        pytest.skip(str(error))
 
 
 def averaged(scene, camera, photometry):
@@ -55,16 +46,16 @@ def test_direct_light_is_the_renderers(mitsuba, name):
     assert np.mean(np.abs(ratio - 1) < 0.03) > (0.9 if name == "colon" else 0.97)
     assert not made.indirect.any()
     assert not made.mirrored.any()
-    np.testing.assert_array_equal(made.distance, expected.distance)
-    np.testing.assert_array_equal(made.normals, expected.normals)
-    np.testing.assert_allclose(made.image, np.clip(made.direct ** (1 / 2.2), 0, 1))
+    assert_array_equal(made.distance, expected.distance)
+    assert_array_equal(made.normals, expected.normals)
+    assert_allclose(made.image, np.clip(made.direct ** (1 / 2.2), 0, 1))
 
 
 def test_direct_light_of_three_lights_with_vignetting_on_a_fisheye(mitsuba):
     fisheye = KannalaBrandt(48, 36, 23.9, 23.9, 24.0, 18.0, (-0.139, -1.2e-3, 9e-4, -4e-5))
     made = trace(Bowl(), fisheye, THREE, bounces=0, samples=16)
     expected = render(Bowl(), fisheye, THREE)
-    np.testing.assert_array_equal(made.mask, expected.mask)
+    assert_array_equal(made.mask, expected.mask)
     inside = made.mask & (fisheye.field.cos_alpha > np.cos(np.deg2rad(80)))  # whole pixels
     ratio = made.direct[inside] / averaged(Bowl(), fisheye, THREE)[inside]
     assert np.median(ratio) == pytest.approx(1, abs=1e-3)
@@ -74,8 +65,8 @@ def test_direct_light_of_three_lights_with_vignetting_on_a_fisheye(mitsuba):
 def test_fog_takes_light_on_both_ways_and_leaves_a_veil(mitsuba):
     clear, foggy = (trace(Bowl(), CAMERA, ONE, bounces=0, samples=16, fog=fog) for fog in (0.0, 0.01))
     left = np.exp(-0.01 * clear.distance)[..., None]
-    np.testing.assert_allclose(foggy.direct, clear.direct * left**2, rtol=5e-3)
-    np.testing.assert_allclose(foggy.image**2.2, foggy.direct + VEIL * (1 - left), rtol=1e-6)
+    assert_allclose(foggy.direct, clear.direct * left**2, rtol=5e-3)
+    assert_allclose(foggy.image**2.2, foggy.direct + VEIL * (1 - left), rtol=1e-6)
 
 
 # Bounces --------------------------------------------------------------------------------
@@ -114,7 +105,7 @@ def test_in_a_colon_red_gains_most_and_nothing_gains_energy(mitsuba):
     assert gained[0] > 2 * gained[1] > 2 * gained[2]
     # No wall of albedo ρ can hold more than the closed one does: what the lamp sends, ρ/(1 - ρ) times.
     assert np.all(gained < 1 / (1 - np.array(TISSUE.albedo)))
-    np.testing.assert_allclose(gained, np.expm1([0.78, 0.25, 0.19]), rtol=0.12)
+    assert_allclose(gained, np.expm1([0.78, 0.25, 0.19]), rtol=0.12)
 
 
 # Shadows, film, texture -----------------------------------------------------------------
@@ -139,12 +130,10 @@ def test_a_light_aside_throws_shadows_that_the_model_does_not_know(mitsuba):
 
 def test_film_mirrors_in_a_layer_of_its_own(mitsuba):
     dry, wet = (trace(Colon(), CAMERA, THREE, bounces=0, samples=16, film=film) for film in (0.0, 0.025))
-    np.testing.assert_array_equal(dry.direct, wet.direct)
+    assert_array_equal(dry.direct, wet.direct)
     assert (wet.mirrored > 0.05).any()
     assert np.mean(wet.mirrored > 0.2 * wet.direct[..., 1]) < 0.5
-    np.testing.assert_allclose(
-        wet.image, np.clip((wet.direct + wet.mirrored[..., None]) ** (1 / 2.2), 0, 1), atol=1e-12
-    )
+    assert_allclose(wet.image, np.clip((wet.direct + wet.mirrored[..., None]) ** (1 / 2.2), 0, 1), atol=1e-12)
 
 
 def test_film_mirrors_no_more_than_arrives():
@@ -168,8 +157,8 @@ def test_ripples_and_tissue():
     assert 5 < np.median(tilt) < 15
     mean = np.array(TISSUE.albedo)
     plain, textured = tissue(points, mean, 0.0, 0.0), tissue(points, mean, 0.1, 0.0, seed=3)
-    np.testing.assert_array_equal(plain, np.broadcast_to(mean, points.shape))
-    np.testing.assert_allclose(np.log(textured / mean).std(axis=0), [0.06, 0.1, 0.1], rtol=0.25)
+    assert_array_equal(plain, np.broadcast_to(mean, points.shape))
+    assert_allclose(np.log(textured / mean).std(axis=0), [0.06, 0.1, 0.1], rtol=0.25)
     veined = np.log(tissue(points, mean, 0.0, 0.35) / mean)
     assert veined.max() <= 0
     assert veined[:, 1].min() == pytest.approx(-0.35, abs=0.01)
@@ -181,9 +170,9 @@ def test_the_seed_decides_and_progress_is_told(mitsuba):
     options = {"texture": 0.1, "noise": 2.0, "bits": 8, "samples": 4, "bounces": 2, "mesh_size": 60}
     first = trace(Colon(), CAMERA, ONE, seed=1, progress=told.append, **options)
     again, other = (trace(Colon(), CAMERA, ONE, seed=seed, **options) for seed in (1, 2))
-    np.testing.assert_array_equal(first.image, again.image)
+    assert_array_equal(first.image, again.image)
     assert (first.image != other.image).any()
-    np.testing.assert_allclose(255 * first.image, np.round(255 * first.image), atol=1e-9)
+    assert_allclose(255 * first.image, np.round(255 * first.image), atol=1e-9)
     assert told == sorted(told)
     assert told[-1] == pytest.approx(1)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from endolab.model.brdf import Lambertian, TabulatedBRDF
 from endolab.model.cameras import KannalaBrandt, Pinhole
@@ -41,18 +42,16 @@ def test_a_clean_frame_is_the_model_at_the_truth(name, photometry):
     assert frame.image.shape == frame.distance.shape == frame.mask.shape == (120, 160)
     assert frame.photometry == photometry
     assert frame.mask.all()
-    np.testing.assert_allclose(frame.image[frame.mask], expected, rtol=1e-12)
+    assert_allclose(frame.image[frame.mask], expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_truth_is_the_scenes(name):
     frame = render(SCENES[name], CAMERA, GREY, noise=5.0, texture=0.3, fog=0.01, highlights=0.02)
     distance = SCENES[name].distance(CAMERA.field.rays)
-    np.testing.assert_array_equal(frame.distance, distance)
-    np.testing.assert_array_equal(frame.z, distance * CAMERA.field.rays[..., 2])
-    np.testing.assert_array_equal(
-        frame.normals, SCENES[name].normals(distance[..., None] * CAMERA.field.rays)
-    )
+    assert_array_equal(frame.distance, distance)
+    assert_array_equal(frame.z, distance * CAMERA.field.rays[..., 2])
+    assert_array_equal(frame.normals, SCENES[name].normals(distance[..., None] * CAMERA.field.rays))
 
 
 def test_three_albedos_make_a_colour_picture():
@@ -61,14 +60,14 @@ def test_three_albedos_make_a_colour_picture():
     points, normals = truth(frame)
     for index, name in enumerate(("red", "green", "blue")):
         expected = np.minimum(COLOUR.channel(name).intensity(points, normals), 1)
-        np.testing.assert_allclose(frame.image[frame.mask][:, index], expected, rtol=1e-12)
+        assert_allclose(frame.image[frame.mask][:, index], expected, rtol=1e-12)
 
 
 def test_a_fisheye_sees_to_its_side_but_no_light_falls_behind():
     """Beyond 90° off the axis the model is dark: such pixels are not in the mask."""
     frame = render(SCENES["tube"], WIDE, COLOUR)
     assert 0.3 < frame.mask.mean() < 0.7
-    np.testing.assert_array_equal(frame.mask, WIDE.field.cos_alpha > 0)
+    assert_array_equal(frame.mask, WIDE.field.cos_alpha > 0)
     assert np.all(frame.image[~frame.mask] == 0)
     assert np.isnan(frame.distance[~frame.mask]).all()
     assert np.isnan(frame.normals[~frame.mask]).all()
@@ -81,7 +80,7 @@ def test_a_frame_of_nothing_in_part():
     scene = Plane(40.0, 70.0)
     frame = render(scene, CAMERA, GREY)
     assert 0.2 < frame.mask.mean() < 0.99
-    np.testing.assert_array_equal(frame.mask, np.isfinite(scene.distance(CAMERA.field.rays)))
+    assert_array_equal(frame.mask, np.isfinite(scene.distance(CAMERA.field.rays)))
 
 
 # Gain ----------------------------------------------------------------------------------
@@ -98,7 +97,7 @@ def test_an_unknown_gain_exposes_the_frame_well(brdf, options):
     assert unknown.gain is None
     assert frame.photometry.gain > 0
     again = render(SCENE, CAMERA, frame.photometry, **options)
-    np.testing.assert_allclose(again.image, frame.image, rtol=1e-12)
+    assert_allclose(again.image, frame.image, rtol=1e-12)
 
 
 def test_a_bright_frame_saturates():
@@ -131,7 +130,7 @@ def test_values_are_on_the_grid(bits):
     clean = render(SCENE, CAMERA, GREY, noise=2.0).image
     coarse = render(SCENE, CAMERA, GREY, noise=2.0, bits=bits).image
     levels = coarse * (2**bits - 1)
-    np.testing.assert_allclose(levels, np.round(levels), rtol=0, atol=1e-9)
+    assert_allclose(levels, np.round(levels), rtol=0, atol=1e-9)
     assert np.abs(coarse - clean).max() <= 0.5 / (2**bits - 1) + 1e-12
 
 
@@ -139,11 +138,11 @@ def test_texture_is_a_mottled_albedo():
     """The logarithm of the light changes smoothly, alike in all channels, in proportion."""
     clean = render(SCENE, CAMERA, COLOUR).image ** 2.2
     ratio = np.log(render(SCENE, CAMERA, COLOUR, texture=0.1).image ** 2.2 / clean)
-    np.testing.assert_allclose(ratio[..., 1:], ratio[..., :1].repeat(2, axis=-1), rtol=0, atol=1e-12)
+    assert_allclose(ratio[..., 1:], ratio[..., :1].repeat(2, axis=-1), rtol=0, atol=1e-12)
     # Mottles are millimetres wide: neighbouring pixels, half a millimetre apart, are nearly alike.
     assert np.diff(ratio[..., 0], axis=1).std() < 0.3 * ratio.std()
     doubled = np.log(render(SCENE, CAMERA, COLOUR, texture=0.2).image ** 2.2 / clean)
-    np.testing.assert_allclose(doubled, 2 * ratio, rtol=0, atol=1e-12)
+    assert_allclose(doubled, 2 * ratio, rtol=0, atol=1e-12)
 
 
 def test_texture_has_the_asked_for_strength():
@@ -163,12 +162,12 @@ def test_fog_takes_light_away_and_adds_a_veil(photometry):
     distance = clear.distance if clear.image.ndim == 2 else clear.distance[..., None]
     left = np.exp(-0.01 * distance)
     expected = (clear.image**2.2 * left**2 + VEIL * (1 - left)) ** (1 / 2.2)
-    np.testing.assert_allclose(foggy.image, expected, rtol=1e-12)
+    assert_allclose(foggy.image, expected, rtol=1e-12)
 
 
 def test_thick_fog_is_all_that_is_seen():
     foggy = render(SCENE, CAMERA, COLOUR, fog=10.0)
-    np.testing.assert_allclose(foggy.image, VEIL ** (1 / 2.2), rtol=1e-9)
+    assert_allclose(foggy.image, VEIL ** (1 / 2.2), rtol=1e-9)
 
 
 def test_highlights_are_white_few_and_near_the_mirror_direction():
@@ -178,18 +177,14 @@ def test_highlights_are_white_few_and_near_the_mirror_direction():
     assert added.min() > -1e-12
     unclipped = wet.image.max(axis=-1) < 1
     assert unclipped.mean() > 0.5
-    np.testing.assert_allclose(
-        added[unclipped], added[unclipped][:, :1].repeat(3, axis=-1), rtol=1e-6, atol=1e-12
-    )
+    assert_allclose(added[unclipped], added[unclipped][:, :1].repeat(3, axis=-1), rtol=1e-6, atol=1e-12)
     facing = -np.einsum("hwi,hwi->hw", clean.normals, CAMERA.field.rays)
     glint = added[..., 2] > 0.02
     assert 0.001 < glint.mean() < 0.3
     assert facing[glint].min() > 0.85
     twice = render(SCENE, CAMERA, COLOUR, highlights=0.04)
     both = unclipped & (twice.image.max(axis=-1) < 1)
-    np.testing.assert_allclose(
-        (twice.image**2.2 - clean.image**2.2)[both], 2 * added[both], rtol=1e-6, atol=1e-12
-    )
+    assert_allclose((twice.image**2.2 - clean.image**2.2)[both], 2 * added[both], rtol=1e-6, atol=1e-12)
 
 
 # Seeds ---------------------------------------------------------------------------------
@@ -200,10 +195,10 @@ def test_highlights_are_white_few_and_near_the_mirror_direction():
 )
 def test_the_seed_decides(option):
     first, same, other = (render(SCENE, CAMERA, COLOUR, seed=seed, **option).image for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, same)
+    assert_array_equal(first, same)
     assert np.abs(first - other).max() > 1e-3
 
 
 def test_the_seed_does_nothing_to_a_clean_frame():
     frames = [render(SCENE, CAMERA, COLOUR, fog=0.01, bits=8, seed=seed).image for seed in (1, 2)]
-    np.testing.assert_array_equal(*frames)
+    assert_array_equal(*frames)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from endolab.model.cameras import KannalaBrandt, Pinhole
 from endolab.synthetic.scenes import SCENES, Bowl, Colon, Plane, Tube
@@ -112,7 +113,7 @@ def test_what_a_camera_sees(name, camera):
     expected = field.valid
     if name == "plane":
         expected = expected & (turned(field.rays, SCENES[name].tilt)[2] > 0)
-    np.testing.assert_array_equal(hit, expected)
+    assert_array_equal(hit, expected)
     assert hit[field.cos_alpha < -0.1].any() == (camera is CAMERAS["fisheye"])
 
 
@@ -133,7 +134,7 @@ def test_rays_that_are_not_there(scene):
 @every_shape
 def test_normals_are_unit_and_face_the_camera(scene, camera):
     rays, _, _, normals = seen(scene, camera)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=0, atol=1e-12)
+    assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=0, atol=1e-12)
     assert np.einsum("ni,ni->n", rays, normals).max() < 0
 
 
