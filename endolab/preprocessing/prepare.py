@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from endolab.model.cameras import Camera, Pinhole
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.preprocessing.frame import DARK, FRAME, MAX_ALPHA, Frame, field_of_view, noise_level
-from endolab.preprocessing.highlights import find_highlights, grown, inpaint
+from endolab.preprocessing.frame import DARK, FRAME, MAX_ALPHA, Frame, noise_level
+from endolab.preprocessing.highlights import check_highlights, find_highlights, grown, inpaint
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Endoscope
@@ -186,12 +186,16 @@ def undistorted(
     seen = cv2.remap(frame.mask.astype(np.float32), *maps, cv2.INTER_LINEAR, borderValue=0) > 0.999
     if not seen.any():
         raise ValueError(f"{frame.name}: the pinhole camera sees none of the frame's mask")
-    made = Frame(np.clip(image, 0.0, 1.0), seen, frame.name)
+    silent = None
+    if frame.silent is not None:
+        silent = cv2.remap(frame.silent.astype(np.float32), *maps, cv2.INTER_LINEAR, borderValue=0) > 0
+    made = Frame(np.clip(image, 0.0, 1.0), seen, frame.name, silent)
     if not crop:
         return made, new
     left, top, wide, high = cv2.boundingRect(seen.astype(np.uint8))
     window = (slice(top, top + high), slice(left, left + wide))
-    return Frame(made.image[window], seen[window], frame.name), new.crop(left, top, wide, high)
+    silent = None if silent is None else silent[window]
+    return Frame(made.image[window], seen[window], frame.name, silent), new.crop(left, top, wide, high)
 
 
 def canonical_picture(frame: Frame, calibration: Endoscope) -> FloatArray:
@@ -220,20 +224,22 @@ def prepare(
     calibration: Endoscope,
     *,
     undistort: bool = False,
-    highlights: Literal["ignore", "inpaint", "keep"] = "ignore",
+    highlights: str | None = None,
 ) -> Prepared:
     """Make a real frame ready to be solved.
 
     Parameters
     ----------
     frame : Frame
-        As it came; pixels outside its mask stay out.
+        As it came; pixels outside its mask stay out. If it leaves nothing out, the black frame around
+        what the endoscope shows is found and left out, as `endolab.reconstruct` does.
     calibration : Endoscope
         Of the frame's size.
     undistort : bool
         Whether to resample to a pinhole camera of 90°; solvers do not need it.
-    highlights : {"ignore", "inpaint", "keep"}
-        Leave them out of the mask, fill them in from around, or take them as they are.
+    highlights : {"keep", "ignore", "inpaint"}, optional
+        What `endolab.reconstruct` means by it: take them as they are, which is the default; as no
+        evidence (`Frame.silent`: the surface goes on beneath them); or filled in from around.
 
     Returns
     -------
@@ -244,8 +250,7 @@ def prepare(
     ValueError
         If an option is unknown, sizes differ, or nothing is left to be solved.
     """
-    if highlights not in ("ignore", "inpaint", "keep"):
-        raise ValueError(f"unknown way with highlights {highlights!r}; choose ignore, inpaint or keep")
+    highlights = check_highlights(highlights)
     camera, gamma = calibration.camera, calibration.photometry.gamma
     if (camera.width, camera.height) != (frame.width, frame.height):
         raise ValueError(
@@ -254,7 +259,7 @@ def prepare(
         )
     notes = []
     image = np.nan_to_num(frame.image)
-    field = frame.mask & field_of_view(_brightest(image))
+    field = frame.seen(_brightest(image))
     if not field.any():
         raise ValueError(f"{frame.name}: the frame shows nothing but black")
     notes.append(f"The endoscope shows {100 * field.mean():.0f} % of the picture.")
@@ -272,7 +277,7 @@ def prepare(
     lumen &= ~mirrored
     if lumen.any():
         notes.append(f"Dark lumen, where noise says more than the wall: {_share(lumen, field)}.")
-    treated = {"ignore": "left out", "inpaint": "filled in from around", "keep": "left to the solver"}
+    treated = {"ignore": "no evidence", "inpaint": "filled in from around", "keep": "left to the solver"}
     if mirrored.any():
         notes.append(f"Highlights: {_share(mirrored, field)}, {treated[highlights]}.")
     canonical = canonical_picture(Frame(image, field, frame.name), calibration)
@@ -280,9 +285,10 @@ def prepare(
     inpainted = highlights == "inpaint" and bool(mirrored.any())
     if inpainted:
         image = inpaint(image, grown(mirrored, HALO * frame.width) & tissue, tissue)
-    elif highlights == "ignore":
-        mask &= ~mirrored
-    ready = Frame(image, mask, frame.name)
+    silent = frame.silent
+    if highlights == "ignore" and mirrored.any():
+        silent = mirrored if silent is None else silent | mirrored
+    ready = Frame(image, mask, frame.name, silent)
     if undistort:
         ready, camera = undistorted(ready, camera)
         notes.append(f"Undistorted to a pinhole camera of {camera.width}x{camera.height} px, 90° across.")

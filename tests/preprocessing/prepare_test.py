@@ -8,6 +8,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
+from endolab.depth.problem import NONE
 from endolab.preprocessing.prepare import (
     canonical_picture,
     combing,
@@ -162,10 +163,36 @@ def test_prepared_leaves_out_what_it_should(known, wet, way):
     assert ready.highlights.any()
     assert not ready.frame.mask[~ready.field_of_view].any()
     assert (ready.field_of_view & ~wet.mask).sum() == 0
-    assert ready.frame.mask[ready.highlights].any() == (way != "ignore")
+    assert ready.frame.mask[ready.highlights & ~ready.lumen].all()
+    silent = ready.highlights if way == "ignore" else None
+    np.testing.assert_array_equal(ready.frame.silent, silent)
     assert ready.inpainted == (way == "inpaint")
     assert np.array_equal(ready.frame.image, wet.image) == (way != "inpaint")
     assert any("Highlights" in note for note in ready.notes)
+
+
+@pytest.mark.parametrize("way", [None, "keep", "ignore"])
+def test_prepare_and_reconstruct_mean_the_same(wet, known, way):
+    """Where nothing is too dark, what is prepared solves as what is not, given the same words."""
+    camera = el.Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
+    lit = replace(known.photometry, gain=wet.photometry.gain)
+    seen = el.render(el.SCENES["curved"], camera, lit, noise=1.0, bits=8, highlights=0.02)
+    frame, mine = el.Frame(seen.image, seen.mask), el.Calibration(camera, lit)
+    ready = prepare(frame, mine, highlights=way)
+    assert ready.highlights.any()
+    assert not ready.lumen.any()
+    one, other = el.reconstruct(ready.frame, mine), el.reconstruct(frame, mine, highlights=way)
+    np.testing.assert_array_equal(one.distance, other.distance)
+    assert (one.problem.evidence == NONE).any() == (way == "ignore")
+
+
+def test_what_is_ignored_stays_so_on_other_grids(known, wet):
+    ready = prepare(el.Frame(wet.image, wet.mask), known, highlights="ignore", undistort=True)
+    assert 0.5 < ready.frame.silent.sum() / ready.highlights.sum() < 5
+    half = ready.frame.resize(ready.frame.width // 2, ready.frame.height // 2, 2.2)
+    assert half.silent.sum() == pytest.approx(ready.frame.silent.sum() / 4, rel=0.6)
+    with pytest.raises(ValueError, match=r"silent has shape \(2, 2\), the mask"):
+        el.Frame(wet.image, wet.mask, silent=np.ones((2, 2), bool))
 
 
 def test_fields_text_and_undistortion_are_noted(known, colon):
@@ -197,7 +224,7 @@ def test_a_saturated_frame_is_prepared_and_a_black_one_is_not(known, colon):
 
 def test_what_does_not_fit_is_said(known, colon):
     frame = el.Frame(colon.image, colon.mask)
-    with pytest.raises(ValueError, match="choose ignore, inpaint or keep"):
+    with pytest.raises(ValueError, match="choose keep, ignore, inpaint"):
         prepare(frame, known, highlights="paint")
     with pytest.raises(ValueError, match="480x360 px, but the calibration is for 320x240 px"):
         prepare(frame, known.resize(320, 240))
@@ -219,5 +246,5 @@ def test_the_figure_shows_every_step(known, wet, solved):
     assert len(titles) == (7 if solved else 4)
     assert figure.axes[2].get_legend() is not None
     picture, legend = mask_overlay(ready)
-    assert set(legend) == {"outside", "highlights"}
+    assert set(legend) == {"outside", "highlights", "lumen"}  # the fisheye's dark rim
     assert np.isfinite(picture).all()
