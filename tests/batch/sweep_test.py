@@ -144,6 +144,9 @@ def test_a_frame_that_cannot_be_used_is_a_row_with_a_sentence(frames, tmp_path, 
     assert [row["status"] for row in rows] == ["", "CONVERGED", ""]
     assert "dark: the picture is all dark" in rows[0]["error"]
     assert "none.png: there is no such file" in rows[2]["error"]
+    (tmp_path / "truth.npz").write_bytes(b"PK\3\4 cut off")
+    (row,) = sweep(frames[:1], CALIBRATION, table=tmp_path / "2.csv", truth=[tmp_path / "truth.npz"])
+    assert row["error"].endswith("truth.npz: not a depth.npz that endolab wrote")
     sweep([dark], CALIBRATION, table=path)  # tried again
     assert solved.count(("dark", 1.0)) == 2
     assert len(read_table(path)) == 3
