@@ -120,21 +120,22 @@ def recovery() -> None:
         ("folded 30°, γ given", "vicalib_folded", folded(30), {}),
     ):
         out = repeat(target, how, options, score=True)
-        shape = [sheen(fit) for fit in out.fits]
+        rms, nodes = zip(*map(sheen, out.fits), strict=True)
         gain = [gain_errors(fit, gains) for fit, gains in zip(out.fits, out.gains, strict=True)]
         pulls = [error / (f.gain_errors / f.gains) for error, f in zip(gain, out.fits, strict=True)]
+        spreads, free = [100 * np.std(g) for g in gain], "gamma" in options
         rows.append(
             [
                 name,
                 spread(out.of("k")),
-                spread(out.of("gamma")) if "gamma" in options else "",
+                spread(out.of("gamma")) if free else "",
                 spread(out.of("k/gamma"), 5),
-                f"{np.mean([rms for rms, _ in shape]):.3f}, {max(rms for rms, _ in shape):.3f}",
-                f"{100 * np.mean([np.std(g) for g in gain]):.2f}, {100 * max(np.std(g) for g in gain):.2f}",
+                f"{np.mean(rms):.3f}, {max(rms):.3f}",
+                f"{np.mean(spreads):.2f}, {max(spreads):.2f}",
                 f"{np.mean([f.sigma for f in out.fits]):.4f}, {max(abs(f.mean) for f in out.fits):.4f}",
                 f"{np.std(out.pulls('k')):.2f}",
-                f"{np.std(out.pulls('gamma')):.2f}" if "gamma" in options else "",
-                f"{np.sqrt(np.mean(np.concatenate([p for _, p in shape]) ** 2)):.2f}",
+                f"{np.std(out.pulls('gamma')):.2f}" if free else "",
+                f"{np.sqrt(np.mean(np.concatenate(nodes) ** 2)):.2f}",
                 f"{np.std(np.concatenate(pulls)):.2f}",
             ]
         )
@@ -144,10 +145,8 @@ def recovery() -> None:
     heads += ["σ, max |mean|", "pull k", "γ", "BRDF", "gain"]
     truth = f"k {K}, γ {GAMMA}, noise 3 grey + rounding = {np.hypot(3, 12**-0.5):.4f}, 1.5 % outliers"
     table(f"Recovery: {SEEDS} videos of 300 frames x 100 samples; {truth}", heads, rows)
-    heads = [
-        "set-up",
-        *(f"{a:.0f}–{b:.0f}°" for a, b in zip(*np.rad2deg([EDGES[:-1], EDGES[1:]]), strict=True)),
-    ]
+    angles = zip(*np.rad2deg([EDGES[:-1], EDGES[1:]]), strict=True)
+    heads = ["set-up", *(f"{a:.0f}–{b:.0f}°" for a, b in angles)]
     table("Held-out error of μ′ in %: mean |·|, max |·|, against α (300 other frames)", heads, curves)
 
 
@@ -205,9 +204,8 @@ def frames() -> None:
         stated = np.mean([f.standard_errors["k"] for f in out.fits]) if out.fits else np.nan
         row = [str(count), f"{len(out.refused)} of {SEEDS}", spread(out.of("k")) if out.fits else ""]
         rows.append([*row, f"{stated:.4f}", f"{np.std(out.pulls('k')):.2f}" if out.fits else ""])
-    table(
-        "k, γ given, against the number of frames", ("frames", "refused", "Δk", "stated s.e.", "pull"), rows
-    )
+    heads = ("frames", "refused", "Δk", "stated s.e.", "pull")
+    table("k, γ given, against the number of frames", heads, rows)
 
 
 def lights() -> None:
@@ -219,23 +217,13 @@ def lights() -> None:
     truth = Photometry(1.5, GAMMA, 1.0, PAPER_SHEET, tuple(real))
     rows = []
     for light in ("centred", "free"):
-        out = repeat("vicalib_big", {"light": truth}, {"light": light})
-        k = [f.k for f in out.fits]
-        place = [f.photometry.lights[0].position for f in out.fits if f.photometry.lights]
+        fits = repeat("vicalib_big", {"light": truth}, {"light": light}).fits
+        place = [f.photometry.lights[0].position for f in fits if f.photometry.lights]
         where = ", ".join(f"{v:.2f}" for v in np.mean(place, axis=0)) if place else ""
-        rows.append(
-            [
-                light,
-                f"{np.mean(k):.4f} ± {np.std(k):.4f}",
-                f"{np.mean([f.sigma for f in out.fits]):.3f}",
-                where,
-            ]
-        )
-    table(
-        "Three lights 3.5 mm around (0.6, 0, 0) mm, 1.5 + 1 exponents",
-        ("virtual light", "k", "σ", "at mm"),
-        rows,
-    )
+        k, sigma = [f.k for f in fits], np.mean([f.sigma for f in fits])
+        rows.append([light, f"{np.mean(k):.4f} ± {np.std(k):.4f}", f"{sigma:.3f}", where])
+    heads = ("virtual light", "k", "σ", "at mm")
+    table("Three lights 3.5 mm around (0.6, 0, 0) mm, 1.5 + 1 exponents", heads, rows)
 
 
 def speed() -> None:

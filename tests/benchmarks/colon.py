@@ -15,7 +15,6 @@ import numpy as np
 
 import endolab as el
 from endolab import datasets
-from endolab.datasets.traced import CASES
 from endolab.metrics.depth_errors import compare, occlusion_cuts
 from endolab.model.brdf import Lambertian
 
@@ -58,7 +57,7 @@ def without_albedo(calibration):
 
 def traced():
     print("path-traced, mean and median of the distance, true scale; normals; iterations")
-    for name in CASES:
+    for name in datasets.TRACED:
         sample = el.load_traced(name)
         frame, known, truth = sample.frame, sample.calibration, (sample.distance, sample.normals)
         for way, options in WAYS.items():

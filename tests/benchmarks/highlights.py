@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+import endolab as el
 from endolab import datasets
 from endolab.preprocessing.highlights import find_highlights, grown, inpaint
 from tests.benchmarks.report import table
@@ -58,4 +59,4 @@ def report(samples: Mapping[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    report({name: datasets.traced(name) for name in datasets.TRACED if name != "matt"})
+    report({name: el.load_traced(name) for name in datasets.TRACED if name != "matt"})

@@ -53,15 +53,10 @@ def row(name: str, files: list[Path], target: Target, oracle: bool = True, **opt
     size = image.shape[1], image.shape[0]
     fit = calibrate_camera(views, target, *size, **options)  # type: ignore[arg-type]
     everything = np.concatenate(fit.residuals)
-    return [
-        name,
-        f"{seen}/{len(files)}",
-        f"{sum(int(good.sum()) for good in fit.inliers)}/{len(everything)}",
-        f"{fit.rmse:.3f}",
-        f"{np.sqrt(np.mean(np.sum(everything**2, axis=1))):.3f}",
-        theirs(views, target, size) if oracle else "–",
-        f"{fit.camera.fx:.1f} ± {fit.standard_errors['fx']:.1f}",
-    ]
+    counts = f"{seen}/{len(files)}", f"{sum(int(good.sum()) for good in fit.inliers)}/{len(everything)}"
+    rmse = f"{fit.rmse:.3f}", f"{np.sqrt(np.mean(np.sum(everything**2, axis=1))):.3f}"
+    reference = theirs(views, target, size) if oracle else "–"
+    return [name, *counts, *rmse, reference, f"{fit.camera.fx:.1f} ± {fit.standard_errors['fx']:.1f}"]
 
 
 def paper(file: Path, target: Target) -> None:

@@ -12,7 +12,7 @@ from endolab.depth.energy import energy_terms, model_image
 from endolab.depth.problem import Problem
 from endolab.numerics.derivatives import gradient
 from tests.depth.gauss_newton_model import GaussNewtonModel, derivative, energy, slope_of_energy
-from tests.tools.problems import every_regulariser, every_xi, problem_of
+from tests.tools.problems import at_truth, every_regulariser, every_xi
 
 CAMERA = el.Pinhole(7, 5, 4.0, 4.4, 2.8, 2.1)
 PHOTOMETRY = el.Photometry(k=1.7, gamma=2.0, gain=900.0, brdf=el.Lambertian(0.6))
@@ -45,12 +45,6 @@ def smoothed(problem, xi, regulariser):
     """The `holed` problem with a regulariser that weighs as much as its data, ε amid its ‖D ξ‖."""
     lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4)}[regulariser]
     return replace(problem, xi=xi, regulariser=regulariser, lam=lam, epsilon=epsilon)
-
-
-def at_truth(scene, width, **options):
-    """A scene as a problem, and its true log-distance."""
-    problem, seen = problem_of(scene, width, **options)
-    return problem, np.log(seen.distance)
 
 
 def huber(r, t):

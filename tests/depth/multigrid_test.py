@@ -12,21 +12,15 @@ from endolab.depth.grid import Grid
 from endolab.depth.multigrid import Multigrid, prolong_add, restrict, sweep_backwards, sweep_forwards
 from endolab.numerics.compiled import inner, padded
 from tests.depth.gauss_newton_model import TWINS, GaussNewtonModel, check_the_compiled, inside, relative
-from tests.tools.problems import SHEET, every_regulariser, every_xi, problem_of
+from tests.tools.problems import SHEET, at_truth, every_regulariser, every_xi
 
 # Where a pixel stands among its matrix's seven numbers: (rows, columns) to the other of the pair.
 OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
 
 
-def posed(scene, width, **options):
-    """A scene as a problem, and its true log-distance."""
-    problem, seen = problem_of(scene, width, **options)
-    return problem, np.log(seen.distance)
-
-
 def worn(rng, **options):
     """A tube with holes and cuts all over, and a map that is rough around the truth."""
-    problem, truth = posed("tube", 40, lam=0.7, **options)
+    problem, truth = at_truth("tube", 40, lam=0.7, **options)
     mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
     problem = replace(problem, mask=mask, cuts=rng.random((2, *mask.shape)) > 0.95)
     return problem, truth + 0.02 * rng.normal(size=mask.shape)
@@ -73,7 +67,7 @@ def test_a_tabulated_brdf_is_read_as_precisely_as_it_must_be(rng, regulariser):
 @pytest.mark.parametrize("scene", ["plane", "curved"])
 def test_the_table_is_precise_where_the_surface_faces_the_camera(scene):
     """A BRDF with a cusp at normal incidence: the truth's data term to 1 %, small as it is."""
-    problem, truth = posed(scene, 160, brdf=SHEET)
+    problem, truth = at_truth(scene, 160, brdf=SHEET)
     terms = Grid.of(problem).terms(padded(truth), problem.lam)
     assert terms["data"] == pytest.approx(energy_terms(problem, truth)["data"], rel=0.01)
 
@@ -83,7 +77,7 @@ def test_the_table_is_precise_where_the_surface_faces_the_camera(scene):
 
 def test_a_straight_map_survives_the_way_down_and_up():
     """Block means lie in the blocks' centres, and gradients at the rim are as good as inside."""
-    problem, _ = posed("plane", 64)
+    problem, _ = at_truth("plane", 64)
     rows, columns = np.indices(problem.mask.shape)
     fine = Grid.of(problem)
     coarse = fine.coarser()
@@ -92,7 +86,7 @@ def test_a_straight_map_survives_the_way_down_and_up():
 
 
 def test_a_step_over_a_cut_survives_too():
-    problem, _ = posed("plane", 64)
+    problem, _ = at_truth("plane", 64)
     rows, columns = np.indices(problem.mask.shape)
     cuts = np.zeros((2, *problem.mask.shape), dtype=bool)
     cuts[0, :, 31] = True
@@ -105,7 +99,7 @@ def test_a_step_over_a_cut_survives_too():
 @every_regulariser
 def test_a_coarse_grid_charges_a_smooth_surface_alike(xi, regulariser):
     """Measured within 4 %: the energy knows no pixels."""
-    problem, truth = posed("curved", 160, xi=xi, regulariser=regulariser)
+    problem, truth = at_truth("curved", 160, xi=xi, regulariser=regulariser)
     fine = Grid.of(problem)
     v = padded(truth)
     expected = fine.terms(v, 1.0)["regulariser"]
@@ -194,7 +188,7 @@ def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, re
     """Measured at 80, 160 and 320 px, to 0.1 and 1e-3: plane 2 and up to 8, tube 3 and up to 41."""
     steps = []
     for width in (80, 160, 320):
-        problem, truth = posed(scene, width, regulariser=regulariser)
+        problem, truth = at_truth(scene, width, regulariser=regulariser)
         coefficients, b = equations(problem, truth)
         solver = Multigrid(coefficients)
         steps.append([solver.solve(b, tolerance, 200)[1] for tolerance in (0.1, 1e-3)])

@@ -43,6 +43,12 @@ def problem_of(
     ), seen
 
 
+def at_truth(scene, width=160, **options):
+    """A rendered scene as a problem, and its true log-distance."""
+    problem, seen = problem_of(scene, width, **options)
+    return problem, np.log(seen.distance)
+
+
 def errors_of(result, seen, **options):
     """Errors of distance and normals of a result or an iterate."""
     return compare(
@@ -64,6 +70,19 @@ def percent_off(found, seen, where=None):
 def energies(result):
     """Of each iterate."""
     return np.array([entry["energy"] for entry in result.history])
+
+
+def check_it_falls(result):
+    """The energy falls with every iterate, and a distance is found for every pixel of the mask."""
+    assert np.all(np.diff(energies(result)) < 0)
+    assert np.all(np.isfinite(result.distance[result.mask]))
+
+
+def border(seen, width):
+    """True log-distances in the picture's border, (H, W), nan elsewhere: what comes in over it."""
+    inflow = np.log(seen.distance)
+    inflow[width:-width, width:-width] = np.nan
+    return inflow
 
 
 class Shot:
