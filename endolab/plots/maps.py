@@ -35,20 +35,6 @@ from endolab.plots.style import (
 from endolab.plots.surface_view import show_cloud
 from endolab.reconstruction.assumptions import meaning
 
-__all__ = [
-    "common_limit",
-    "common_limits",
-    "compare_depths",
-    "overview",
-    "show_cloud",
-    "show_depth",
-    "show_error",
-    "show_history",
-    "show_normals",
-    "show_picture",
-    "show_section",
-]
-
 
 def _draw(picture: FloatArray, ax: Axes | None, title: str, **how: object) -> tuple[Axes, ScalarMappable]:
     """Show a map on pixel axes."""
@@ -60,7 +46,6 @@ def _draw(picture: FloatArray, ax: Axes | None, title: str, **how: object) -> tu
 
 
 def _known(maps: Iterable[FloatArray]) -> FloatArray:
-    """All finite values of some maps, in one row."""
     return np.concatenate([np.empty(0), *(values[np.isfinite(values)] for values in maps)])
 
 
@@ -145,11 +130,10 @@ def show_depth(
     label : str, optional
         Of the colour bar; "distance" and the unit by default.
     """
-    seen = distance[np.isfinite(distance)]
     limits = common_limits([distance]) if limits is None else limits
     ax, shown = _draw(distance, ax, title, cmap="viridis", vmin=limits[0], vmax=limits[1])
-    below, above = bool((seen < limits[0]).any()), bool((seen > limits[1]).any())
-    extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get((below, above), "neither")
+    below, above = bool(np.any(distance < limits[0])), bool(np.any(distance > limits[1]))
+    extend = (("neither", "max"), ("min", "both"))[below][above]
     colour_bar(ax, shown, f"distance [{unit}]" if label is None else label, extend)
     return ax
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import numpy as np
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -13,54 +15,12 @@ from endolab.plots.maps import show_depth, show_normals, show_picture, show_sect
 from endolab.plots.style import BLUE, GREEN, LEFT_OUT, ORANGE, PAGE_SIZE, house
 from endolab.preprocessing.prepare import Prepared
 
-__all__ = ["mask_overlay", "prepare_figure"]
-
 COLOURS = {
     "outside": LEFT_OUT,
     "lumen": to_rgb(BLUE),
     "highlights": to_rgb(GREEN),
     "text": to_rgb(ORANGE),
 }
-
-
-def mask_overlay(prepared: Prepared) -> tuple[FloatArray, dict[str, str]]:
-    """Paint what was masked over the frame.
-
-    Parameters
-    ----------
-    prepared : Prepared
-
-    Returns
-    -------
-    picture : (H, W, 3) float array
-    legend : dict of str to str
-        Colour and its name with the share of the picture, of what occurs.
-    """
-    picture = _rgb(prepared.original.image)
-    parts = {
-        "outside": ~prepared.field_of_view,
-        "lumen": prepared.lumen,
-        "highlights": prepared.highlights,
-        "text": prepared.text,
-    }
-    legend = {}
-    for name, part in parts.items():
-        if part.any():
-            below = np.clip(np.nan_to_num(picture[part]), 0, 1)
-            picture[part] = 0.25 * below + 0.75 * np.asarray(COLOURS[name])
-            legend[name] = f"{name}, {100 * part.mean():.2g} %"
-    return picture, legend
-
-
-def _rgb(picture: FloatArray) -> FloatArray:
-    """Return a picture of three channels, grey where it is not known."""
-    three = np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
-    return np.where(np.isfinite(three).all(axis=-1, keepdims=True), three, LEFT_OUT)
-
-
-def _used(prepared: Prepared) -> FloatArray:
-    """Return the frame that is solved, grey where it is left out."""
-    return np.where(prepared.frame.mask[..., None], _rgb(prepared.frame.image), LEFT_OUT)
 
 
 def prepare_figure(prepared: Prepared, result: Result | None = None) -> Figure:
@@ -107,12 +67,36 @@ def prepare_figure(prepared: Prepared, result: Result | None = None) -> Figure:
     return figure
 
 
-def _wrapped(note: str, width: int = 38) -> str:
+def mask_overlay(prepared: Prepared) -> tuple[FloatArray, dict[str, str]]:
+    """Paint what was masked over the frame, (H, W, 3), and name what occurs, with its share."""
+    picture = _rgb(prepared.original.image)
+    parts = {
+        "outside": ~prepared.field_of_view,
+        "lumen": prepared.lumen,
+        "highlights": prepared.highlights,
+        "text": prepared.text,
+    }
+    legend = {}
+    for name, part in parts.items():
+        if part.any():
+            below = np.clip(np.nan_to_num(picture[part]), 0, 1)
+            picture[part] = 0.25 * below + 0.75 * np.asarray(COLOURS[name])
+            legend[name] = f"{name}, {100 * part.mean():.2g} %"
+    return picture, legend
+
+
+def _rgb(picture: FloatArray) -> FloatArray:
+    """Return a picture of three channels, grey where it is not known."""
+    three = np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
+    return np.where(np.isfinite(three).all(axis=-1, keepdims=True), three, LEFT_OUT)
+
+
+def _used(prepared: Prepared) -> FloatArray:
+    """Return the frame that is solved, grey where it is left out."""
+    return np.where(prepared.frame.mask[..., None], _rgb(prepared.frame.image), LEFT_OUT)
+
+
+def _wrapped(note: str) -> str:
     """Break a sentence into lines; the first has a mark."""
-    lines, line = [], "·"
-    for word in note.split():
-        if len(line) + len(word) >= width:
-            lines.append(line)
-            line = " "
-        line += f" {word}"
-    return "\n".join([*lines, line])
+    wrapper = textwrap.TextWrapper(38, "· ", "  ", break_long_words=False, break_on_hyphens=False)
+    return wrapper.fill(note)

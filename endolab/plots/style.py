@@ -26,8 +26,6 @@ BACKDROP = (0.09, 0.10, 0.12)  # of a surface in space
 PAPER = "white"
 VERMILION, SKY, BLUE = "#D55E00", "#56B4E9", "#0072B2"
 GREEN, PURPLE, ORANGE = "#009E73", "#CC79A7", "#E69F00"
-
-
 # The truth is black, as a reference should be.
 LINES = {"truth": "black", "start": SKY, "estimate": VERMILION}
 OTHERS = (GREEN, PURPLE, ORANGE, BLUE)
@@ -56,12 +54,9 @@ _SIZE: ContextVar[float | None] = ContextVar("size", default=None)
 
 @contextmanager
 def house(size: float = SIZE) -> Iterator[None]:
-    """Draw in the house style; also a decorator, ``@house()``.
+    """Draw in the house style, with text of that many points; also a decorator, ``@house()``.
 
-    Parameters
-    ----------
-    size : float
-        Of the text, points. Within a page that has chosen its own, that one stays.
+    Within a page that has chosen its own size, that one stays.
     """
     if _SIZE.get() is not None:
         yield
@@ -85,20 +80,7 @@ def new_axes(ax: Axes | None) -> Axes:
 
 
 def decorate(ax: Axes, title: str, x: str, y: str, grid: bool = True) -> Axes:
-    """Give axes, whoever made them, white paper, a title, labels and a grid.
-
-    Parameters
-    ----------
-    ax : Axes
-    title, x, y : str
-        The labels say the quantity and, in brackets, its unit.
-    grid : bool
-        Whether to draw one.
-
-    Returns
-    -------
-    Axes
-    """
+    """Give axes, whoever made them, white paper, a title, a grid, and labels: quantity [unit]."""
     ax.set_facecolor(PAPER)
     ax.set_title(title)
     ax.set_xlabel(x, size=plt.rcParams["axes.labelsize"])
@@ -110,23 +92,7 @@ def decorate(ax: Axes, title: str, x: str, y: str, grid: bool = True) -> Axes:
 
 
 def colour_bar(ax: Axes, shown: ScalarMappable, label: str, extend: str = "neither") -> Colorbar:
-    """Put a colour bar beside a picture, as high as the picture.
-
-    Parameters
-    ----------
-    ax : Axes
-        Of the picture.
-    shown : ScalarMappable
-        The picture.
-    label : str
-        The quantity and its unit.
-    extend : {"neither", "min", "max", "both"}
-        Which ends have values beyond them.
-
-    Returns
-    -------
-    Colorbar
-    """
+    """Put a colour bar beside a picture, as high as the picture; `extend` says which ends are exceeded."""
     # An inset is as high as the picture; a bar beside the axes is as high as their slot.
     bar = ax.figure.colorbar(shown, cax=ax.inset_axes((1.03, 0, 0.045, 1)), label=label, extend=extend)
     bar.ax.locator_params(nbins=5)

@@ -21,75 +21,6 @@ FARTHEST = 8.0  # median distances that the view reaches
 LAMP = np.array([-0.35, 0.35, 0.87])  # over the left shoulder of the viewer
 
 
-def to_viewer(angle: float, elevation: float) -> FloatArray:
-    """Turn the camera frame into the viewer's: right, down, away.
-
-    Parameters
-    ----------
-    angle, elevation : float
-        How far the viewer stands to the left of the optical axis and above it, degrees.
-
-    Returns
-    -------
-    (3, 3) float array
-        A rotation about the camera.
-    """
-    yaw, pitch = np.deg2rad(angle), np.deg2rad(elevation)
-    turn = np.array([[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]])
-    nod = np.array([[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
-    return nod @ turn
-
-
-def lit(colours: FloatArray, away: FloatArray) -> FloatArray:
-    """Give colours the relief of a lamp that stands by the viewer.
-
-    Parameters
-    ----------
-    colours : (n, 3) float array
-        R, G, B in [0, 1].
-    away : (n, 3) float array
-        Unit normals in the viewer's frame that point away from the viewer.
-
-    Returns
-    -------
-    (n, 3) float array
-    """
-    if not len(colours):
-        return colours
-    # The far end of a lumen is dark in any frame: lift it, or relief drowns.
-    colours = (colours / max(np.percentile(colours, 99), 1e-6)).clip(0, 1) ** 0.6
-    return colours * (0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)[:, None])
-
-
-def bounds(seen: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest right and down of what is near, the camera included.
-
-    Parameters
-    ----------
-    seen : (n, ..., 2) float array
-        Places in the viewer's frame.
-    distance : (n,) float array
-        From the camera. A plane that runs to the horizon must not make what is near small.
-
-    Returns
-    -------
-    low, high : (2,) float arrays
-    """
-    near = seen[distance <= FARTHEST * np.median(distance)].reshape(-1, 2)
-    return np.minimum(near.min(axis=0), 0), np.maximum(near.max(axis=0), 0)
-
-
-def mark_camera(ax: Axes, title: str) -> None:
-    """Finish the axes of a view: no ticks, for a scale bar says the size; the camera at 0."""
-    if not ax.yaxis_inverted():
-        ax.invert_yaxis()
-    ax.plot(0, 0, marker="o", color="white", ms=5)
-    ax.annotate("camera", (0, 0), xytext=(0, 7), textcoords="offset points", color="white", ha="center")
-    ax.set_title(title)
-    ax.set(xticks=[], yticks=[], facecolor=BACKDROP)
-    ax.set_aspect("equal", adjustable="datalim")
-
-
 @house()
 def show_cloud(
     points: FloatArray,
@@ -126,7 +57,7 @@ def show_cloud(
     def corners(a: FloatArray) -> FloatArray:
         return np.stack([a[:-1, :-1], a[:-1, 1:], a[1:, 1:], a[1:, :-1]], axis=2)
 
-    patch = corners(points @ to_viewer(angle, elevation).T)
+    patch = corners(points @ _to_viewer(angle, elevation).T)
     distance = corners(np.linalg.norm(points, axis=-1))
     # Rows and columns turn clockwise around a patch for the camera; so they must for the viewer.
     normal = np.cross(patch[:, :, 2] - patch[:, :, 0], patch[:, :, 3] - patch[:, :, 1])
@@ -140,16 +71,16 @@ def show_cloud(
     colour = colours[:-1, :-1][kept]
     colour = np.repeat(colour[:, None], 3, axis=-1) if colour.ndim == 1 else colour
     if len(patch):
-        colour = lit(colour, normal[kept])
+        colour = _lit(colour, normal[kept])
         order = np.argsort(-patch[..., 2].mean(axis=-1))
         faces, flat = colour[order], patch[order, :, :2]
         patches = PolyCollection(flat, facecolors=faces, edgecolors=faces, linewidths=0.4, rasterized=True)
         ax.add_collection(patches, autolim=False)
-        low, high = bounds(patch[..., :2], distance[kept].max(axis=-1))
+        low, high = _bounds(patch[..., :2], distance[kept].max(axis=-1))
         ax.update_datalim(np.stack([low, high + (high - low) * [0, 0.12]]))  # the bar's place
         ax.autoscale_view()
         scale_bar(ax, high[0] - low[0], unit)
-    mark_camera(ax, title)
+    _mark_camera(ax, title)
     return ax
 
 
@@ -220,7 +151,7 @@ def _draw(mesh: Mesh, ax: Axes | None, angle: float, elevation: float, title: st
             picture, extent = render_side(mesh, angle=angle, elevation=elevation, background=BACKDROP)
             ax.imshow(picture, extent=extent, interpolation="antialiased")
             scale_bar(ax, extent[1] - extent[0], mesh.unit)
-        mark_camera(ax, title)
+        _mark_camera(ax, title)
     return ax
 
 
@@ -252,9 +183,9 @@ def render_side(
     extent : four floats
         Left, right, bottom, top of the picture in the mesh's unit, the camera being at 0, 0.
     """
-    turn = to_viewer(angle, elevation)
+    turn = _to_viewer(angle, elevation)
     vertices, away = mesh.vertices @ turn.T, -mesh.normals @ turn.T
-    low, high = bounds(vertices[:, :2], np.linalg.norm(vertices, axis=-1))
+    low, high = _bounds(vertices[:, :2], np.linalg.norm(vertices, axis=-1))
     margin = 0.05 * (high - low).max()
     low, high = low - margin, high + margin * np.array([1, 2])  # the scale bar's place
     pixel = (high - low)[0] / width
@@ -273,5 +204,46 @@ def render_side(
         weights = np.stack([1 - u - v, u, v], axis=-1)[..., None]
         normal = (weights * away[corners]).sum(axis=1)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        picture[met] = lit((weights * mesh.colours[corners]).sum(axis=1), normal)
+        picture[met] = _lit((weights * mesh.colours[corners]).sum(axis=1), normal)
     return picture, (low[0], high[0], low[1] + pixel * height, low[1])
+
+
+def _to_viewer(angle: float, elevation: float) -> FloatArray:
+    """Rotation, (3, 3), from the camera's frame to the viewer's: right, down, away."""
+    yaw, pitch = np.deg2rad(angle), np.deg2rad(elevation)
+    turn = np.array([[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]])
+    nod = np.array([[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
+    return nod @ turn
+
+
+def _lit(colours: FloatArray, away: FloatArray) -> FloatArray:
+    """Give colours, (n, 3) in [0, 1], the relief of a lamp that stands by the viewer.
+
+    `away`, (n, 3), are unit normals in the viewer's frame that point away from the viewer.
+    """
+    if not len(colours):
+        return colours
+    # The far end of a lumen is dark in any frame: lift it, or relief drowns.
+    colours = (colours / max(np.percentile(colours, 99), 1e-6)).clip(0, 1) ** 0.6
+    return colours * (0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)[:, None])
+
+
+def _bounds(seen: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest right and down, (2,) each, of what is near, the camera included.
+
+    `seen`, (n, ..., 2), are places in the viewer's frame, `distance`, (n,), their distances from the
+    camera: a plane that runs to the horizon must not make what is near small.
+    """
+    near = seen[distance <= FARTHEST * np.median(distance)].reshape(-1, 2)
+    return np.minimum(near.min(axis=0), 0), np.maximum(near.max(axis=0), 0)
+
+
+def _mark_camera(ax: Axes, title: str) -> None:
+    """Finish the axes of a view: no ticks, for a scale bar says the size; the camera at 0."""
+    if not ax.yaxis_inverted():
+        ax.invert_yaxis()
+    ax.plot(0, 0, marker="o", color="white", ms=5)
+    ax.annotate("camera", (0, 0), xytext=(0, 7), textcoords="offset points", color="white", ha="center")
+    ax.set_title(title)
+    ax.set(xticks=[], yticks=[], facecolor=BACKDROP)
+    ax.set_aspect("equal", adjustable="datalim")
