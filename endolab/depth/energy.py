@@ -28,19 +28,7 @@ from endolab.numerics.penalties import huber
 
 
 def model_image(problem: Problem, log_distance: FloatArray) -> FloatArray:
-    """The frame that a depth map predicts, with normals from its gradient.
-
-    Parameters
-    ----------
-    problem : Problem
-    log_distance : (H, W) float array
-        v = log d.
-
-    Returns
-    -------
-    (H, W) float array
-        Stored values; nan outside the mask.
-    """
+    """The frame (H, W) that a map of v = log d predicts, normals from its gradient; nan outside the mask."""
     tan2 = slant(*gradient(log_distance, problem.mask, problem.cuts, edge_order=1), problem.field)
     predicted = problem.photometry.shade(log_distance, tan2, problem.field.cos_alpha)[0]
     return np.where(problem.mask, predicted, np.nan)
@@ -54,37 +42,21 @@ def contradicted(problem: Problem, residual: FloatArray) -> BoolArray:
     return problem.mask & ((problem.evidence == EXACT) | one_sided)
 
 
-def _scaled_xi(problem: Problem, log_distance: FloatArray) -> FloatArray:
-    """Return ξ/ξ̃, 0 outside the mask."""
-    xi = to_xi(np.where(problem.mask, log_distance, 0.0), problem.xi, problem.field.cos_alpha)
-    return np.where(problem.mask, xi, 0.0) / problem.xi_median
-
-
-def _roughness(problem: Problem, xi: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """D ξ/ξ̃ in the energy's unit, (2 or 3, H, W), and its norm, (H, W)."""
+def _roughness(problem: Problem, log_distance: FloatArray) -> FloatArray:
+    """‖D ξ/ξ̃‖ in the energy's unit, (H, W)."""
+    mask = problem.mask
+    xi = to_xi(np.where(mask, log_distance, 0.0), problem.xi, problem.field.cos_alpha) / problem.xi_median
     operator = forward_gradient if problem.regulariser == "first" else hessian
-    derivative = operator(xi, problem.mask, problem.cuts) * problem.derivative_scale
-    return derivative, np.linalg.norm(derivative, axis=0)
+    derivative = operator(np.where(mask, xi, 0.0), mask, problem.cuts)
+    return np.linalg.norm(derivative * problem.derivative_scale, axis=0)
 
 
 def energy_terms(problem: Problem, log_distance: FloatArray) -> dict[str, float]:
-    """The two terms of the energy of a depth map.
-
-    Parameters
-    ----------
-    problem : Problem
-    log_distance : (H, W) float array
-        v = log d, finite inside the mask.
-
-    Returns
-    -------
-    dict
-        "data" and "regulariser" (λ included); the energy is their sum.
-    """
+    """The terms "data" and "regulariser" (λ included), whose sum is the energy, of a map of v = log d."""
     mask, count = problem.mask, int(problem.mask.sum())
     residual = model_image(problem, log_distance) - problem.image
     residual = residual[contradicted(problem, residual)]
-    size = _roughness(problem, _scaled_xi(problem, log_distance))[1]
+    size = _roughness(problem, log_distance)
     roughness = problem.edge_weight * huber(size, problem.epsilon) / problem.epsilon
     return {
         "data": float(huber(residual, problem.threshold).sum() / count),

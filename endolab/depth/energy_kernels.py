@@ -201,21 +201,10 @@ def linearise(
 
 
 def shading_table(photometry: Photometry, size: int = TABLE_SIZE) -> tuple[FloatArray, float]:
-    """Shading of a BRDF against slant, for `_shading`.
+    """Shading of a BRDF against slant, for `_shading`: table (2, size) and the step between its nodes.
 
-    Parameters
-    ----------
-    photometry : Photometry
-        Of the simplified model.
-    size : int
-        Number of nodes.
-
-    Returns
-    -------
-    table : (2, size) float array
-        log(cos θ f_r(θ)/f_r(0)) and its derivative, at equal steps of √log(1 + tan²θ), which is
-        nearly θ: a BRDF may have a cusp at θ = 0. (2, 0) for a Lambertian surface.
-    step : float
+    The rows are log(cos θ f_r(θ)/f_r(0)) and its derivative, at equal steps of √log(1 + tan²θ), which
+    is nearly θ: a BRDF may have a cusp at θ = 0. A Lambertian surface has none, (2, 0).
     """
     if photometry.slant_table(2) is None:
         return np.empty((2, 0)), 1.0

@@ -60,49 +60,21 @@ def _enters(v: FloatArray, metric: Any, active: Any, link: Any, out: Any) -> Non
 
 @dataclass(frozen=True)
 class Grid:
-    """A problem on a grid; arrays are padded unless said otherwise.
-
-    Attributes
-    ----------
-    image : array
-        Stored values.
-    log_scale : array
-        Logarithm of the image of a facing surface at one unit of distance.
-    metric : (3, ...) array
-        uu, uv, vv of G⁻¹, in this grid's pixels squared.
-    factor : array
-        ξ/ξ̃ is this times e^±v.
-    edge : array
-        Edge weight g.
-    active : int8 array
-        The mask.
-    link : (2, ...) int8 array
-        Steps that derivatives take, see `numerics.derivatives.links`.
-    evidence : int8 array
-        See `Problem`; (0, 0) for exact pixels.
-    inflow : (H, W) array, not padded
-        log d where it is given and no unknown, else nan.
-    cuts : (2, H, W) bool array, not padded, or None
-        See `Problem`.
-    scale : float
-        What a derivative of ξ per pixel of this grid is multiplied by.
-    table, step
-        See `energy_kernels.shading_table`.
-    """
+    """A problem on a grid; arrays are padded unless said otherwise."""
 
     problem: Problem
-    image: FloatArray
-    log_scale: FloatArray
-    metric: FloatArray
-    factor: FloatArray
-    edge: FloatArray
-    active: Any
-    link: Any
-    evidence: Any
-    inflow: FloatArray
-    cuts: BoolArray | None
-    scale: float
-    table: FloatArray
+    image: FloatArray  # stored values
+    log_scale: FloatArray  # logarithm of the image of a facing surface at one unit of distance
+    metric: FloatArray  # (3, ...): uu, uv, vv of G⁻¹, in this grid's pixels squared
+    factor: FloatArray  # ξ/ξ̃ is this times e^±v
+    edge: FloatArray  # edge weight g
+    active: Any  # the mask, int8
+    link: Any  # (2, ...) int8: steps that derivatives take, see `numerics.derivatives.links`
+    evidence: Any  # see `Problem`, int8; (0, 0) for exact pixels
+    inflow: FloatArray  # (H, W), not padded: log d where it is given and no unknown, else nan
+    cuts: BoolArray | None  # (2, H, W), not padded: see `Problem`
+    scale: float  # what a derivative of ξ per pixel of this grid is multiplied by
+    table: FloatArray  # of `energy_kernels.shading_table`, as is the step
     step: float
 
     @classmethod

@@ -5,7 +5,7 @@ coarse correction, a sweep backwards. Coarse levels are the same equations writt
 of half the pixels, from averaged coefficients (Briggs, Henson, McCormick, "A multigrid
 tutorial", 2000, chapters 3 and 10).
 
-Vectors are padded (see `padding.py`) and zero outside the mask, as the matrices are.
+Vectors are padded (see `numerics.compiled`) and zero outside the mask, as the matrices are.
 """
 
 from __future__ import annotations
@@ -173,16 +173,9 @@ class _Level:
 
 
 class Multigrid:
-    """V-cycles for one set of normal equations.
+    """V-cycles for one set of normal equations, whose `damping` is that of `Coefficients.matrix`.
 
-    Parameters
-    ----------
-    coefficients : Coefficients
-        Of the finest level.
-    damping : float
-        See `Coefficients.matrix`.
-    old : Multigrid, optional
-        Of other coefficients on the same grid, whose memory may be used; it is spoilt.
+    `old` is a multigrid of other coefficients on the same grid, whose memory may be used; it is spoilt.
     """
 
     def __init__(
@@ -216,17 +209,10 @@ class Multigrid:
         sweep_backwards(at.matrix, at.inverse, at.x, at.b)
 
     def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:
-        """Conjugate gradients on M x = b, in at most `most` steps.
+        """Conjugate gradients on M x = b, until the preconditioned residual is `tolerance` of what it was.
 
-        They end when the preconditioned residual has fallen to `tolerance` of what it was.
-
-        Returns
-        -------
-        x : padded array
-            0 where a pixel is not active, whatever b is there. The next call overwrites it.
-        steps : int
-        remaining : float
-            The share of the residual that is left.
+        Returns x, which the next call overwrites (0 where a pixel is not active), the steps that were
+        taken, `most` at most, and the share of the residual that is left.
         """
         top = self.levels[0]
         x, direction, product = self.room

@@ -15,7 +15,6 @@ GRAZING = 85.0  # … and do if what would join them is seen at more than this a
 NEUTRAL = 0.7  # grey of a mesh without a picture
 
 
-# Making ---------------------------------------------------------------------------------
 def make_mesh(
     shown: Result | Iterate | FloatArray,
     colours: FloatArray | None = None,
@@ -34,7 +33,7 @@ def make_mesh(
         Of the pixels, in [0, 1]; by default those of the frame, or grey for bare points.
     cuts : (2, H, W) bool array, optional
         Steps to the right and lower neighbour over which the surface is torn, as
-        `evaluation.occlusion_cuts` finds them; by default those of the problem that was solved.
+        `metrics.occlusion_cuts` finds them; by default those of the problem that was solved.
     jump, grazing : float
         A triangle is left out if the distances of its corners from the camera differ by more
         than the factor `jump` and the angle between its normal and the line of sight is more

@@ -36,24 +36,12 @@ GRAZING = 0.25  # cosine between ray and normal below which a surface says littl
 
 @dataclass(frozen=True)
 class Surface:
-    """What the next frame's scale is linked to.
+    """What the next frame's scale is linked to."""
 
-    Attributes
-    ----------
-    distance : (H, W) float array
-        At its linked scale, mm or relative; nan where unknown.
-    normals : (H, W, 3) float array
-        Unit normals in the camera frame.
-    gain : float
-        That belongs to this scale.
-    metric : bool
-        Whether distances are in mm.
-    """
-
-    distance: FloatArray
-    normals: FloatArray
-    gain: float
-    metric: bool
+    distance: FloatArray  # (H, W), at its linked scale, mm or relative; nan where unknown
+    normals: FloatArray  # (H, W, 3), unit normals in the camera frame
+    gain: float  # that belongs to this scale
+    metric: bool  # whether distances are in mm
 
     @classmethod
     def of(cls, result: Result) -> Surface:
@@ -64,29 +52,14 @@ class Surface:
 
 @dataclass(frozen=True)
 class Step:
-    """What became of one frame.
+    """What became of one frame."""
 
-    Attributes
-    ----------
-    index : int
-        Counts the frames given, from 0.
-    name : str
-    result : Result or None
-        None if there is an error.
-    error : str
-        One sentence; empty if there is a result.
-    warm : bool
-        Whether the result was started from the last frame's.
-    seconds : float
-        What the frame took, a second try from cold included.
-    """
-
-    index: int
+    index: int  # counts the frames given, from 0
     name: str
-    result: Result | None
-    error: str = ""
-    warm: bool = False
-    seconds: float = 0.0
+    result: Result | None  # None if there is an error
+    error: str = ""  # one sentence; empty if there is a result
+    warm: bool = False  # whether the result was started from the last frame's
+    seconds: float = 0.0  # what the frame took, a second try from cold included
 
 
 def reconstruct_sequence(
@@ -219,20 +192,8 @@ def scale_between(before: Surface, result: Result) -> float:
     Prior beliefs are that log gain makes a random walk of `GAIN_STEP` a frame, and that T, in
     median distances, and ω, in rad, are of the order `MOTION_STEP`. The maximum a posteriori is
     found by reweighting (Cauchy), because at folds the motion is none of the linear kind; the
-    pixels' errors are alike, so that all count as `INDEPENDENT` ones.
-
-    Parameters
-    ----------
-    before : Surface
-        Of the same size.
-    result : Result
-        In a unit of its own.
-
-    Returns
-    -------
-    float
-        e^c. Coming straight at a flat wall and turning up the gain look the same: then the priors
-        share the change between them.
+    pixels' errors are alike, so that all count as `INDEPENDENT` ones. Coming straight at a flat wall
+    and turning up the gain look the same: then the priors share the change between them.
     """
     gain = result.problem.photometry.gain or 1.0
     prior = 0.5 * np.log(before.gain / gain)
