@@ -12,8 +12,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from endolab.io.atomic import PathLike
 from endolab.recording.reader import Recording, read_recording
 from endolab.recording.viewer import HEIGHT, front_end, notebook_viewer, start_viewer
@@ -89,17 +87,7 @@ def _embed(path: Path, height: int) -> None:
 
 
 def picture_of(recording: Recording) -> Figure:
-    """Draw how a recording's runs ended: distance, normals, and the way of the energy.
-
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    Figure
-        A row per run; not one of pyplot's, so there is nothing to close.
-    """
+    """Draw how a recording's runs ended, a row for each: distance, normals, and the way of the energy."""
     from matplotlib.figure import Figure
 
     from endolab import plots
@@ -109,13 +97,12 @@ def picture_of(recording: Recording) -> Figure:
         raise ValueError(f"{recording.path} holds no reconstruction")
     figure = Figure(figsize=(13, 3.6 * len(runs)), dpi=100, layout="constrained")
     ends = [run.depth() for run in runs.values()]
-    seen = np.concatenate([end[np.isfinite(end)] for end in ends])
-    low, high = np.percentile(seen, [1, 99]) if seen.size else (0.0, 1.0)
+    limits = plots.common_limits(ends)
     axes = figure.subplots(len(runs), 3, squeeze=False)
     for (depth, facing, energy), (name, run), end in zip(axes, runs.items(), ends, strict=True):
         last = f"iteration {run.pictured[-1]}"
         title = f"{name.replace('_', ' ')}, {last}" if name else f"Distance, {last}"
-        plots.show_depth(end, depth, unit=run.unit, limits=(float(low), float(high)), title=title)
+        plots.show_depth(end, depth, unit=run.unit, limits=limits, title=title)
         plots.show_normals(run.normals(), facing)
         table = run.table()
         terms = [n for n in ("energy", "data", "regulariser") if n in (table.dtype.names or ())]

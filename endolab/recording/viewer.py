@@ -17,7 +17,10 @@ from typing import Any
 import rerun as rr
 
 PORT = 9876  # the viewer's own default
+HEIGHT = 640  # px, of a viewer in a notebook
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")  # variables, one of which Linux has then
+# Told to kernels by those who show what they say: Jupyter's server, VS Code, Colab.
+FRONT_ENDS = ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG")
 NO_SCREEN = "the Rerun viewer did not start: it needs a screen; record to a file instead"
 
 
@@ -27,24 +30,11 @@ def viewer_address(port: int | None = None) -> str:
 
 
 def start_viewer(path: Path | None = None) -> subprocess.Popen[bytes] | None:
-    """Start the native viewer, unless one is there; not by ``rr.spawn``, which listens to the network.
+    """Start the native viewer and return it, or None if there is one; a recording is opened in either.
 
-    Parameters
-    ----------
-    path : Path, optional
-        A recording to open; a viewer that is there already is told to.
-
-    Returns
-    -------
-    Popen or None
-        The viewer, if it was started here.
-
-    Raises
-    ------
-    OSError
-        If it does not start.
+    Not by ``rr.spawn``, which listens to the network. An OSError says that it does not start.
     """
-    there = _listening(PORT)
+    there = is_listening(PORT)
     if there and path is None:
         return None
     if sys.platform == "linux" and not any(os.environ.get(name) for name in SCREENS):
@@ -52,7 +42,7 @@ def start_viewer(path: Path | None = None) -> subprocess.Popen[bytes] | None:
     viewer = _start(PORT, "--expect-data-soon" if path is None else str(path.resolve()))
     started = time.monotonic()
     # With a screen that it cannot use it listens for a moment before it gives up.
-    while time.monotonic() < started + 1.5 or (not _listening(PORT) and time.monotonic() < started + 20):
+    while time.monotonic() < started + 1.5 or (not is_listening(PORT) and time.monotonic() < started + 20):
         if viewer.poll() is not None:
             if there and viewer.returncode == 0:  # it has passed the recording on
                 return None
@@ -62,20 +52,11 @@ def start_viewer(path: Path | None = None) -> subprocess.Popen[bytes] | None:
 
 
 def start_server() -> str:
-    """Start a server between a run and the pages that follow it; it ends with this program.
+    """Start a server between a run and the pages that follow it, and return its address.
 
-    A process of its own: Rerun's server within a program listens to the network, and ends with the
-    stream, before a slow page has asked for it.
-
-    Returns
-    -------
-    str
-        Its address.
-
-    Raises
-    ------
-    OSError
-        If it does not start.
+    A process of its own, which ends with this program: Rerun's server within a program listens to
+    the network, and ends with the stream, before a slow page has asked for it. An OSError says that
+    it does not start.
     """
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -83,7 +64,7 @@ def start_server() -> str:
     server = _start(port, "--serve-grpc")
     atexit.register(_end, server)
     started = time.monotonic()
-    while not _listening(port):
+    while not is_listening(port):
         if server.poll() is not None or time.monotonic() > started + 20:
             _end(server)
             raise OSError("Rerun's server did not start; record to a file instead")
@@ -114,16 +95,10 @@ def _end(program: subprocess.Popen[bytes]) -> None:
     program.wait(10)
 
 
-def _listening(port: int) -> bool:
+def is_listening(port: int) -> bool:
+    """Whether a program on this machine listens to a port."""
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
-
-
-HEIGHT = 640  # px
-
-
-# Told to kernels by those who show what they say: Jupyter's server, VS Code, Colab.
-FRONT_ENDS = ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG")
 
 
 def front_end() -> bool:
@@ -144,10 +119,7 @@ def notebook_viewer() -> Any:
 def follow(stream: rr.RecordingStream, height: int = HEIGHT) -> None:
     """Show a viewer below the cell that follows what is logged to a stream, while the cell runs.
 
-    Raises
-    ------
-    OSError
-        If nobody looks at the notebook, or the server does not start.
+    An OSError says that nobody looks at the notebook, or that the server does not start.
     """
     if not front_end():
         raise OSError("a viewer that follows a run needs JupyterLab; record to a file instead")

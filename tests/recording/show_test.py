@@ -121,7 +121,7 @@ print(port)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
-    assert not viewer._listening(int(done.stdout))
+    assert not viewer.is_listening(int(done.stdout))
 
 
 def test_the_viewer_comes_from_this_machine(path):
