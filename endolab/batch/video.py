@@ -61,34 +61,15 @@ def reconstruct_video(
 ) -> VideoSummary:
     """Reconstruct the frames of a folder or a video that are not done yet, each from the last.
 
-    Parameters
-    ----------
-    source : path
-        As for `endolab.open_frames`.
-    calibration : Endoscope
-    out : path
-        Folder for ``frames/NAME/depth.npz``, ``frames.csv``, ``report.json`` and, where Rerun is
-        installed, ``recording.rrd``. Nothing is written before the first frame is done.
-    mask : path, optional
-        A picture, bright where the frames are to be used.
-    every, limit : int
-        Only every so many-th frame, and so many at most.
-    progress : callable, optional
-        Called as ``progress(done, total, row)`` after each frame.
-    **options
-        See `endolab.reconstruct_sequence`; such as JSON can hold.
+    `out` becomes a folder with ``frames/NAME/depth.npz``, ``frames.csv``, ``report.json`` and, where
+    Rerun is installed, ``recording.rrd``; nothing is written before the first frame is done. Of the
+    frames every `every`-th is taken, `limit` at most, where the picture `mask` is bright.
+    ``progress(done, total, row)`` is called after each. `options` are those of
+    `endolab.reconstruct_sequence`, such as JSON can hold.
 
-    Returns
-    -------
-    VideoSummary
-
-    Raises
-    ------
-    ValueError, OSError
-        In one sentence, if the folder holds results of another video or other settings, if no frame
-        could be reconstructed, or if something cannot be read or written.
-    KeyboardInterrupt, MemoryError
-        Of these, too, what is done stays, and the same call goes on.
+    ValueError or OSError in one sentence, if the folder holds results of another video or of other
+    settings, if no frame could be reconstructed, or if something cannot be read or written. After
+    that, an interruption or a MemoryError, what is done stays, and the same call goes on.
     """
     for name, value in (("every", every), ("limit", limit)):
         if value is not None and value < 1:
