@@ -8,18 +8,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from endolab.depth.problem import Problem
+from endolab.datasets import load_calibration
 from endolab.depth.result import Iterate
 from endolab.io.surfaces import write_mesh
 from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.metrics.mesh_distance import distance_to, to_open3d
 from endolab.plots import surface_view as mesh_views
 from endolab.reconstruction.mesh import make_mesh
-from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES, Bowl, Plane, Tube
-from tests.tools.problems import COLOURED, paper_camera
+from tests.tools.problems import coloured_colon
 
-CAMERA = paper_camera(160)
+CAMERA = load_calibration("paper", 160).camera
 RAYS = CAMERA.field.rays
 
 
@@ -40,7 +39,7 @@ def wall(rows=5, columns=7):
 
 @pytest.fixture(scope="module")
 def colon():
-    return render(SCENES["colon"], CAMERA, COLOURED)
+    return coloured_colon(CAMERA)[1]
 
 
 @pytest.fixture(scope="module")
@@ -94,17 +93,10 @@ def test_no_triangle_crosses_a_cut():
     assert len(mesh.vertices) == 48
 
 
-def test_a_result_brings_colours_cuts_and_unit(colon):
+def test_a_result_brings_colours_cuts_and_unit():
+    problem, colon = coloured_colon(CAMERA)
     cuts = occlusion_cuts(colon.distance)
-    problem = Problem(
-        image=colon.image[..., 1],
-        mask=colon.mask & (colon.image[..., 1] > 0.01),
-        camera=CAMERA,
-        photometry=colon.photometry.channel("green"),
-        picture=colon.image,
-        cuts=cuts,
-        metric=False,
-    )
+    problem = replace(problem, cuts=cuts, metric=False)
     iterate = Iterate.of(problem, np.log(colon.distance))
     mesh = make_mesh(iterate)
     assert mesh.unit == "relative units"

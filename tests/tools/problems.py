@@ -12,16 +12,11 @@ from endolab.metrics.depth_errors import compare
 
 every_xi = pytest.mark.parametrize("xi", ["1/z", "d", "1/d"])
 every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
-# A dark, glossy surface, as the paper's sheet of dots is.
+# A sheet with a sheen, half as bright again where it faces the light: its BRDF has kinks, and a cusp at 0.
 SHEET = el.TabulatedBRDF(
     tuple(np.linspace(0, 1.5, 15)), tuple(0.2 + 0.1 * np.exp(-16 * np.linspace(0, 1.5, 15) ** 2))
 )
-COLOURED = el.Photometry(brdf=el.Lambertian((0.75, 0.38, 0.30)))
-
-
-def paper_camera(width=1440):
-    """The paper's endoscope at a width: a fisheye of 1440x1080 px."""
-    return datasets.load_calibration("paper", width).camera
+TISSUE = el.Photometry(brdf=el.Lambertian((0.75, 0.38, 0.30)))
 
 
 def problem_of(
@@ -41,6 +36,14 @@ def problem_of(
     return Problem(
         seen.image, seen.mask & (seen.image > 0.02) & mask, camera, seen.photometry, **options
     ), seen
+
+
+def coloured_colon(camera, **options):
+    """The colon in colour as a problem of its green channel, with its picture, and its truth."""
+    seen = el.render(el.SCENES["colon"], camera, TISSUE)
+    green, photometry = seen.image[..., 1], seen.photometry.channel("green")
+    mask = seen.mask & (green > 1.5 / 255)
+    return Problem(green, mask, camera, photometry, picture=seen.image, **options), seen
 
 
 def at_truth(scene, width=160, **options):
