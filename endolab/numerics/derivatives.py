@@ -1,4 +1,4 @@
-"""Derivatives of a map on a pixel grid with a mask and cuts, and their adjoints.
+"""Derivatives of a map on a pixel grid with a mask and cuts.
 
 A map is an array of shape (H, W) whose values outside the mask are never read: a hole, whatever
 it holds, does not reach its neighbours. A cut is a step between neighbouring pixels that no
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from endolab.numerics.arrays import BoolArray, FloatArray
+
+REFERENCE_WIDTH = 320  # px: what thresholds and weights are told for
 
 
 def shifted(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
@@ -73,21 +75,6 @@ def gradient(
     return f_u, f_v
 
 
-def gradient_adjoint(
-    f_u: FloatArray, f_v: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
-) -> FloatArray:
-    """Adjoint of `gradient` with ``edge_order=1``, (H, W); 0 outside the mask."""
-    inside, link = _links_of(f_u, mask, cuts)
-    out = np.zeros(inside.shape)
-    for p, joined, axis in ((f_u, link[0], 1), (f_v, link[1], 0)):
-        before = shifted(joined, -1, axis, False)
-        # The derivative is the mean of the differences that there are: each has its share of p.
-        share = np.where(inside, p, 0.0) / np.maximum(1.0 * joined + before, 1.0)
-        step = joined * (share + shifted(share, 1, axis, 0.0))
-        out += shifted(step, -1, axis, 0.0) - step
-    return out
-
-
 def forward_gradient(
     f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
 ) -> FloatArray:
@@ -95,15 +82,6 @@ def forward_gradient(
     inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, f, 0.0)
     return np.stack([(shifted(f, 1, axis, 0.0) - f) * link[i] for i, axis in ((0, 1), (1, 0))])
-
-
-def forward_gradient_adjoint(
-    p: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
-) -> FloatArray:
-    """Adjoint of `forward_gradient`, minus the divergence: (2, H, W) to (H, W), 0 outside the mask."""
-    _, link = _links_of(p[0], mask, cuts)
-    steps = np.where(link, p, 0.0)
-    return sum(shifted(steps[i], -1, axis, 0.0) - steps[i] for i, axis in ((0, 1), (1, 0)))
 
 
 def hessian_stencils(link: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
@@ -133,17 +111,3 @@ def hessian(f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None
             whole_vv * (along_v - shifted(along_v, -1, 0, 0.0)),
         ]
     )
-
-
-def hessian_adjoint(
-    p: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
-) -> FloatArray:
-    """Adjoint of `hessian`: (3, H, W) to (H, W), 0 outside the mask."""
-    _, link = _links_of(p[0], mask, cuts)
-    uu, uv, vv = (np.where(whole, q, 0.0) for whole, q in zip(hessian_stencils(link), p, strict=True))
-    out = sum(shifted(q, 1, a, 0.0) - 2 * q + shifted(q, -1, a, 0.0) for q, a in ((uu, 1), (vv, 0)))
-    lower = shifted(uv, -1, 0, 0.0) - uv
-    return out + np.sqrt(2) * (shifted(lower, -1, 1, 0.0) - lower)
-
-
-REFERENCE_WIDTH = 320

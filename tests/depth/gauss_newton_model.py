@@ -11,14 +11,8 @@ from endolab.depth.multigrid import multiply
 from endolab.depth.problem import Problem
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.compiled import inner, padded
-from endolab.numerics.derivatives import (
-    forward_gradient,
-    forward_gradient_adjoint,
-    gradient,
-    gradient_adjoint,
-    hessian,
-    hessian_adjoint,
-)
+from endolab.numerics.derivatives import forward_gradient, gradient, hessian
+from tests.tools.adjoints import forward_gradient_adjoint, gradient_adjoint, hessian_adjoint
 
 OPERATORS = {"first": (forward_gradient, forward_gradient_adjoint), "second": (hessian, hessian_adjoint)}
 TWINS = {  # of Coefficients and GaussNewtonModel

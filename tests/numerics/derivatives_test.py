@@ -4,16 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from endolab.numerics.derivatives import (
-    forward_gradient,
-    forward_gradient_adjoint,
-    gradient,
-    gradient_adjoint,
-    hessian,
-    hessian_adjoint,
-    links,
-    shifted,
-)
+from endolab.numerics.derivatives import forward_gradient, gradient, hessian, links, shifted
+from tests.tools.adjoints import forward_gradient_adjoint, gradient_adjoint, hessian_adjoint
 
 SHAPES = [(1, 1), (1, 7), (7, 1), (2, 2), (2, 5), (3, 3), (9, 12)]
 ODD_SHAPES = [(1, 1), (1, 6), (6, 1), (2, 2), (1, 2), (3, 1), (5, 7), (13, 9)]

@@ -1,0 +1,36 @@
+"""Adjoints of the derivatives on a masked grid: (n, H, W) to (H, W), 0 outside the mask."""
+
+import numpy as np
+
+from endolab.numerics.derivatives import hessian_stencils, links, shifted
+
+
+def _links(shape, mask, cuts):
+    return links(np.ones(shape, dtype=bool) if mask is None else mask, cuts)
+
+
+def gradient_adjoint(f_u, f_v, mask=None, cuts=None):
+    """Of `gradient` with ``edge_order=1``."""
+    out = np.zeros(f_u.shape)
+    for p, joined, axis in zip((f_u, f_v), _links(f_u.shape, mask, cuts), (1, 0), strict=True):
+        before = shifted(joined, -1, axis, False)
+        # The derivative is the mean of the differences that there are: each has its share of p.
+        share = np.where(joined | before, p, 0.0) / np.maximum(1.0 * joined + before, 1.0)
+        step = joined * (share + shifted(share, 1, axis, 0.0))
+        out += shifted(step, -1, axis, 0.0) - step
+    return out
+
+
+def forward_gradient_adjoint(p, mask=None, cuts=None):
+    """Of `forward_gradient`, minus the divergence."""
+    steps = np.where(_links(p[0].shape, mask, cuts), p, 0.0)
+    return sum(shifted(steps[i], -1, axis, 0.0) - steps[i] for i, axis in ((0, 1), (1, 0)))
+
+
+def hessian_adjoint(p, mask=None, cuts=None):
+    """Of `hessian`."""
+    stencils = hessian_stencils(_links(p[0].shape, mask, cuts))
+    uu, uv, vv = (np.where(whole, q, 0.0) for whole, q in zip(stencils, p, strict=True))
+    out = sum(shifted(q, 1, a, 0.0) - 2 * q + shifted(q, -1, a, 0.0) for q, a in ((uu, 1), (vv, 0)))
+    lower = shifted(uv, -1, 0, 0.0) - uv
+    return out + np.sqrt(2) * (shifted(lower, -1, 1, 0.0) - lower)
