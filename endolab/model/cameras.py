@@ -55,6 +55,7 @@ class Camera:
     height: int
 
     model: ClassVar[str]
+    _in_pixels: ClassVar[dict[str, int]]  # parameters that scale with the columns (0) or rows (1)
 
     @property
     def _affine(self) -> FloatArray:
@@ -84,7 +85,10 @@ class Camera:
 
     def _transformed(self, scale: FloatArray, offset: FloatArray, width: int, height: int) -> Self:
         """Return the camera whose pixel is ``scale * old pixel + offset``."""
-        raise NotImplementedError
+        scaled = {name: getattr(self, name) * scale[axis] for name, axis in self._in_pixels.items()}
+        for name, shift in zip(("cx", "cy"), offset, strict=True):
+            scaled[name] += shift
+        return replace(self, width=width, height=height, **scaled)
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -178,6 +182,8 @@ class _FocalCamera(Camera):
     cx: float
     cy: float
 
+    _in_pixels: ClassVar = {"fx": 0, "fy": 1, "cx": 0, "cy": 1}
+
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("fx", "fy"):
@@ -195,17 +201,6 @@ class _FocalCamera(Camera):
     @property
     def _centre(self) -> FloatArray:
         return np.array([self.cx, self.cy])
-
-    def _transformed(self, scale: FloatArray, offset: FloatArray, width: int, height: int) -> Self:
-        return replace(
-            self,
-            width=width,
-            height=height,
-            fx=self.fx * scale[0],
-            fy=self.fy * scale[1],
-            cx=self.cx * scale[0] + offset[0],
-            cy=self.cy * scale[1] + offset[1],
-        )
 
 
 @dataclass(frozen=True)
@@ -326,6 +321,7 @@ class Scaramuzza(Camera):
     row_scale: float = 1.0  # the lower right entry of the affine map: 1 until a resize
 
     model: ClassVar[str] = "scaramuzza"
+    _in_pixels: ClassVar = {"cx": 0, "cy": 1, "c": 0, "d": 0, "e": 1, "row_scale": 1}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -372,16 +368,3 @@ class Scaramuzza(Camera):
     def _scaled_angle(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
         angle, slope = self._angle(r * self.a[0])
         return angle, slope * self.a[0]
-
-    def _transformed(self, scale: FloatArray, offset: FloatArray, width: int, height: int) -> Self:
-        return replace(
-            self,
-            width=width,
-            height=height,
-            cx=self.cx * scale[0] + offset[0],
-            cy=self.cy * scale[1] + offset[1],
-            c=self.c * scale[0],
-            d=self.d * scale[0],
-            e=self.e * scale[1],
-            row_scale=self.row_scale * scale[1],
-        )
