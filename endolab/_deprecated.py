@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable
 from importlib import import_module
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
-from importlib.util import find_spec
 from types import ModuleType
-from typing import Any
+
+TYPE_CHECKING = False  # typing's own would cost as much as all else that importing endolab does
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
 
 # What was called otherwise, wherever it is looked for.
 RENAMED = {
@@ -157,9 +158,12 @@ def with_old_names(package: str, lookup: Callable[[str], Any] | None = None) -> 
                 return lookup(name)
             except AttributeError:
                 pass
-        is_folder = short and "__path__" in vars(sys.modules[package])
-        if is_folder and find_spec(f"{package}.{name}") is not None:
-            return import_module(f"{package}.{name}")  # a file of the folder
+        if short and "__path__" in vars(sys.modules[package]):
+            try:
+                return import_module(f"{package}.{name}")  # a file of the folder
+            except ModuleNotFoundError as error:
+                if error.name != f"{package}.{name}":
+                    raise
         homes = MOVED.get(short, "") if short else FACE.get(name, "")
         if not short and not homes and name in MOVED:
             return import_module(f"{package}.{name}")
@@ -181,12 +185,13 @@ def callable_as_before(module: str) -> None:
     sys.modules[module].__class__ = _CalledAsBefore
 
 
-class _OldModules(MetaPathFinder, Loader):
+class _OldModules:
     """Makes modules that are no more, asked last of all finders."""
 
     def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
         package, _, short = name.partition(".")
-        return ModuleSpec(name, self) if package == "endolab" and short in MOVED else None
+        is_old = package == "endolab" and short in MOVED
+        return ModuleSpec(name, self) if is_old else None  # type: ignore[arg-type]
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         return ModuleType(spec.name, "Moved; see endolab._deprecated.")
