@@ -1,8 +1,10 @@
 """Derivatives of a map on a pixel grid with a mask and cuts.
 
 A map is an array of shape (H, W) whose values outside the mask are never read: a hole, whatever
-it holds, does not reach its neighbours. A cut is a step between neighbouring pixels that no
-derivative takes, as at an occluding contour. Both come down to `links`: which steps there are.
+it holds, does not reach its neighbours; the mask is everywhere by default. A cut is a step between
+neighbouring pixels that no derivative takes, as at an occluding contour: `cuts`, (2, H, W), holds those
+from each pixel to its right (first) and lower (second) neighbour. Both come down to `links`: which steps
+there are.
 """
 
 from __future__ import annotations
@@ -29,10 +31,7 @@ def shifted(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
 
 
 def links(mask: BoolArray, cuts: BoolArray | None = None) -> BoolArray:
-    """Steps that derivatives may take, (2, H, W): to the right and to the lower neighbour.
-
-    Both pixels must be in the mask, and the step not among the `cuts`, (2, H, W), that are forbidden.
-    """
+    """Steps that derivatives may take, (2, H, W): between neighbours in the mask that are not cut apart."""
     joined = np.stack([mask & shifted(mask, 1, axis, False) for axis in (1, 0)])
     return joined if cuts is None else joined & ~cuts
 
@@ -66,8 +65,8 @@ def gradient(
     """Gradient of a map (H, W): central differences, one-sided where a step is missing.
 
     `edge_order` is the accuracy of the one-sided ones: from three pixels (2) or from two (1). Returns the
-    derivatives along columns (u, to the right) and rows (v, downwards), per pixel: nan outside the mask,
-    everywhere by default; 0 along an axis on which a pixel has no neighbour.
+    derivatives along columns (u, to the right) and rows (v, downwards), per pixel: nan outside the mask; 0
+    along an axis on which a pixel has no neighbour.
     """
     inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, np.asarray(f, dtype=np.float64), 0.0)
