@@ -244,11 +244,8 @@ def show_history(
     """
     ax = new_axes(ax)
     k = [entry["k"] for entry in history]
-    for name, colour, style in (
-        ("energy", "black", "-"),
-        ("data", BLUE, "--"),
-        ("regulariser", VERMILION, ":"),
-    ):
+    styles = (("energy", "black", "-"), ("data", BLUE, "--"), ("regulariser", VERMILION, ":"))
+    for name, colour, style in styles:
         values = np.array([entry.get(name, np.nan) for entry in history], dtype=float)
         # A term of exactly 0 (λ = 0, say) has no place on a logarithmic axis.
         if np.any(values > 0):
@@ -319,15 +316,8 @@ def compare_depths(
             if name not in distances:
                 axes[1, i].set_axis_off()
             elif truth is not None:
-                show_error(
-                    values,
-                    truth,
-                    axes[1, i],
-                    relative=relative,
-                    unit=unit,
-                    limit=limit,
-                    title=f"{name}: error",
-                )
+                panel, title = axes[1, i], f"{name}: error"
+                show_error(values, truth, panel, relative=relative, unit=unit, limit=limit, title=title)
     return figure
 
 

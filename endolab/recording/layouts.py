@@ -129,7 +129,7 @@ def reconstruction(shown: Shown) -> rrb.Blueprint:
                 rrb.Spatial2DView(origin=shown.at(""), contents=[shown.at("input")], name="Frame"),
                 _depth(shown),
                 _picture(shown, "normals", "Normals"),
-                rrb.Tabs(*residual, active_tab=len(residual) - 1),
+                rrb.Tabs(*residual, active_tab=0 if shown.staged else len(residual) - 1),
             ),
             rrb.Horizontal(
                 _surface(shown),

@@ -349,8 +349,9 @@ class Recorder:
             self._log("world", rr.ViewCoordinates.RDF, static=True)
         else:
             self._log("stage", rr.TextDocument(stage_text(iterate.stage, iterate.round)))
+            nothing = png(np.zeros_like(iterate.mask[self._thin], np.uint8))
             for name in set(earlier.maps) - set(maps):
-                self._log(f"front/{name}", rr.Clear(recursive=False))
+                self._log(f"front/{name}", nothing)  # the viewer would show the old one despite a Clear
             terms, maps = (
                 tuple(dict.fromkeys(both)) for both in (earlier.terms + terms, earlier.maps + maps)
             )

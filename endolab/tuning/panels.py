@@ -23,12 +23,8 @@ from endolab.tuning.pictures import (
 from endolab.tuning.source import Settings
 
 ERROR_LIMITS = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # %, so that a colour keeps its meaning for a while
-NAMES = {
-    "gauss_newton": "Gauss-Newton",
-    "primal_dual": "primal-dual",
-    "fast_marching": "fast marching",
-    "facing": "facing",
-}
+NAMES = {"gauss_newton": "Gauss-Newton", "primal_dual": "primal-dual"}
+NAMES |= {"fast_marching": "fast marching", "facing": "facing"}
 SIGNS = {"scene": "scene", "epsilon": "ε", "k": "k", "gamma": "γ", "gain": "gain ×", "noise": "noise"}
 SIGNS |= {"xi": "ξ", "regulariser": "order", "solver": "solver", "channel": "channel", "width": "width"}
 UNSET = {"scene": "frame", "channel": "auto"}  # else "as calibrated"

@@ -18,16 +18,8 @@ from tests.conftest import missing_system
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 SCREENSHOTS = Path(os.environ.get("ENDOLAB_SCREENSHOTS") or ROOT / "build" / "screenshots")
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-sync",
-    "--disable-background-networking",
-    "--disable-component-update",
-]
+FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
+FLAGS += ["--disable-background-networking", "--disable-component-update"]
 CURRENT = "window.jupyterapp?.shell?.currentWidget"
 # Rerun's viewer asks whether there is a newer one; refused, it goes on.
 NEWER = "https://api.github.com/repos/rerun-io/rerun/releases/latest"
@@ -47,8 +39,14 @@ STATE = """() => {
         pictures: outputs.filter(o => o.data && o.data['image/png']).length,
     };
 }"""
-
-
+# Nothing but these cells.
+CELLS = """cells => {
+    const model = window.jupyterapp.shell.currentWidget.content.model;
+    model.sharedModel.transact(() => {
+        model.sharedModel.deleteCellRange(0, model.sharedModel.cells.length);
+        cells.forEach((source, i) => model.sharedModel.insertCell(i, {cell_type: 'code', source}));
+    });
+}"""
 # Opened as with a double click on its name; closed without a question whether to save it.
 OPEN = """async path => { await window.jupyterapp.commands.execute('docmanager:open', {path}) }"""
 CLOSE = """async () => {
@@ -60,22 +58,19 @@ CLOSE = """async () => {
 
 
 class OpenNotebook:
-    """A notebook that is open in JupyterLab, in a page that is cut off from the world.
+    """A notebook that is open in JupyterLab, with an idle kernel, in a page cut off from the world.
 
-    Attributes
-    ----------
-    page : playwright.sync_api.Page
-        The page, as soon as the kernel is idle.
-    outside : list of str
-        Addresses other than this machine's that the page asked for, and was not given.
+    `outside` lists the addresses other than this machine's that the page asked for, and was not given.
     """
 
-    def __init__(self, page, outside, name, width=1400, height=9000):
-        self.name, self.page, self.outside = name, page, outside
+    def __init__(self, page, outside, name, cells=None, width=1400, height=9000):
+        self.page, self.outside = page, outside
         outside.clear()
         page.set_viewport_size({"width": width, "height": height})  # all cells at once
         page.evaluate(OPEN, f"notebooks/{name}")
         page.wait_for_function(READY)
+        if cells:
+            page.evaluate(CELLS, cells)
 
     def command(self, name):
         """Execute one of JupyterLab's commands, without waiting for its end."""
@@ -180,11 +175,11 @@ def lab_page(lab, browser):
 
 @pytest.fixture
 def open_notebook(lab_page):
-    """Function that opens a notebook by its file's name (and page's width and height): an `OpenNotebook`."""
+    """Function that opens a notebook by its file's name (see `OpenNotebook`), maybe with other cells."""
     opened = []
 
-    def open_it(name, **size):
-        opened.append(OpenNotebook(*lab_page, name, **size))
+    def open_it(name, **how):
+        opened.append(OpenNotebook(*lab_page, name, **how))
         return opened[-1]
 
     yield open_it

@@ -9,28 +9,18 @@ from tests.browser.conftest import READY
 
 PICTURE, STATUS, HANDLE = ".endolab-now img", ".endolab-status", ".endolab-tuner .noUi-handle"
 KEPT = ".endolab-kept img"
-CELLS = ["from endolab.widgets import tuner\nbox = tuner(scene='tube', width=160)\nbox"]
+CELL = "import endolab as el\nbox = el.tune(scene='tube', width=160)\nbox"
+FINE = f"() => document.querySelector('{STATUS}')?.innerText.includes('fine')"
 
 
 @pytest.fixture
 def opened(open_notebook):
     """Notebook 06, cut down to a small tuner, which has given its first answer."""
-    opened = open_notebook("06_tuner.ipynb", height=1400)
-    opened.page.evaluate(
-        """cells => { const model = window.jupyterapp.shell.currentWidget.content.model;
-        model.sharedModel.transact(() => {
-            model.sharedModel.deleteCellRange(0, model.sharedModel.cells.length);
-            cells.forEach((source, i) => model.sharedModel.insertCell(i, {cell_type: 'code', source}));
-        }); }""",
-        CELLS,
-    )
+    opened = open_notebook("06_tuner.ipynb", cells=[CELL], height=1400)
     state = opened.run_all()
     assert state["complaints"] == []
     opened.page.wait_for_function(FINE)
     return opened
-
-
-FINE = f"() => document.querySelector('{STATUS}')?.innerText.includes('fine')"
 
 
 def lam_of(page):

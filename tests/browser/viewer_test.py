@@ -9,19 +9,16 @@ from tests.browser.conftest import NEWER, READY
 
 SOLVE = """
 import endolab as el
-from endolab import datasets
-from endolab.recording import record
-from endolab.embed import show
 
-calibration = datasets.load_calibration("paper", width=64)
+calibration = el.load_calibration("paper", width=64)
 scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)
 frame, known = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
 """
-FILE = 'el.reconstruct(frame, known, observers=[record("run.rrd")])\nshow("run.rrd", height=500)'
+FILE = 'el.reconstruct(frame, known, observers=[el.record("run.rrd")])\nel.show("run.rrd", height=500)'
 # Would take minutes: the browser has time to draw before the cell has ended.
 LIVE = """import time
 steps = el.iterate(frame, known, solver="primal_dual", every=1)
-el.run(steps, observers=[record(live=True), lambda iterate: time.sleep(1)], max_iterations=500).status"""
+el.run(steps, observers=[el.record(live=True), lambda iterate: time.sleep(1)], max_iterations=500).status"""
 
 
 def colours(opened):
@@ -31,20 +28,6 @@ def colours(opened):
         return 0
     picture = imread(io.BytesIO(canvas.first.screenshot()))
     return len(np.unique(np.round(255 * picture.reshape(-1, picture.shape[-1])), axis=0))
-
-
-def opened_with(open_notebook, *cells):
-    """A notebook that has these cells only, and may ask this machine for the viewer."""
-    opened = open_notebook("00_quickstart.ipynb", height=1600)
-    opened.page.evaluate(
-        """cells => { const model = window.jupyterapp.shell.currentWidget.content.model;
-        model.sharedModel.transact(() => {
-            model.sharedModel.deleteCellRange(0, model.sharedModel.cells.length);
-            cells.forEach((source, i) => model.sharedModel.insertCell(i, {cell_type: 'code', source}));
-        }); }""",
-        cells,
-    )
-    return opened
 
 
 def drawn(opened, seconds=30):
@@ -57,7 +40,7 @@ def drawn(opened, seconds=30):
 
 
 def test_the_viewer_draws_a_run(open_notebook):
-    opened = opened_with(open_notebook, SOLVE, FILE)
+    opened = open_notebook("00_quickstart.ipynb", cells=[SOLVE, FILE], height=1600)
     state = opened.run_all()
     assert state["complaints"] == []
     assert state["waiting"] == 0
@@ -68,7 +51,7 @@ def test_the_viewer_draws_a_run(open_notebook):
 
 
 def test_the_viewer_follows_a_run_in_its_own_cell(open_notebook):
-    opened = opened_with(open_notebook, SOLVE, LIVE)
+    opened = open_notebook("00_quickstart.ipynb", cells=[SOLVE, LIVE], height=1600)
     opened.command("notebook:run-all-cells")
     seen = drawn(opened, 60)
     opened.photograph("viewer_live")
