@@ -44,9 +44,10 @@ def calibrate_to_files(
     `out` is `endoscope.json`, not written if the light was refused. Beside it, in `report_folder`, are
     what was detected (kept between calls), the page, `camera.json` and, with `record`, a recording for
     the Rerun viewer. `say` is told, in a sentence, what an earlier call had done; the rest is as for
-    `calibrate`. Raises `MissingPackage` at once if a package that writes these is missing.
+    `calibrate`. Raises `MissingPackage` at once if a recording is wanted and cannot be written.
     """
-    need("jinja2", *(["rerun"] if record else []))
+    if record:
+        need("rerun")
     folder = report_folder(out)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from endolab.calibration.detection.detect import Detection, detect
+from endolab.calibration.detection.dots import nothing
 from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.reprojection import find_pose, views_of
@@ -25,7 +26,7 @@ from endolab.numerics.arrays import FloatArray
 Progress = Callable[[str, int, int], None]
 Named = Iterable[tuple[str, FloatArray | None]]
 EVERY = 20  # frames of a video, of which one goes into the geometry
-LEAST_VIEWS = 15  # frames that the geometry should have; then fewer are left out
+ENOUGH_VIEWS = 15  # frames that the geometry should have; then fewer are left out
 UNREADABLE = "it cannot be read"
 HOLD_OUT = 10  # one frame in so many is kept to score the fit of the light
 
@@ -76,8 +77,7 @@ def detect_all(
     first = ""
     for number, (name, image) in enumerate(frames):
         if image is None:
-            none = np.zeros(0, int), np.zeros((0, 2))
-            detections[name] = Detection(*none, reason=UNREADABLE)
+            detections[name] = Detection(*nothing(UNREADABLE))
         else:
             here = image.shape[1], image.shape[0]
             if size is None:
@@ -99,7 +99,7 @@ def choose_views(detections: Mapping[str, Detection], every: int = EVERY) -> lis
     """Name the frames for the geometry, in order of time: one in `every`, the best seen; more if few."""
     names = list(detections)
     seen = [name for name in names if len(detections[name].ids)]
-    every = max(1, min(every, len(seen) // LEAST_VIEWS))
+    every = max(1, min(every, len(seen) // ENOUGH_VIEWS))
     chosen = []
     for start in range(0, len(names), every):
         group = [name for name in names[start : start + every] if len(detections[name].ids)]
@@ -264,7 +264,7 @@ def calibrate(
 def score(samples: Samples, **light: Any) -> HeldOut | None:
     """Fit the light to nine frames in ten and predict the tenth; None if they are too few for it."""
     kept = samples.frame % HOLD_OUT == HOLD_OUT // 2
-    if len(np.unique(samples.frame)) < LEAST_VIEWS:
+    if len(np.unique(samples.frame)) < ENOUGH_VIEWS:
         return None
     try:
         return calibrate_light(samples[~kept], **light).held_out(samples[kept])

@@ -7,6 +7,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from endolab._extras import lacking
+
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
 
 
@@ -122,16 +124,19 @@ def _calibrate(arguments: argparse.Namespace) -> None:
             **light,
         )
     print("\n".join(account(session)))
+    pageless = lacking("jinja2")
+    if pageless:
+        print(f"There is no report.html: {pageless}.")
     if session.light is None:
         raise ValueError(f"{session.refused}; the camera alone is in {folder / 'camera.json'}")
     more = ", recording.rrd" if arguments.record else ""
-    print(f"written to {Path(arguments.out)}, and to {folder}: report.html{more}")
+    page = "report.json" if pageless else "report.html"
+    print(f"written to {Path(arguments.out)}, and to {folder}: {page}{more}")
 
 
 def _convert(arguments: argparse.Namespace) -> None:
     from endolab.datasets.endomapper import find_calibrations, read_endomapper, read_vicalib
-    from endolab.io.atomic import as_json, write_atomically
-    from endolab.model.endoscope import camera_to_dict
+    from endolab.io.descriptions import write_camera
 
     geometry, photometry, out = arguments.geometry, arguments.photometry, Path(arguments.out)
     if out.suffix != ".json":
@@ -141,8 +146,7 @@ def _convert(arguments: argparse.Namespace) -> None:
             raise ValueError(f"{geometry} is a folder, where both files are looked for; name no other")
         geometry, photometry = find_calibrations(geometry)
     if photometry is None:
-        camera = read_vicalib(geometry)
-        write_atomically(out, as_json({"endolab": 1, "camera": camera_to_dict(camera)}))
+        write_camera(read_vicalib(geometry), out)
         print(f"written to {out}: the camera alone; `endolab calibrate --camera {out}` adds the light")
         return
     calibration = read_endomapper(geometry, photometry)

@@ -11,13 +11,18 @@ from endolab.calibration.summary import evidence
 from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid, DotGrid, Target
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
-from endolab.model.endoscope import Endoscope, camera_from_dict
+from endolab.model.endoscope import Endoscope, camera_from_dict, camera_to_dict
 from endolab.model.schema import Section
 
 
 def read_camera(path: PathLike) -> Camera:
     """Read the camera of an `endoscope.json`, which may hold nothing else."""
     return camera_from_dict(read_json(path, "calibration file"), str(Path(path)))
+
+
+def write_camera(camera: Camera, path: PathLike) -> None:
+    """Write an `endoscope.json` that holds a camera alone, whole or not at all."""
+    write_atomically(path, as_json({"endolab": 1, "camera": camera_to_dict(camera)}))
 
 
 class Calibration(Endoscope):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from endolab._extras import need
+from endolab._extras import lacking
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.session import Named, Session, describe_target
 from endolab.calibration.summary import (
@@ -23,9 +23,9 @@ from endolab.calibration.summary import (
     plus_minus,
 )
 from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
+from endolab.io.descriptions import write_camera
 from endolab.io.video import Frames
 from endolab.model.brdf import TabulatedBRDF
-from endolab.model.endoscope import camera_to_dict
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.calibration import best_frame, geometry_figure, light_figure, show_detection
 from endolab.plots.style import PAGE_SIZE, house
@@ -56,7 +56,6 @@ def _brdf(light: PhotometricFit) -> list[tuple[str, str, str]]:
 
 
 def _page(session: Session, source: str, shown: str) -> str:
-    need("jinja2")
     from jinja2 import Environment, StrictUndefined
 
     light, lines = session.light, account(session)
@@ -104,7 +103,7 @@ def write_report(session: Session, frames: Named, folder: PathLike, channel: str
     """Write `report.html` with its pictures, `report.json` and `camera.json` into a folder, or nothing.
 
     `frames` are those that were calibrated from: one is shown. `channel` is the one whose response was
-    calibrated.
+    calibrated. Without Jinja2, of the extra `lab`, there is all but the page.
     """
     source = str(frames.path) if isinstance(frames, Frames) else ""
     name = best_frame(session)
@@ -119,7 +118,7 @@ def write_report(session: Session, frames: Named, folder: PathLike, channel: str
             pictures["light.png"] = light_figure(session, image, name)
         for file, figure in pictures.items():
             write_atomically(staging / file, _png(figure))
-        write_atomically(staging / "report.html", _page(session, source, name).encode())
+        if not lacking("jinja2"):
+            write_atomically(staging / "report.html", _page(session, source, name).encode())
         write_atomically(staging / "report.json", as_json(facts))
-        camera = {"endolab": 1, "camera": camera_to_dict(session.camera)}
-        write_atomically(staging / "camera.json", as_json(camera))
+        write_camera(session.camera, staging / "camera.json")

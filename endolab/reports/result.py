@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +30,7 @@ def report(result: Result) -> dict[str, Any]:
         "energy": result.energy,
         "terms": dict(result.iterate.terms),
         "seconds": result.seconds,
+        "stages": [asdict(stage) for stage in result.stages],
         "unit": result.problem.unit,
         "metric": result.metric,
         "scale": scale_of(result),

@@ -1,6 +1,7 @@
 """The report of a calibration: its page, and what becomes of its files."""
 
 import json
+import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -107,6 +108,13 @@ def test_the_frame_is_read_from_its_file(tmp_path):
     source = open_frames(tmp_path / "video")
     write_report(session, source, tmp_path / "report")
     assert str(source.path) in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+
+
+def test_without_jinja_there_is_all_but_the_page(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    session, frames, _ = simulated()
+    write_report(refused(session), frames, tmp_path)
+    assert {file.name for file in tmp_path.iterdir()} == {"report.json", "camera.json", "camera.png"}
 
 
 def test_a_report_that_cannot_be_written_leaves_nothing(tmp_path):

@@ -15,7 +15,7 @@ Numbers = NDArray[Any]  # OpenCV works in float32 and uint8, too
 
 LEAST_WHITE = 0.03  # stored value; what is darker than this is no lit paper
 LARGEST = 0.11  # size of a spot over the picture's width
-GREY = 0.6  # darkness of a grey spot over that of a black one, at most
+GREY_SHARE = 0.6  # darkness of a grey spot over that of a black one, at most
 LEAST_DARKNESS = 0.25  # of a spot, against the paper around it
 GREY_DARKNESS = 0.3  # the same where there is grey, too
 
@@ -117,5 +117,5 @@ def _measure(level: Numbers, bare: Numbers, labels: Numbers, greys: bool) -> Blo
         short = (xx + yy) / 2 - np.sqrt(np.maximum((xx + yy) ** 2 / 4 - determinant, 0))
     good = (solid > 0.85) & (solid < 1.15) & (short > 0.3) & (ink > 4)
     if greys and good.any():
-        good &= depth > GREY * np.quantile(depth[good], 0.8)
+        good &= depth > GREY_SHARE * np.quantile(depth[good], 0.8)
     return Blobs(centres, ink)[good]

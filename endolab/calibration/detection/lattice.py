@@ -103,20 +103,20 @@ def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: f
     return owner
 
 
-REACH = 3
-_ROW, _COLUMN = np.indices((2 * REACH + 1, 2 * REACH + 1)) - REACH
+SIDE = 3  # lattice steps that the surroundings of a place reach to each side
+_ROW, _COLUMN = np.indices((2 * SIDE + 1, 2 * SIDE + 1)) - SIDE
 
 
 def _windows(grid: FloatArray, row: IntArray, column: IntArray) -> FloatArray:
     """Surroundings of some places of a lattice, (n, 7, 7, 2), px; nan where not known."""
-    padded = np.pad(grid, ((REACH, REACH), (REACH, REACH), (0, 0)), constant_values=np.nan)
-    return padded[row[:, None, None] + _ROW + REACH, column[:, None, None] + _COLUMN + REACH]
+    padded = np.pad(grid, ((SIDE, SIDE), (SIDE, SIDE), (0, 0)), constant_values=np.nan)
+    return padded[row[:, None, None] + _ROW + SIDE, column[:, None, None] + _COLUMN + SIDE]
 
 
 def _predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the lattice passes the middle of windows, and its steps there: three (n, 2), px."""
     i, j = np.array(_AROUND).T
-    one, two, three = (window[:, REACH - n * i, REACH - n * j] for n in (1, 2, 3))
+    one, two, three = (window[:, SIDE - n * i, SIDE - n * j] for n in (1, 2, 3))
     step, before = one - two, two - three
     # Perspective and fisheye shrink steps by about the same factor each time.
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -124,7 +124,7 @@ def _predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     ratio = np.where(np.isfinite(ratio), np.clip(ratio, 0.5, 2), 1.0)
     ahead = one + step * ratio[..., None]
     i, j = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]).T
-    beside = window[:, REACH + i, REACH] + window[:, REACH, REACH + j] - window[:, REACH + i, REACH + j]
+    beside = window[:, SIDE + i, SIDE] + window[:, SIDE, SIDE + j] - window[:, SIDE + i, SIDE + j]
     inner = window[:, 1:-1, 1:-1]
     along, down = (np.diff(inner, axis=axis).reshape(len(window), -1, 2) for axis in (2, 1))
     return _mean(np.concatenate([ahead, beside], axis=1)), _mean(along), _mean(down)

@@ -30,7 +30,7 @@ BACKGROUND = Lambertian(0.03)  # a dark cloth ...
 BEHIND = 20.0  # ... this far behind the sheet, mm
 STEP = 0.025  # of the finest raster of the sheet, mm ...
 CELLS = 6000  # ... which has at most so many along a side
-LEVELS = 5  # rasters, each half as fine as the one before
+RASTERS = 5  # rasters, each half as fine as the one before
 SUB = 2  # rays a pixel, in each direction
 TILE = 120  # px
 
@@ -122,10 +122,10 @@ def _rasters(target: Target, black: float) -> tuple[Float32Array, ...]:
     """Reflectance of the sheet averaged over cells of one step, two, four …, from its upper left corner."""
     left, top, width, height = target.sheet
     step = _step(target)
-    coarse = step * 2 ** (LEVELS - 1)
-    shape = [int(np.ceil(length / coarse)) * 2 ** (LEVELS - 1) for length in (height, width)]
+    coarse = step * 2 ** (RASTERS - 1)
+    shape = [int(np.ceil(length / coarse)) * 2 ** (RASTERS - 1) for length in (height, width)]
     levels = [1 - darkness(target.ink, (left, top), shape, step, black)]
-    for _ in range(LEVELS - 1):
+    for _ in range(RASTERS - 1):
         rows, columns = levels[-1].shape
         levels.append(levels[-1].reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3)))
     return tuple(levels)
@@ -158,7 +158,7 @@ def _paper(
             dx, dy = (np.diff(part, axis=0)[:, 1:][both] for part in (x, y))
             ex, ey = (np.diff(part, axis=1)[1:][both] for part in (x, y))
             cell = np.sqrt(np.median(np.abs(dx * ey - dy * ex))) if both.any() else step
-            level = int(np.clip(np.round(np.log2(cell / step)), 0, LEVELS - 1))
+            level = int(np.clip(np.round(np.log2(cell / step)), 0, RASTERS - 1))
             pitch = np.float32(step * 2**level)
             across, down = (
                 np.where(inside, (part - np.float32(start)) / pitch - np.float32(0.5), 0).astype(np.float32)

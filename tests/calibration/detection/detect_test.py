@@ -18,6 +18,7 @@ from endolab.calibration.simulation.trajectory import folded
 from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid
 from endolab.model.brdf import Lambertian
 from endolab.model.photometry import Photometry
+from tests.tools.sheet_views import exact_centroids
 
 CAMERA = datasets.load_calibration("paper", width=640).camera
 LIGHT = Photometry(k=2.5, gamma=2.2, brdf=Lambertian(0.8), gain=None)
@@ -39,26 +40,12 @@ def picture(target, poses, gamma=2.2, **options):
 
 
 def truth(target, poses):
-    """Where the middles of the discs' images are, from finely sampled discs, (n, 2); or the corners."""
-    steps = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), axis=-1).reshape(-1, 2)
-    steps = steps[np.hypot(*steps.T) <= 1]
+    """Where the middles of the discs' images are, (n, 2), px; or the corners."""
     panel = target.panel_of(target.points)
     out = np.empty((len(panel), 2))
     for number, pose in enumerate(poses):
         here = panel == number
-        if not target.radii.any():
-            out[here] = CAMERA.project(pose.transform(target.points[here]))
-            continue
-        flat = np.column_stack([steps, np.zeros(len(steps))])
-        disc = target.points[here][:, None] + target.radii[here][:, None, None] * flat
-        points = pose.transform(disc)
-        pixels = CAMERA.project(points)
-        # Pixels count alike, not parts of the disc: weigh by how large the disc is seen there.
-        ray = CAMERA.unproject(pixels)
-        size = np.abs(ray @ pose.normal) / np.linalg.norm(points, axis=-1) ** 2
-        right, below = (CAMERA.unproject(pixels + 1e-3 * axis) - ray for axis in np.eye(2))
-        weight = size / np.linalg.norm(np.cross(right, below), axis=-1)
-        out[here] = np.einsum("nk,nkc->nc", weight, pixels) / weight.sum(axis=1, keepdims=True)
+        out[here] = exact_centroids(CAMERA, pose, target.points[here], target.radii[here])
     return out
 
 

@@ -26,10 +26,6 @@ def video(target="vicalib_big", count=100, light=TRUTH, **how):
     return simulate_samples(TARGETS[target], CAMERA, light, count, **how)
 
 
-def with_levels(samples, level):
-    return Samples(samples.frame, level, samples.points, samples.normals, samples.material)
-
-
 # Model ---------------------------------------------------------------------------------
 
 
@@ -166,7 +162,7 @@ def test_outliers_change_next_to_nothing():
     clean, _ = video(count=60, outliers=0.0)
     wild = np.random.default_rng(5).random(len(clean)) < 0.1
     level = np.where(wild, np.random.default_rng(6).random(len(clean)), clean.level)
-    fits = [calibrate_light(with_levels(clean, level)), calibrate_light(clean)]
+    fits = [calibrate_light(replace(clean, level=level)), calibrate_light(clean)]
     assert abs(fits[0].k - fits[1].k) < 2 * fits[1].standard_errors["k"]
     assert abs(fits[0].sigma / fits[1].sigma - 1) < 0.03
     assert not fits[0].used[wild & (np.abs(level - clean.level) > 0.1)].any()
@@ -203,8 +199,7 @@ def flat_fit(flat):
 
 
 def test_units_of_length_only_scale_the_gains(flat, flat_fit):
-    metres = Samples(flat.frame, flat.level, flat.points / 1000, flat.normals, flat.material)
-    fit = calibrate_light(metres)
+    fit = calibrate_light(replace(flat, points=flat.points / 1000))
     np.testing.assert_allclose(fit.gains, flat_fit.gains / 1e6, rtol=1e-6)
     np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
 
@@ -236,8 +231,7 @@ def test_prediction_and_residuals_belong_together(flat, flat_fit):
     np.testing.assert_allclose(
         GREY * (flat.level - flat_fit.predict(flat)), flat_fit.residuals, rtol=0, atol=1e-9
     )
-    unseen = Samples(flat.frame + 10_000, flat.level, flat.points, flat.normals, flat.material)
-    assert np.all(np.isnan(flat_fit.predict(unseen)))
+    assert np.all(np.isnan(flat_fit.predict(replace(flat, frame=flat.frame + 10_000))))
 
 
 def test_the_evidence_is_in_order(flat, flat_fit):
@@ -267,7 +261,7 @@ def test_the_calibration_serves_another_material(flat_fit):
 def test_gain_jumps_are_followed_and_named():
     samples, _ = video(count=300, per_frame=40, seed=4)
     samples = samples[samples.frame < 60]
-    dimmed = with_levels(samples, samples.level * np.where(samples.frame >= 30, 0.5, 1.0) ** (1 / 2.2))
+    dimmed = replace(samples, level=samples.level * np.where(samples.frame >= 30, 0.5, 1.0) ** (1 / 2.2))
     fit, before = calibrate_light(dimmed), calibrate_light(samples)
     np.testing.assert_allclose(fit.gains[30:] / before.gains[30:], 0.5, rtol=0.1)
     assert [sentence for sentence in fit.verdict if "jumps" in sentence] == [
@@ -388,22 +382,22 @@ def test_bad_options_are_refused(flat, options, message):
 
 
 def test_bad_samples_are_refused(flat):
-    with pytest.raises(ValueError, match="at least 10, got 5"):
-        calibrate_light(flat[:5])
-    with pytest.raises(ValueError, match="got 1 that are not"):
-        calibrate_light(with_levels(flat, np.where(np.arange(len(flat)) == 3, np.nan, flat.level)))
-    with pytest.raises(ValueError, match="neither dark nor saturated"):
-        calibrate_light(with_levels(flat, np.ones(len(flat))))
+    lost = np.where(np.arange(len(flat)) == 3, np.nan, flat.level)
     greys = replace(flat, material=flat.frame % 2)
-    with pytest.raises(ValueError, match="reflectance must have an entry"):
-        calibrate_light(greys)
-    with pytest.raises(ValueError, match="reflectance must be None"):
-        calibrate_light(greys, reflectance=(-1.0,))
+    for samples, message, options in (
+        (flat[:5], "at least 10, got 5", {}),
+        (replace(flat, level=lost), "got 1 that are not", {}),
+        (replace(flat, level=np.ones(len(flat))), "neither dark nor saturated", {}),
+        (greys, "reflectance must have an entry", {}),
+        (greys, "reflectance must be None", {"reflectance": (-1.0,)}),
+    ):
+        with pytest.raises(ValueError, match=message):
+            calibrate_light(samples, **options)
 
 
 def test_a_frame_without_usable_samples_has_a_gain_of_no_weight(flat, flat_fit):
     level = np.where(flat.frame == 7, 1.0, flat.level)
-    fit = calibrate_light(with_levels(flat, level))
+    fit = calibrate_light(replace(flat, level=level))
     np.testing.assert_array_equal(np.isinf(fit.gain_errors), fit.frames == 7)
     assert abs(fit.k - flat_fit.k) < 3 * flat_fit.standard_errors["k"]
 

@@ -15,6 +15,7 @@ from endolab.datasets import load_calibration
 from endolab.model.brdf import TabulatedBRDF
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
+from tests.tools.sheet_views import exact_centroids
 
 FULL = load_calibration("paper").camera
 CAMERA, LARGE = FULL.resize(480, 360), FULL.resize(960, 720)
@@ -90,22 +91,13 @@ def test_discs_lie_where_the_pose_puts_them(target, fold):
         for black in (0.0, 0.9999)
     )
     cover = 1 - inked / np.where(bare > 1e-6, bare, np.inf) - (bare <= 1e-6)
-    errors = []
+    errors, turn = [], np.linspace(0, 2 * np.pi, 49)
     for index in range(0, len(target.points), 5):
         pose, point = poses[target.panel_of(target.points[index])], target.points[index]
         radius = target.radii[index]
-        # The disc, in equal little squares, weighted by the area that each takes in the picture.
-        x, y = np.meshgrid(*2 * [(np.arange(80) + 0.5) / 40 - 1])
-        inside = np.hypot(x, y) < 1
-        offsets = np.stack([x[inside], y[inside], 0 * x[inside]], axis=-1) * radius
-        places = [
-            LARGE.project(pose.transform(point + offsets + shift)) for shift in 1e-4 * np.eye(3)[[2, 0, 1]]
-        ]
-        pixels = LARGE.project(pose.transform(point + offsets))
-        a, b = (places[1] - pixels) * 1e4, (places[2] - pixels) * 1e4
-        weight = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-        truth = np.average(pixels, axis=0, weights=weight)
-        half = int(np.ptp(pixels, axis=0).max() / 2) + 4
+        (truth,) = exact_centroids(LARGE, pose, point[None], target.radii[index : index + 1])
+        rim = pose.transform(point + radius * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1))
+        half = int(np.ptp(LARGE.project(rim), axis=0).max() / 2) + 4
         column, row = np.round(truth).astype(int)
         if not (half < column < 959 - half and half < row < 719 - half):
             continue
