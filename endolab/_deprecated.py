@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 # What was called otherwise, wherever it is looked for.
 RENAMED = {
+    "View": "Subject",
     "c3vd": "read_c3vd",
     "c3vd_depth": "read_c3vd_depth",
     "Sightings": "DetectionCache",

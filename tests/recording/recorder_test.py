@@ -6,6 +6,7 @@ import socket
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,6 +54,13 @@ def towards(seen: Rendered, problem: Problem, count: int) -> Iterator[Iterate]:
         current = Iterate.of(problem, v, current, maps={"arrived": arrived}, scalars={"step": 0.5**k})
         yield current
     return Status.CONVERGED
+
+
+def start_of(seen: Rendered, problem: Problem, folder: Path, **how) -> Recorded:
+    """Record the start alone, and read it back."""
+    with contextlib.closing(record(folder / "run.rrd", **how)) as recorder:
+        recorder(next(towards(seen, problem, 1)))
+    return Recorded(folder / "run.rrd")
 
 
 @pytest.fixture(scope="module")
@@ -156,23 +164,17 @@ def test_settings_are_legible(recorded, small):
 
 def test_without_a_gain_it_says_relative(tmp_path):
     seen, problem = frame(PAPER.resize(40, 30), metric=False)
-    recorder = record(tmp_path / "run.rrd", truth=10 * seen.distance)
-    recorder(next(towards(seen, problem, 1)))
-    recorder.close()
-    file = Recorded(tmp_path / "run.rrd")
+    file = start_of(seen, problem, tmp_path, truth=10 * seen.distance)
     assert "**relative units**" in file.text("/settings", "text")
     truth = file.numbers("/world/truth", "positions")[None].reshape(-1, 3)
     cloud = file.numbers("/world/cloud", "positions")[0].reshape(-1, 3)
-    assert np.median(np.linalg.norm(cloud, axis=1) / np.linalg.norm(truth, axis=1)) == pytest.approx(
-        1, abs=1e-3
-    )
+    ratio = np.linalg.norm(cloud, axis=1) / np.linalg.norm(truth, axis=1)
+    assert np.median(ratio) == pytest.approx(1, abs=1e-3)
 
 
 def test_a_pinhole_keeps_its_numbers_and_a_fisheye_its_rim(tmp_path, recorded):
     seen, problem = frame(Pinhole(40, 30, 30.0, 31.0, 19.0, 15.0))
-    with contextlib.closing(record(tmp_path / "run.rrd")) as recorder:
-        recorder(next(towards(seen, problem, 1)))
-    camera = Recorded(tmp_path / "run.rrd")
+    camera = start_of(seen, problem, tmp_path)
     matrix = camera.numbers("/world/camera", "image_from_camera")[None].reshape(3, 3).T
     assert np.allclose(matrix, [[30, 0, 19], [0, 31, 15], [0, 0, 1]])
 
@@ -195,10 +197,7 @@ def test_a_truth_of_another_size_is_named(tmp_path, small):
 
 def test_large_pictures_are_thinned(tmp_path):
     seen, problem = frame(PAPER.resize(80, 60))
-    recorder = record(tmp_path / "run.rrd", max_width=30)
-    recorder(next(towards(seen, problem, 1)))
-    recorder.close()
-    file = Recorded(tmp_path / "run.rrd")
+    file = start_of(seen, problem, tmp_path, max_width=30)
     assert file.picture("/input", None).shape == (20, 27, 3)
     assert file.numbers("/world/cloud", "positions")[0].size == 3 * problem.mask[::3, ::3].sum()
 
