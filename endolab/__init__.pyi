@@ -16,6 +16,7 @@ from . import reports as reports
 from . import synthetic as synthetic
 from . import tuning as tuning
 from .batch.sweep import sweep as sweep
+from .batch.video import reconstruct_video as reconstruct_video
 from .calibration.geometric.fit import calibrate_camera as calibrate_camera
 from .calibration.photometric.fit import calibrate_light as calibrate_light
 from .calibration.photometric.samples import Samples as Samples

@@ -61,15 +61,30 @@ def reconstruct_video(
 ) -> VideoSummary:
     """Reconstruct the frames of a folder or a video that are not done yet, each from the last.
 
-    `out` becomes a folder with ``frames/NAME/depth.npz``, ``frames.csv``, ``report.json`` and, where
-    Rerun is installed, ``recording.rrd``; nothing is written before the first frame is done. Of the
-    frames every `every`-th is taken, `limit` at most, where the picture `mask` is bright.
-    ``progress(done, total, row)`` is called after each. `options` are those of
-    `endolab.reconstruct_sequence`, such as JSON can hold.
+    Parameters
+    ----------
+    source : path
+        A folder of pictures, or a video.
+    calibration : Calibration
+        For pictures of that size.
+    out : path
+        Becomes a folder with ``frames/NAME/depth.npz``, ``frames.csv``, ``report.json`` and, where Rerun
+        is installed, ``recording.rrd``; nothing is written before the first frame is done.
+    mask : path, optional
+        A picture, bright where the frames are to be used.
+    every, limit : int
+        Of the frames every `every`-th is taken, `limit` at most.
+    progress : callable, optional
+        ``progress(done, total, row)`` is called after each frame.
+    **options
+        Those of `endolab.reconstruct_sequence`, such as JSON can hold.
 
-    ValueError or OSError in one sentence, if the folder holds results of another video or of other
-    settings, if no frame could be reconstructed, or if something cannot be read or written. After
-    that, an interruption or a MemoryError, what is done stays, and the same call goes on.
+    Raises
+    ------
+    ValueError, OSError
+        In one sentence, if the folder holds results of another video or of other settings, if no
+        frame could be reconstructed, or if something cannot be read or written. After that, an
+        interruption or a MemoryError, what is done stays, and the same call goes on.
     """
     for name, value in (("every", every), ("limit", limit)):
         if value is not None and value < 1:

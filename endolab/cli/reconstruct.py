@@ -13,7 +13,7 @@ SNAPSHOTS = 12  # of a march, in its recording
 
 
 class _Progress:
-    """An observer that shows a bar on stderr, of the iterations that are done."""
+    """An observer that shows a bar on stderr, of the iterations of each stage that are done."""
 
     def __init__(self, total: int | None) -> None:
         from tqdm import tqdm
@@ -21,6 +21,8 @@ class _Progress:
         self.bar = tqdm(total=total, unit="it", leave=False, disable=None, desc="solving")
 
     def __call__(self, iterate: Any) -> None:
+        name = "solving" if iterate.round == 0 else f"{iterate.stage}, round {iterate.round}"
+        self.bar.set_description(name, refresh=False)
         self.bar.set_postfix_str(f"energy {iterate.energy:.3e}", refresh=False)
         self.bar.update(iterate.k - self.bar.n)  # the start is none
 

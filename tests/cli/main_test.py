@@ -115,6 +115,9 @@ def test_reconstruct_writes_a_whole_folder(work):
         assert np.all(np.isnan(depth[name][~mask]))
     report = json.loads((out / "report.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     assert {"iterations", "energy", "seconds"} <= set(report)
+    (stage,) = report["stages"]
+    assert (stage["name"], stage["iterations"]) == ("solution", report["iterations"])
+    assert stage["seconds"] == pytest.approx(report["seconds"])
     assert (report["settings"]["frame"], report["pixels"]) == ("frame.png", mask.sum())
     header, _, body = (out / "cloud.ply").read_bytes().partition(b"end_header\n")
     assert f"element vertex {mask.sum()}\n".encode() in header
@@ -175,8 +178,11 @@ def test_the_bar_counts_what_the_report_counts(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Terminal())
     bar = cli_reconstruct._Progress(None)
     for k in range(4):
-        bar(SimpleNamespace(k=k, energy=0.1**k))
+        bar(SimpleNamespace(k=k, energy=0.1**k, stage="solution", round=0))
         assert bar.bar.n == k
+    bar(SimpleNamespace(k=0, energy=1.0, stage="bounced light", round=2))
+    assert (bar.bar.n, bar.bar.desc) == (0, "bounced light, round 2: ")
+    bar(SimpleNamespace(k=3, energy=1e-3, stage="solution", round=0))
     bar.bar.refresh()
     assert "3it" in sys.stderr.getvalue()
     assert "energy 1.000e-03" in sys.stderr.getvalue()
