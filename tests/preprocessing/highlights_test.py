@@ -10,16 +10,14 @@ from endolab.preprocessing.highlights import extended, find_highlights, inpaint
 
 def wall(kind="curved", **options):
     known = datasets.load_calibration("paper", width=480)
-    photometry = el.Photometry(2.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
-    return el.render(el.SCENES[kind], known.camera, photometry, **options)
+    return el.render(el.SCENES[kind], known.camera, known.photometry, **options)
 
 
 @pytest.fixture(scope="module")
 def film():
     """Give a wet wall and which pixels mirror more than a fifth of the tissue's green light."""
     dry = wall()
-    known = el.Photometry(2.5, 2.2, dry.photometry.gain, el.Lambertian((0.75, 0.38, 0.30)))
-    clean = el.render(el.SCENES["curved"], dry.camera, known, highlights=0.02)
+    clean = el.render(el.SCENES["curved"], dry.camera, dry.photometry, highlights=0.02)
     noise = np.random.default_rng(0).normal(scale=3 / 255, size=clean.image.shape)
     image = np.round(255 * np.clip(clean.image + noise * clean.mask[..., None], 0, 1)) / 255
     return image, clean.mask, clean.mask & (clean.image[..., 1] ** 2.2 > 1.2 * dry.image[..., 1] ** 2.2)

@@ -20,13 +20,10 @@ from endolab.preprocessing.prepare import (
     undistorted,
 )
 
-TISSUE = el.Lambertian((0.75, 0.38, 0.30))
-
 
 @pytest.fixture(scope="module")
 def known():
-    paper = datasets.load_calibration("paper", width=480)
-    return el.Calibration(paper.camera, el.Photometry(2.5, 2.2, None, TISSUE))
+    return datasets.load_calibration("paper", width=480)
 
 
 @pytest.fixture(scope="module")

@@ -165,11 +165,6 @@ def test_fog_takes_light_away_and_adds_a_veil(photometry):
     assert_allclose(foggy.image, expected, rtol=1e-12)
 
 
-def test_thick_fog_is_all_that_is_seen():
-    foggy = render(SCENE, CAMERA, COLOUR, fog=10.0)
-    assert_allclose(foggy.image, VEIL ** (1 / 2.2), rtol=1e-9)
-
-
 def test_highlights_are_white_few_and_near_the_mirror_direction():
     clean = render(SCENE, CAMERA, COLOUR)
     wet = render(SCENE, CAMERA, COLOUR, highlights=0.02)
