@@ -91,7 +91,7 @@ def test_noise_of_three_grey_levels(scene, limit):
 
 @pytest.mark.parametrize(("scene", "limit"), [("curved", 0.3), ("tube", 0.4)])
 def test_a_fisheye_sees_round_the_corner(scene, limit):
-    """Its border looks at walls that are near: the march has little to get wrong. Measured 0.15 and 0.16 %."""
+    """Its border looks at walls that are near: little is left to get wrong. Measured 0.15 and 0.16 %."""
     problem, seen = problem_of(scene, 160, camera="paper")
     assert percent_off(solved(problem), seen) < limit
 
