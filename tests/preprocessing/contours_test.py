@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import endolab as el
 from endolab import datasets
@@ -75,5 +76,5 @@ def test_what_is_outside_the_mask_does_not_matter():
     mask[:40] = False
     spoilt = np.where(mask, problem.log_facing, np.nan)
     for one, other in zip(find_contours(problem.log_facing, mask), find_contours(spoilt, mask), strict=True):
-        np.testing.assert_array_equal(one, other)
+        assert_array_equal(one, other)
         assert not one[..., :39, :].any()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
 from endolab import datasets
@@ -62,10 +63,10 @@ def test_channels_of_a_colour_picture(rng):
     frame = el.Frame(image, ALL)
     for index, name in enumerate(("red", "green", "blue")):
         assert frame.channel(name)[0] == name
-        np.testing.assert_array_equal(frame.channel(name)[1], image[..., index])
+        assert_array_equal(frame.channel(name)[1], image[..., index])
     assert frame.channel()[0] == "green"
     expected = 0.299 * image[..., 0] + 0.587 * image[..., 1] + 0.114 * image[..., 2]
-    np.testing.assert_allclose(frame.channel("grey")[1], expected, rtol=1e-12)
+    assert_allclose(frame.channel("grey")[1], expected, rtol=1e-12)
     with pytest.raises(ValueError, match="unknown channel 'pink'; choose red, green, blue or grey"):
         frame.channel("pink")
 
@@ -74,7 +75,7 @@ def test_a_grey_picture_has_one_channel():
     frame = el.Frame(grey(), ALL, "pig")
     for name in (None, "grey"):
         assert frame.channel(name)[0] == "grey"
-        np.testing.assert_array_equal(frame.channel(name)[1], grey())
+        assert_array_equal(frame.channel(name)[1], grey())
     with pytest.raises(ValueError, match="pig: the picture is grey and has no red channel"):
         frame.channel("red")
 
@@ -89,7 +90,7 @@ def test_shrinking_keeps_the_light(rng, size):
     assert small.image.shape == (size[1], size[0], 3)
     assert small.mask.all()
     light, expected = ((a**GAMMA).mean(axis=(0, 1)) for a in (small.image, image))
-    np.testing.assert_allclose(light, expected, rtol=1e-6)
+    assert_allclose(light, expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("colours", [(), (3,)])
@@ -99,11 +100,11 @@ def test_shrinking_averages_the_pixels_of_the_mask_alone(rng, colours):
     spoilt[~mask] = rng.choice([np.nan, 1.0, 0.0], size=((~mask).sum(), *colours))
     small = el.Frame(spoilt, mask).resize(8, 6, GAMMA)
     inside = mask.reshape(6, 2, 8, 2).sum(axis=(1, 3))
-    np.testing.assert_array_equal(small.mask, inside >= 2)
+    assert_array_equal(small.mask, inside >= 2)
     light = np.where(mask.reshape(*mask.shape, *(1 for _ in colours)), image, 0.0) ** GAMMA
     blocks = light.reshape(6, 2, 8, 2, *colours).sum(axis=(1, 3))
     expected = (blocks[small.mask].T / inside[small.mask]).T ** (1 / GAMMA)
-    np.testing.assert_allclose(small.image[small.mask], expected, rtol=1e-6)
+    assert_allclose(small.image[small.mask], expected, rtol=1e-6)
     assert np.all(np.isfinite(small.image))
 
 
@@ -111,7 +112,7 @@ def test_shrinking_keeps_a_constant_up_to_the_masks_edge():
     rows, columns = np.indices((60, 80))
     mask = np.hypot(rows - 30, columns - 40) < 25
     small = el.Frame(np.where(mask, 0.3, 0.0), mask).resize(31, 23, GAMMA)
-    np.testing.assert_allclose(small.image[small.mask], 0.3, rtol=1e-6)
+    assert_allclose(small.image[small.mask], 0.3, rtol=1e-6)
     assert small.mask.mean() == pytest.approx(mask.mean(), rel=0.03)
 
 
@@ -129,7 +130,7 @@ def test_usable_pixels_are_lit_in_the_mask_and_near_the_axis():
     mask = np.array([[True] * 4, [False, True, True, True]])
     cosine = np.array([[1.0] * 4, [1.0, np.nan, np.cos(np.deg2rad(79.9)), np.cos(np.deg2rad(80.1))]])
     expected = [[True, False, True, False], [False, False, True, False]]
-    np.testing.assert_array_equal(usable(image, mask, cosine), expected)
+    assert_array_equal(usable(image, mask, cosine), expected)
 
 
 @pytest.mark.parametrize(
@@ -220,11 +221,11 @@ def test_blur_keeps_a_constant_and_never_reads_masked_pixels(rng, sigma):
     mask = rng.uniform(size=(30, 40)) < 0.5
     outside = rng.choice([np.nan, np.inf, 1.0, 0.0], mask.shape)
     flat = smooth_light(np.where(mask, 0.3, outside), mask, GAMMA, sigma)
-    np.testing.assert_allclose(flat[mask], 0.3, rtol=1e-9)
-    np.testing.assert_array_equal(flat[~mask], outside[~mask])
+    assert_allclose(flat[mask], 0.3, rtol=1e-9)
+    assert_array_equal(flat[~mask], outside[~mask])
     image = rng.uniform(size=mask.shape)
     a, b = (smooth_light(np.where(mask, image, fill), mask, GAMMA, sigma) for fill in (0.0, np.nan))
-    np.testing.assert_array_equal(a[mask], b[mask])
+    assert_array_equal(a[mask], b[mask])
     assert a[mask].std() < image[mask].std()
 
 
@@ -241,4 +242,4 @@ def test_blur_spreads_light_like_a_gaussian():
 
 def test_no_blur_is_no_change(rng):
     image = rng.uniform(size=(4, 6))
-    np.testing.assert_array_equal(smooth_light(image, MASK, GAMMA, 0.0), image)
+    assert_array_equal(smooth_light(image, MASK, GAMMA, 0.0), image)

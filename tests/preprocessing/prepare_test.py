@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import endolab as el
 from endolab import datasets
@@ -162,7 +163,7 @@ def test_prepared_leaves_out_what_it_should(known, wet, way):
     assert (ready.field_of_view & ~wet.mask).sum() == 0
     assert ready.frame.mask[ready.highlights & ~ready.lumen].all()
     silent = ready.highlights if way == "ignore" else None
-    np.testing.assert_array_equal(ready.frame.silent, silent)
+    assert_array_equal(ready.frame.silent, silent)
     assert ready.inpainted == (way == "inpaint")
     assert np.array_equal(ready.frame.image, wet.image) == (way != "inpaint")
     assert any("Highlights" in note for note in ready.notes)
@@ -179,7 +180,7 @@ def test_prepare_and_reconstruct_mean_the_same(wet, known, way):
     assert ready.highlights.any()
     assert not ready.lumen.any()
     one, other = el.reconstruct(ready.frame, mine), el.reconstruct(frame, mine, highlights=way)
-    np.testing.assert_array_equal(one.distance, other.distance)
+    assert_array_equal(one.distance, other.distance)
     assert (one.problem.evidence == NONE).any() == (way == "ignore")
 
 
