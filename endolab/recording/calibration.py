@@ -58,29 +58,11 @@ def record_calibration(
     light_steps: Sequence[FitIterate] = (),
     max_width: int = 480,
 ) -> None:
-    """Record a calibration to a file for the Rerun viewer.
+    """Record a calibration to a file for the Rerun viewer, whole or not at all.
 
-    Parameters
-    ----------
-    session : Session
-    frames : Frames, or iterable of (str, image)
-        What was calibrated from.
-    path : path
-        The recording to write, ``.rrd``.
-    light_steps : sequence of FitIterate
-        What a `LightRecorder` among the session's `light_observers` has kept.
-    max_width : int
-        Pictures wider than this, px, are thinned.
+    `frames` is what was calibrated from, `light_steps` what a `LightRecorder` among the session's
+    `light_observers` has kept; pictures wider than `max_width`, px, are thinned.
 
-    Raises
-    ------
-    ValueError
-        If the path does not end in .rrd.
-    OSError
-        If the file cannot be written; then there is none.
-
-    Notes
-    -----
     Static: ``account``, ``world/camera``. Per frame: ``picture``, ``picture/detected``,
     ``picture/reprojection`` (measured - predicted, magnified), ``picture/samples`` (coloured by
     measured - predicted grey level), ``world/sheet/<panel>``, ``plots/gain``, ``plots/distance``,

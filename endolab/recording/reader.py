@@ -96,14 +96,13 @@ class Recording:
     def runs(self) -> dict[str, Recording]:
         """Runs by name; one that was recorded alone is called ''."""
         end = "/plots/energy"
-        names = (
-            [self._run]
-            if self._run is not None
-            else [entity[: -len(end)].lstrip("/") for entity in self._entities if entity.endswith(end)]
-        )
+        names = [entity[: -len(end)].lstrip("/") for entity in self._entities if entity.endswith(end)]
+        names = names if self._run is None else [self._run]
         return {name: Recording(self.path, self._entities, name) for name in names}
 
-    def _rows(self, entity: str, component: str) -> Rows:
+    @property
+    def _start(self) -> str:
+        """What the entities of the run begin with."""
         run = self._run
         if run is None:
             names = list(self.runs)
@@ -112,20 +111,21 @@ class Recording:
             if not names:
                 raise ValueError(f"{self.path} holds no reconstruction")
             run = names[0]
-        return self._entities.get(f"/{run}/{entity}" if run else f"/{entity}", {}).get(component, {})
+        return f"/{run}/" if run else "/"
+
+    def _rows(self, entity: str, component: str) -> Rows:
+        return self._entities.get(self._start + entity, {}).get(component, {})
 
     @property
     def scalars(self) -> dict[str, tuple[NDArray[np.int64], FloatArray]]:
         """Energy, its terms, change and the solver's scalars: iterations and values, (n,) each."""
-        run = next(iter(self.runs), "") if self._run is None else self._run
-        start = f"/{run}/plots/" if run else "/plots/"
-        found = {}
-        self._rows("plots/energy", "scalars")  # complains if it is not clear which run is meant
-        for entity in self._entities:
-            if entity.startswith(start):
-                rows = self._timed(f"plots/{entity[len(start) :]}", "scalars")
-                values = [rows[k][0].as_py() for k in rows]
-                found[entity[len(start) :]] = np.array(list(rows), dtype=np.int64), np.array(values, float)
+        start, found = f"{self._start}plots/", {}
+        for name in (entity[len(start) :] for entity in self._entities if entity.startswith(start)):
+            rows = self._timed(f"plots/{name}", "scalars")
+            found[name] = (
+                np.array(list(rows), int),
+                np.array([row[0].as_py() for row in rows.values()], float),
+            )
         return dict(sorted(found.items(), key=lambda item: item[0] != "energy"))
 
     def _timed(self, entity: str, component: str) -> dict[int, Any]:

@@ -41,21 +41,10 @@ class SequenceRecorder:
         camera: Camera,
         scalars: Mapping[str, float],
     ) -> None:
-        """Log one frame.
+        """Log one frame at a place of the timeline.
 
-        Parameters
-        ----------
-        number : int
-            Its place on the timeline.
-        picture : (h, w) or (h, w, 3) float array
-            Stored values in [0, 1].
-        distance : (H, W) float array
-            mm or relative; nan where unknown.
-        normals : (H, W, 3) float array
-        camera : Camera
-            Of size (W, H).
-        scalars : mapping of str to float
-            What is to be plotted.
+        The picture, (h, w) or (h, w, 3) in [0, 1], may be larger than the camera; distance, (H, W),
+        and normals, (H, W, 3), are of its size, nan where unknown. The scalars are plotted.
         """
         sink, (height, width) = self._sink, distance.shape
         thin, sparse = every(width, self.max_width), every(width, CLOUD_WIDTH)
@@ -75,13 +64,7 @@ class SequenceRecorder:
         sink.log_scalars({f"plots/{name}": value for name, value in scalars.items()})
 
     def close(self) -> None:
-        """Write the file; without a frame there is none. A second call does nothing.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written; then there is none.
-        """
+        """Write the file, whole or not at all; without a frame there is none."""
         self._sink.close()
 
     def _begin(self, known: FloatArray, camera: Camera) -> tuple[float, float]:
