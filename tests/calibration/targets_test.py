@@ -161,30 +161,21 @@ def test_charuco_ids_are_opencvs():
         )
 
 
-def test_chessboard_corners_are_in_opencvs_order():
-    target = TARGETS["chessboard"]
+@pytest.mark.parametrize("name", ["chessboard", "circles"])
+def test_corners_and_circles_are_in_opencvs_order(name):
+    target = TARGETS[name]
     image, to_mm = flat(target)
-    found, corners = cv2.findChessboardCornersSB(image, (target.columns - 1, target.rows - 1))
+    if name == "chessboard":
+        found, places = cv2.findChessboardCornersSB(image, (target.columns - 1, target.rows - 1))
+    else:
+        grid = target.columns, target.rows
+        found, places = cv2.findCirclesGrid(image, grid, flags=cv2.CALIB_CB_ASYMMETRIC_GRID)
     assert found
-    corners = to_mm(corners.reshape(-1, 2))
-    # The board looks the same upside down: OpenCV may begin at the other end.
-    if np.hypot(*corners[0]) > target.spacing:
-        corners = corners[::-1]
-    np.testing.assert_allclose(corners, target.points[:, :2], atol=0.05)
-
-
-def test_circles_are_in_opencvs_order():
-    target = TARGETS["circles"]
-    image, to_mm = flat(target)
-    found, centres = cv2.findCirclesGrid(
-        image, (target.columns, target.rows), flags=cv2.CALIB_CB_ASYMMETRIC_GRID
-    )
-    assert found
-    centres = to_mm(centres.reshape(-1, 2))
-    # The grid looks the same upside down: OpenCV may begin at the other end.
-    if np.hypot(*centres[0]) > target.spacing:
-        centres = centres[::-1]
-    np.testing.assert_allclose(centres, target.points[:, :2], atol=0.05)
+    places = to_mm(places.reshape(-1, 2))
+    # Both look the same upside down: OpenCV may begin at the other end.
+    if np.hypot(*places[0]) > target.spacing:
+        places = places[::-1]
+    np.testing.assert_allclose(places, target.points[:, :2], atol=0.05)
 
 
 # Panels ---------------------------------------------------------------------------------
