@@ -35,7 +35,7 @@ class Sample:
 def data_folder() -> Path | None:
     """Folder of published frames: $ENDOLAB_DATA, else ../shared/data beside the checkout; or None."""
     named = os.environ.get("ENDOLAB_DATA")
-    folder = Path(named) if named else Path(__file__).resolve().parents[2] / "shared" / "data"
+    folder = Path(named) if named else Path(__file__).resolve().parents[3] / "shared" / "data"
     return folder if folder.is_dir() else None
 
 
