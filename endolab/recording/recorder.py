@@ -164,7 +164,8 @@ class Recorder:
     logged when each begins, with its name, ``stage``. Per iterate: ``depth`` (distance),
     ``normals`` ((n + 1)/2), ``residual`` (model - image), ``front/<name>`` (the iterate's maps),
     ``world/cloud``, ``section/now``, ``plots/<name>``. Scalars are logged for every iterate,
-    pictures for the first 20 of a stage, its last, and between them each time k has grown by half.
+    pictures for the first 20 of the solution, its last, and between them each time k has grown by
+    half; of the stages before it only for the first and the last, as there may be a dozen.
     The timeline runs on over all stages. In a `Comparison` all names begin with the run's.
     Encoding is left to a thread, so that the solver can go on meanwhile.
     """
@@ -222,7 +223,8 @@ class Recorder:
             self._defer(partial(self._begin, iterate, truth), self._before + iterate.k)
         self._last = iterate
         self._note_scalars(iterate)
-        if iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * self._pictured:
+        often = iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * self._pictured
+        if self._pictured < 0 or (often and iterate.stage == SOLUTION):
             self._picture(iterate)
 
     def close(self) -> None:

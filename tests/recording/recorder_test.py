@@ -321,7 +321,7 @@ def test_the_timeline_runs_on_over_all_stages(staged):
     steps, file, recording = staged
     assert list(file.numbers("/plots/energy", "scalars")) == list(range(len(steps)))
     assert list(recording.table()["energy"]) == [step.energy for step in steps]
-    assert recording.pictured == tuple(range(len(steps)))
+    assert recording.pictured == (0, 2, 3, *range(5, len(steps)))  # ends of the stages before, all after
     stages = [(0, "bounced light", 1), (3, "bounced light", 2), (6, "solution", 0), (10, "scaled", 0)]
     assert recording.stages == stages
     assert file.text("/stage", "text", 3) == "bounced light, round 2"
@@ -355,7 +355,7 @@ def test_what_stays_for_a_stage_is_logged_as_it_begins_and_never_for_all_times(s
 
 def test_each_stage_is_read_back_on_its_own_grid(staged):
     steps, _, recording = staged
-    for k in (0, 4, 6, 10):
+    for k in (0, 5, 6, 10):
         step = steps[k]
         assert np.allclose(recording.depth(k), step.distance, rtol=1e-6, equal_nan=True)
         cosine = np.sum(recording.normals(k) * step.normals, axis=-1)[step.mask]
