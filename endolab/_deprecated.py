@@ -175,8 +175,9 @@ def with_old_names(package: str, lookup: Callable[[str], Any] | None = None) -> 
 
 class _CalledAsBefore(ModuleType):
     def __call__(self, *arguments: Any, **options: Any) -> Any:
-        new = RENAMED[self.__name__.rpartition(".")[2]]
-        text = f"{self.__name__}(…) is {new}(…) now; the old name goes with the next version"
+        name = self.__name__.rpartition(".")[2]
+        new = RENAMED.get(name, name)
+        text = f"{self.__name__}(…) is {self.__name__}.{new}(…) now; the old name goes with the next version"
         warnings.warn(text, DeprecationWarning, stacklevel=2)
         return getattr(self, new)(*arguments, **options)
 

@@ -4,6 +4,7 @@ import importlib
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import endolab as el
@@ -67,6 +68,23 @@ def test_a_loader_that_is_a_module_now_can_still_be_called(name, tmp_path):
     assert (done.returncode == 0) == (name == "traced")  # no frame of the others is in the folder
     assert name == "traced" or "FileNotFoundError" in done.stderr
     assert getattr(datasets, name) is importlib.import_module(f"endolab.datasets.{name}")
+
+
+def test_a_function_whose_name_is_a_files_now_can_still_be_called():
+    from endolab.calibration.detection import detect
+    from endolab.cli import main
+    from endolab.reconstruction import reconstruct
+
+    frame = el.Frame(np.full((3, 4), 0.5), np.ones((3, 4), bool))
+    known = el.Calibration(el.Pinhole(4, 3, 4.0, 4.0, 1.5, 1.0), el.Photometry(gain=1.0))
+    with pytest.warns(
+        DeprecationWarning, match=r"reconstruction\.reconstruct\(…\) is .*\.reconstruct\(…\) now"
+    ):
+        assert reconstruct(frame, known, solver="facing").metric
+    with pytest.warns(DeprecationWarning), pytest.raises(SystemExit):
+        main(["--help"])
+    with pytest.warns(DeprecationWarning), pytest.raises(TypeError):
+        detect()
 
 
 def test_new_names_do_not_warn():

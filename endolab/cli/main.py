@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import NoReturn
 
+from endolab._deprecated import callable_as_before
 from endolab._extras import MissingPackage
 from endolab.cli.calibrate import SHEET, add_calibration_commands, add_sheet_options, simulate_sheet
 from endolab.cli.reconstruct import add_reconstruct_commands
@@ -30,24 +31,14 @@ def _simulate(arguments: argparse.Namespace) -> None:
     if arguments.width is not None:
         if arguments.width < 16:
             raise ValueError(f"--width must be at least 16 px, got {arguments.width}")
-        camera = calibration.camera
-        calibration = calibration.resize(
-            arguments.width, max(1, round(camera.height * arguments.width / camera.width))
-        )
+        height = calibration.camera.height * arguments.width / calibration.camera.width
+        calibration = calibration.resize(arguments.width, max(1, round(height)))
     if arguments.scene == SHEET:
         simulate_sheet(arguments, calibration)
         return
-    rendered = render(
-        SCENES[arguments.scene],
-        calibration.camera,
-        calibration.photometry,
-        noise=arguments.noise,
-        bits=arguments.bits,
-        texture=arguments.texture,
-        fog=arguments.fog,
-        highlights=arguments.highlights,
-        seed=arguments.seed,
-    )
+    names = ("noise", "bits", "texture", "fog", "highlights", "seed")
+    how = {name: getattr(arguments, name) for name in names}
+    rendered = render(SCENES[arguments.scene], calibration.camera, calibration.photometry, **how)
     with staged_folder(arguments.out) as folder:
         write_image(folder / "frame.png", rendered.image, arguments.bits)
         replace(calibration, photometry=rendered.photometry).save(folder / "endoscope.json")
@@ -68,10 +59,10 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     distance = depth["distance"].astype(np.float64)
     distance[~(distance > 0)] = np.nan
     cos_alpha = depth["z"] / distance
-    true_normals = None
+    maps: dict[str, np.ndarray] = {}
     if arguments.truth.endswith(".npz"):
         maps = read_depth(arguments.truth)
-        truth, true_normals = maps["distance"].astype(np.float64), maps.get("normals")
+        truth = maps["distance"].astype(np.float64)
     else:
         z = true_z(arguments.truth)
         if z.shape != cos_alpha.shape:
@@ -85,7 +76,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     scale = arguments.scale or ("none" if metric else "median")
     if scale == "none" and not metric:
         raise ValueError(f"{arguments.depth} is in relative units: compare it with --scale median")
-    known = {"normals": depth.get("normals"), "true_normals": true_normals}
+    known = {"normals": depth.get("normals"), "true_normals": maps.get("normals")}
     e = compare(distance, truth, cos_alpha, mask=mask, scale=scale, **known)
     if arguments.json:
         content = {key: None if np.isnan(value) else value for key, value in asdict(e).items()}
@@ -165,3 +156,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"endolab: {str(interrupt) or 'interrupted; nothing was written'}", file=sys.stderr)
         return 130
     return 0
+
+
+callable_as_before(__name__)

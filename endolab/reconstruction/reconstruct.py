@@ -17,6 +17,7 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any
 
+from endolab._deprecated import callable_as_before
 from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate, Observer, Result, Solver, run
 from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, options_of, solve
@@ -182,3 +183,6 @@ def reconstruct(
 
     stages = _stages(prepared, contours, start, solver, options, told)
     return run(stages, observers, max_iterations, scaled)
+
+
+callable_as_before(__name__)
