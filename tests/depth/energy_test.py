@@ -6,13 +6,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.special import huber
 
 import endolab as el
 from endolab.depth.energy import energy_terms, model_image
 from endolab.depth.problem import Problem
 from endolab.numerics.derivatives import gradient
 from tests.depth.gauss_newton_model import GaussNewtonModel, derivative, energy, slope_of_energy
-from tests.tools.problems import at_truth, every_regulariser, every_xi
+from tests.tools.problems import at_truth, every_regulariser, every_variant
 
 CAMERA = el.Pinhole(7, 5, 4.0, 4.4, 2.8, 2.1)
 PHOTOMETRY = el.Photometry(k=1.7, gamma=2.0, gain=900.0, brdf=el.Lambertian(0.6))
@@ -47,13 +48,6 @@ def smoothed(problem, xi, regulariser):
     return replace(problem, xi=xi, regulariser=regulariser, lam=lam, epsilon=epsilon)
 
 
-def huber(r, t):
-    return r * r / 2 if abs(r) <= t else t * (abs(r) - t / 2)
-
-
-# Written out ---------------------------------------------------------------------------
-
-
 def test_data_term_is_the_sum_written_out(tiny):
     """Tangents from finite differences of the rays, their cross product, eq. 9; no mask."""
     problem, v = tiny
@@ -71,12 +65,11 @@ def test_data_term_is_the_sum_written_out(tiny):
         d2 = np.exp(2 * v[row, column])
         predicted = (ray[2] ** 1.7 / d2 * 0.6 / np.pi * cos_theta * 900.0) ** (1 / 2.0)
         assert model_image(problem, v)[row, column] == pytest.approx(predicted, rel=1e-7)
-        expected += huber(predicted - problem.image[row, column], 0.05)
+        expected += huber(0.05, predicted - problem.image[row, column])
     assert energy_terms(problem, v)["data"] == pytest.approx(expected / 35, rel=1e-7)
 
 
-@every_xi
-@every_regulariser
+@every_variant
 def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
     problem, v = tiny
     problem = replace(problem, xi=xi, regulariser=regulariser, lam=0.3)
@@ -109,11 +102,8 @@ def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
                 second.append(2 * (square[0] - square[1] - square[2] + square[3]) ** 2)
             size = np.sqrt(sum(second)) * (7 / 320) ** 2
         g = np.exp(-np.hypot(image_step(pixel, 0, 1), image_step(pixel, 1, 0)) * 7 / 320 / 0.05)
-        total += 0.3 * g * huber(size, 2e-5) / 2e-5
+        total += 0.3 * g * huber(2e-5, size) / 2e-5
     assert energy_terms(problem, v)["regulariser"] == pytest.approx(total / mask.sum(), rel=1e-9)
-
-
-# At the truth --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scene", ["plane", "curved"])
@@ -130,10 +120,8 @@ def test_the_truth_explains_the_frame_to_the_fourth_power_of_the_pixel_and_its_r
         inside.append(np.mean(residual[1:-1, 1:-1] ** 2) / 2)
     assert data[0] < 5e-9
     assert inside[0] < 1.8e-10
-    for coarse, fine in pairwise(data):
-        assert 7.5 < coarse / fine < 9
-    for coarse, fine in pairwise(inside):
-        assert 15 < coarse / fine < 17
+    assert all(7.5 < coarse / fine < 9 for coarse, fine in pairwise(data))
+    assert all(15 < coarse / fine < 17 for coarse, fine in pairwise(inside))
 
 
 @pytest.mark.parametrize("step", [-0.01, 0.01])
@@ -158,11 +146,7 @@ def test_a_plane_in_a_pinhole_camera_is_straight_in_1_over_z_alone():
         assert energy_terms(problem, v)["regulariser"] > 1e-4
 
 
-# What changes nothing ------------------------------------------------------------------
-
-
-@every_xi
-@every_regulariser
+@every_variant
 @pytest.mark.parametrize("scale", [1e-3, 3.7])
 def test_the_unit_of_length_plays_no_part(tiny, xi, regulariser, scale):
     problem, v = tiny
@@ -173,26 +157,24 @@ def test_the_unit_of_length_plays_no_part(tiny, xi, regulariser, scale):
     assert min(expected.values()) > 1e-6
 
 
-@every_xi
-@every_regulariser
+@every_variant
 def test_the_size_of_the_picture_plays_no_part(xi, regulariser):
-    small, large = (
-        energy_terms(*at_truth("curved", width, xi=xi, regulariser=regulariser))["regulariser"]
-        for width in (120, 240)
-    )
+    both = (at_truth("curved", width, xi=xi, regulariser=regulariser) for width in (120, 240))
+    small, large = (energy_terms(*each)["regulariser"] for each in both)
     assert small == pytest.approx(large, rel=0.02)
 
 
 def test_lam_weighs_the_regulariser_alone(tiny):
     problem, v = tiny
     one, three, none = (energy_terms(replace(problem, lam=lam), v) for lam in (1.0, 3.0, 0.0))
-    assert three["regulariser"] == pytest.approx(3 * one["regulariser"], rel=1e-12)
-    assert none["regulariser"] == 0
+    assert (three["regulariser"], none["regulariser"]) == (
+        pytest.approx(3 * one["regulariser"], rel=1e-12),
+        0,
+    )
     assert one["data"] == three["data"] == none["data"]
 
 
-@every_xi
-@every_regulariser
+@every_variant
 @pytest.mark.parametrize("outside", [np.nan, 0.0, 50.0])
 def test_what_lies_outside_the_mask_plays_no_part(tiny, xi, regulariser, outside):
     problem, v = tiny
@@ -217,8 +199,7 @@ def test_what_lies_outside_the_mask_moves_no_step(holed, outside):
     assert np.all(clean.multiply(v)[~problem.mask] == 0)
 
 
-@every_xi
-@every_regulariser
+@every_variant
 @pytest.mark.parametrize("apart", ["hole", "cuts"])
 def test_islands_do_not_pull_at_each_other(rng, holed, xi, regulariser, apart):
     """Two islands, parted by holes or by cuts: what one does, the other's slope and bend ignore."""
@@ -255,9 +236,6 @@ def test_a_tear_in_the_surface_is_free_where_it_is_cut():
     assert free["regulariser"] < 0.5 * dear["regulariser"]
 
 
-# The quadratic of Gauss-Newton ---------------------------------------------------------
-
-
 def matrix_of(model, mask):
     """The quadratic's matrix over the pixels of the mask, column by column."""
     units = np.zeros((mask.sum(), *mask.shape))
@@ -265,8 +243,7 @@ def matrix_of(model, mask):
     return np.array([model.multiply(unit)[mask] for unit in units]).T
 
 
-@every_xi
-@every_regulariser
+@every_variant
 def test_the_slope_of_the_quadratic_is_the_energys(holed, xi, regulariser):
     """Pixel by pixel, with residuals and roughness on both sides of their Huber thresholds."""
     problem, v = holed
@@ -281,8 +258,7 @@ def test_the_slope_of_the_quadratic_is_the_energys(holed, xi, regulariser):
     np.testing.assert_allclose(model.gradient, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
 
 
-@every_xi
-@every_regulariser
+@every_variant
 def test_the_slope_vanishes_with_the_roughness(holed, xi, regulariser):
     """Where ‖D ξ‖ < ε the Huber norm is quadratic: the slope is right there too, and 0 at a constant ξ."""
     problem, v = holed
@@ -296,8 +272,7 @@ def test_the_slope_vanishes_with_the_roughness(holed, xi, regulariser):
     assert np.abs(GaussNewtonModel.at(silent, constant).gradient).max() < 1e-15
 
 
-@every_xi
-@every_regulariser
+@every_variant
 def test_the_matrix_is_symmetric_and_bends_upwards(holed, xi, regulariser):
     problem, v = holed
     problem = smoothed(problem, xi, regulariser)
@@ -324,8 +299,7 @@ def check_the_matrix(problem, v, rng):
     np.testing.assert_allclose(product, expected, rtol=0, atol=1e-7 * np.abs(product).max())
 
 
-@every_xi
-@every_regulariser
+@every_variant
 def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(rng, holed, xi, regulariser):
     """At no residual and constant ξ, both Hubers quadratic, what Gauss-Newton leaves out is 0."""
     problem, _ = holed
@@ -340,8 +314,7 @@ def test_the_matrix_of_the_data_is_the_slopes_derivative_on_any_surface_that_exp
     check_the_matrix(problem, v, rng)
 
 
-@every_xi
-@every_regulariser
+@every_variant
 @pytest.mark.parametrize("size", [1e-4, 0.03, 1.0])
 def test_the_parabolas_touch_the_penalties_and_lie_above(rng, holed, xi, regulariser, size):
     """Of ξ: Σ ½ w ‖D ξ‖² + what makes it touch. Of the residual: Σ ½ w r² + what makes it touch."""
@@ -355,16 +328,10 @@ def test_the_parabolas_touch_the_penalties_and_lie_above(rng, holed, xi, regular
     # ½ ⟨ξ, Dᵀ w D ξ⟩ with the weights of `here`: what `multiply` gives without data and with slope 1.
     zero = np.zeros(v.shape)
     rough = replace(here, by_v=zero, by_v_u=zero, by_v_v=zero, xi_slope=np.ones(v.shape))
-    own, others = (0.5 * np.sum(xi * rough.multiply(xi)) for xi in (here.xi, there.xi))
-    above = terms["regulariser"] + others - own - other_terms["regulariser"]
-    assert above > -1e-12 * other_terms["regulariser"]
-
-    own, others = (0.5 * np.sum(here.data_weight * r**2) / count for r in (here.residual, there.residual))
-    above = terms["data"] + others - own - other_terms["data"]
-    assert above > -1e-12 * other_terms["data"]
-
-
-# Weights and complaints ----------------------------------------------------------------
+    smooth = (0.5 * np.sum(xi * rough.multiply(xi)) for xi in (here.xi, there.xi))
+    data = (0.5 * np.sum(here.data_weight * r**2) / count for r in (here.residual, there.residual))
+    for name, (own, others) in (("regulariser", smooth), ("data", data)):
+        assert terms[name] + others - own - other_terms[name] > -1e-12 * other_terms[name]
 
 
 def test_edges_of_the_image_weigh_less(tiny):
@@ -374,26 +341,22 @@ def test_edges_of_the_image_weigh_less(tiny):
     assert np.all(weight[:, 3] == np.exp(-0.7 * 7 / 320 / 0.05))
     assert np.all(np.delete(weight, 3, axis=1) == 1)
     weight = tiny[0].edge_weight[tiny[0].mask]
-    assert weight.min() > 0
-    assert weight.max() <= 1
+    assert 0 < weight.min() <= weight.max() <= 1
 
 
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        *(("lam", value, "lam must be finite and at least 0") for value in (-1.0, np.nan, np.inf, -np.inf)),
-        *(
-            (key, value, f"{key} must be positive and finite")
-            for key in ("epsilon", "threshold")
-            for value in (0.0, -1e-4, np.nan, np.inf)
-        ),
+        *(("lam", x, "lam must be finite and at least 0") for x in (-1.0, np.nan, np.inf, -np.inf)),
+        *(("epsilon", x, "epsilon must be positive and finite") for x in (0.0, -1e-4, np.nan, np.inf)),
+        *(("threshold", x, "threshold must be positive and finite") for x in (0.0, -1e-4, np.nan, np.inf)),
         ("xi", "z", "unknown xi 'z'; choose 1/z, d, 1/d"),
         ("regulariser", "third", "unknown regulariser 'third'; choose first or second"),
         ("image", np.zeros((7, 5)), "image has shape (7, 5), the camera (5, 7)"),
         ("mask", np.ones((5, 6), bool), "mask has shape (5, 6), the camera (5, 7)"),
         *(
-            ("cuts", np.ones(shape, bool), f"of shape (2, 5, 7), found bool of shape {shape}")
-            for shape in ((5, 7), (2, 7, 5), (5, 7, 2))
+            ("cuts", np.ones(n, bool), f"(2, 5, 7), found bool of shape {n}")
+            for n in ((5, 7), (2, 7, 5), (5, 7, 2))
         ),
     ],
 )
@@ -404,5 +367,4 @@ def test_a_problem_refuses(tiny, key, value, message):
 
 
 def test_units(tiny):
-    assert tiny[0].unit == "mm"
-    assert replace(tiny[0], metric=False).unit == "relative units"
+    assert (tiny[0].unit, replace(tiny[0], metric=False).unit) == ("mm", "relative units")

@@ -12,7 +12,7 @@ from endolab.depth.grid import Grid
 from endolab.depth.multigrid import Multigrid, prolong_add, restrict, sweep_backwards, sweep_forwards
 from endolab.numerics.compiled import inner, padded
 from tests.depth.gauss_newton_model import TWINS, GaussNewtonModel, check_the_compiled, inside, relative
-from tests.tools.problems import SHEET, at_truth, every_regulariser, every_xi
+from tests.tools.problems import SHEET, at_truth, every_regulariser, every_variant
 
 # Where a pixel stands among its matrix's seven numbers: (rows, columns) to the other of the pair.
 OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
@@ -42,11 +42,7 @@ def system(request, rng):
     return Multigrid(coefficients), b, free
 
 
-# Twins -----------------------------------------------------------------------------------
-
-
-@every_xi
-@every_regulariser
+@every_variant
 def test_compiled_energy_and_equations_are_the_readable_ones(rng, xi, regulariser):
     problem, v = worn(rng, xi=xi, regulariser=regulariser)
     check_the_compiled(problem, v, rng)
@@ -72,41 +68,25 @@ def test_the_table_is_precise_where_the_surface_faces_the_camera(scene):
     assert terms["data"] == pytest.approx(energy_terms(problem, truth)["data"], rel=0.01)
 
 
-# From grid to grid -----------------------------------------------------------------------
-
-
-def test_a_straight_map_survives_the_way_down_and_up():
+@pytest.mark.parametrize("step", [0.0, 1.0])
+def test_a_straight_map_and_a_step_over_a_cut_survive_the_way_down_and_up(step):
     """Block means lie in the blocks' centres, and gradients at the rim are as good as inside."""
     problem, _ = at_truth("plane", 64)
     rows, columns = np.indices(problem.mask.shape)
-    fine = Grid.of(problem)
-    coarse = fine.coarser()
-    v = padded(3.0 + 0.02 * columns - 0.01 * rows)
-    np.testing.assert_allclose(coarse.finer(fine.restrict(v), fine), v, rtol=0, atol=1e-13)
-
-
-def test_a_step_over_a_cut_survives_too():
-    problem, _ = at_truth("plane", 64)
-    rows, columns = np.indices(problem.mask.shape)
     cuts = np.zeros((2, *problem.mask.shape), dtype=bool)
-    cuts[0, :, 31] = True
+    cuts[0, :, 31] = step > 0
     fine = Grid.of(replace(problem, cuts=cuts))
-    v = padded(np.where(columns > 31, 4.0, 3.0) + 0.02 * columns - 0.01 * rows)
+    v = padded(3.0 + step * (columns > 31) + 0.02 * columns - 0.01 * rows)
     np.testing.assert_allclose(fine.coarser().finer(fine.restrict(v), fine), v, rtol=0, atol=1e-13)
 
 
-@every_xi
-@every_regulariser
+@every_variant
 def test_a_coarse_grid_charges_a_smooth_surface_alike(xi, regulariser):
     """Measured within 4 %: the energy knows no pixels."""
     problem, truth = at_truth("curved", 160, xi=xi, regulariser=regulariser)
-    fine = Grid.of(problem)
-    v = padded(truth)
+    fine, v = Grid.of(problem), padded(truth)
     expected = fine.terms(v, 1.0)["regulariser"]
     assert fine.coarser().terms(fine.restrict(v), 1.0)["regulariser"] == pytest.approx(expected, rel=0.08)
-
-
-# Parts of a cycle ------------------------------------------------------------------------
 
 
 def random_maps(rng, free, count):
@@ -151,9 +131,6 @@ def test_a_cycle_is_symmetric_and_positive_definite(system, rng):
     assert np.linalg.eigvalsh((products + products.T) / 2).min() > 0
 
 
-# The whole -------------------------------------------------------------------------------
-
-
 def as_sparse(matrix):
     """The matrix that seven numbers a pixel stand for."""
     size = matrix[0].size
@@ -161,9 +138,8 @@ def as_sparse(matrix):
     whole = sparse.csr_matrix((size, size))
     for numbers, (down, right) in zip(matrix, OFFSETS, strict=True):
         i, j = np.nonzero(numbers)
-        half = sparse.csr_matrix(
-            (numbers[i, j], (place[i, j], place[i + down, j + right])), shape=(size, size)
-        )
+        where = place[i, j], place[i + down, j + right]
+        half = sparse.csr_matrix((numbers[i, j], where), shape=(size, size))
         whole = whole + (half if down == right == 0 else half + half.T)
     return whole
 
@@ -192,6 +168,5 @@ def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, re
         coefficients, b = equations(problem, truth)
         solver = Multigrid(coefficients)
         steps.append([solver.solve(b, tolerance, 200)[1] for tolerance in (0.1, 1e-3)])
-    assert np.max(steps, axis=0)[0] <= few
-    assert np.max(steps, axis=0)[1] <= many
+    assert np.all(np.max(steps, axis=0) <= [few, many])
     assert steps[2][1] <= 1.5 * steps[0][1] + 2

@@ -181,8 +181,8 @@ def test_an_iterate_shows_the_surface(problem):
     np.testing.assert_allclose(np.linalg.norm(points, axis=-1), iterate.distance[MASK], rtol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(iterate.normals[MASK], axis=-1), 1.0, rtol=1e-12)
     assert np.all(iterate.normals[MASK] @ normal > np.cos(np.deg2rad(5)))
-    for array in (iterate.distance, iterate.z, iterate.normals, iterate.points):
-        assert np.all(np.isnan(array[~MASK]))
+    maps = (iterate.distance, iterate.z, iterate.normals, iterate.points)
+    assert all(np.isnan(array[~MASK]).all() for array in maps)
 
 
 def test_every_status_is_a_sentence():
