@@ -48,18 +48,15 @@ def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
     }
 
 
-def _score_facts(scores: HeldOut) -> dict[str, Any]:
-    return {
+def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[str, Any]:
+    names, scores = list(session.poses), session.scores
+    held_out = scores and {
         "edges_deg": np.rad2deg(scores.edges),
         "error": scores.error,
         "standard_error": scores.standard_error,
         "samples": scores.count,
         "sigma_grey": scores.sigma,
     }
-
-
-def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[str, Any]:
-    names = list(session.poses)
     return {
         "standard_errors": light.standard_errors,
         "k/gamma": light.ratio,
@@ -76,7 +73,7 @@ def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[
         "status": light.status.value,
         "gains": {names[frame]: gain for frame, gain in zip(light.frames, light.gains, strict=True)},
         "gain_errors": {names[frame]: e for frame, e in zip(light.frames, light.gain_errors, strict=True)},
-        "held_out": None if session.scores is None else _score_facts(session.scores),
+        "held_out": held_out,
         "channel": channel,
         "brdf_of": "the calibration sheet",
     }
@@ -142,15 +139,15 @@ def camera_values(session: Session) -> list[tuple[str, float, float, str]]:
     camera, geometry = session.camera, session.geometry
     if geometry is None or not isinstance(camera, KannalaBrandt):
         return []
-    values = zip(NAMES, camera_vector(camera), strict=True)
-    return [(n, float(v), geometry.standard_errors[n], "" if n[0] == "k" else "px") for n, v in values]
+    errors, values = geometry.standard_errors, camera_vector(camera).tolist()
+    return [(n, v, errors[n], "" if n[0] == "k" else "px") for n, v in zip(NAMES, values, strict=True)]
 
 
 def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
     """Name, value, standard error and unit of the light's numbers."""
     errors = light.standard_errors
     rows = [
-        ("k", exponent(light), errors["k"], ""),
+        ("k", light.k, errors["k"], ""),
         ("γ", light.photometry.gamma, errors["gamma"], ""),
         ("k/γ", light.ratio, errors["k/gamma"], ""),
     ]
@@ -204,13 +201,12 @@ def _light_lines(session: Session) -> list[str]:
     if light is None:
         return [f"light: refused: {session.refused}"]
     rows = [
-        f"{name} = {plus_minus(value, error)} {unit}".rstrip()
-        for name, value, error, unit in light_values(light)
+        f"{name} = {plus_minus(v, error)} {unit}".rstrip() for name, v, error, unit in light_values(light)
     ]
     (a, b), (c, d) = np.rad2deg(light.alpha_range), np.rad2deg(light.theta_range)
     near, far = light.distance_range
     lines = [
-        f"light: {', '.join(row.rstrip() for row in rows)}",
+        f"light: {', '.join(rows)}",
         f"residuals: {light.sigma:.2f} grey levels, of {counted(int(light.used.sum()), 'sample')}; "
         f"{int(np.sum(~light.used))} left out",
         f"sampled: {a:.0f}° to {b:.0f}° off the axis, incidence {c:.0f}° to {d:.0f}°, "
@@ -246,12 +242,6 @@ LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a wo
 def counted(number: int, what: str) -> str:
     """Say how many there are of something."""
     return f"{number} {what}" + ("" if number == 1 else "s")
-
-
-def exponent(light: PhotometricFit) -> float:
-    """Return k: of the virtual light at the camera, or of the light that was fitted."""
-    lights = light.photometry.lights
-    return lights[0].exponent if lights else light.photometry.k
 
 
 def brdf_of(light: PhotometricFit) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ each with a pose of its own, and keeps the coordinates that it had before.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
 
@@ -30,9 +30,10 @@ RASTER = 64  # cells across a spacing, in the search for bare paper
 class Ink:
     """What is printed: black discs, black rectangles, grey discs; mm."""
 
-    discs: FloatArray  # (n, 3): centre x, y and radius
-    rectangles: FloatArray  # (n, 4): left, top, width, height
-    greys: FloatArray  # (n, 4): centre x, y, radius, and reflectance relative to the white of the paper
+    discs: FloatArray = field(default_factory=lambda: rows_of([], 3))  # centre x, y and radius
+    rectangles: FloatArray = field(default_factory=lambda: rows_of([], 4))  # left, top, width, height
+    # Centre x, y, radius, and reflectance relative to the white of the paper.
+    greys: FloatArray = field(default_factory=lambda: rows_of([], 4))
 
 
 def rows_of(values: ArrayLike, columns: int) -> FloatArray:
@@ -81,6 +82,11 @@ def _is_whole(value: object) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
+def _lattice(columns: int, rows: int) -> FloatArray:
+    """Column and row of each place of a lattice, (n, 2), row by row."""
+    return np.array(np.indices((rows, columns)).reshape(2, -1)[::-1].T, dtype=np.float64, order="C")
+
+
 @dataclass(frozen=True)
 class Target:
     """A flat printed target; use one of its kinds."""
@@ -103,16 +109,14 @@ class Target:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive and finite (mm), got {value}")
-        if self.fold is not None:
-            if not _is_whole(self.fold):
-                raise ValueError(f"fold must be a whole number of columns, got {self.fold}")
-            across = self.points[self.points[:, 1] == 0]
-            right = np.count_nonzero(self.panel_of(across))
-            if min(right, len(across) - right) < 2:
-                raise ValueError(
-                    f"fold must leave two columns of features on each side, got {self.fold} "
-                    f"of {self.columns} columns"
-                )
+        if self.fold is None:
+            return
+        if not _is_whole(self.fold):
+            raise ValueError(f"fold must be a whole number of columns, got {self.fold}")
+        right = self.panel_of(self.points[self.points[:, 1] == 0])
+        if min(np.sum(right == 0), np.sum(right)) < 2:
+            told = f"got {self.fold} of {self.columns} columns"
+            raise ValueError(f"fold must leave two columns of features on each side, {told}")
 
     @property
     def points(self) -> FloatArray:
@@ -148,13 +152,10 @@ class Target:
     def sheet(self) -> tuple[float, float, float, float]:
         """Left, top, width and height of the paper in the target's frame, mm."""
         ink = self.ink
-        circles = np.concatenate([ink.discs, ink.greys[:, :3]])
-        low = np.concatenate([circles[:, :2] - circles[:, 2:], ink.rectangles[:, :2]])
-        high = np.concatenate(
-            [circles[:, :2] + circles[:, 2:], ink.rectangles[:, :2] + ink.rectangles[:, 2:]]
-        )
-        left, top = low.min(axis=0) - self.margin
-        right, bottom = high.max(axis=0) + self.margin
+        middles, radii = np.split(np.concatenate([ink.discs, ink.greys[:, :3]]), [2], axis=1)
+        corners, sizes = np.split(ink.rectangles, 2, axis=1)
+        left, top = np.concatenate([middles - radii, corners]).min(axis=0) - self.margin
+        right, bottom = np.concatenate([middles + radii, corners + sizes]).max(axis=0) + self.margin
         return float(left), float(top), float(right - left), float(bottom - top)
 
     def reflectance(self, xy: ArrayLike, black: float = 0.04) -> FloatArray:
@@ -213,10 +214,8 @@ class DotGrid(Target):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 < self.small < self.large < self.spacing / 2:
-            raise ValueError(
-                "the radii must be 0 < small < large < spacing / 2, "
-                f"got small {self.small}, large {self.large}, spacing {self.spacing}"
-            )
+            told = f"small {self.small}, large {self.large}, spacing {self.spacing}"
+            raise ValueError(f"the radii must be 0 < small < large < spacing / 2, got {told}")
         if not _is_whole(self.seed) or not 0 <= self.seed < 2**32:
             raise ValueError(f"seed must be a whole number from 0 to 2**32 - 1, got {self.seed}")
         if self.greys is not None and not 0 < self.greys < 1:
@@ -230,8 +229,7 @@ class DotGrid(Target):
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
-        row, column = np.indices((self.rows, self.columns)).reshape(2, -1)
-        return np.stack([column, row, 0 * row], axis=-1) * self.spacing
+        return np.pad(_lattice(self.columns, self.rows), ((0, 0), (0, 1))) * self.spacing
 
     @cached_property
     def radii(self) -> FloatArray:  # noqa: D102
@@ -240,16 +238,14 @@ class DotGrid(Target):
     @cached_property
     def ink(self) -> Ink:  # noqa: D102
         discs = np.column_stack([self.points[:, :2], self.radii])
-        greys = []
-        if self.greys is not None:
-            radius = 0.75 * (self.spacing / np.sqrt(2) - self.large)
-            row, column = np.indices((self.rows - 1, self.columns - 1)).reshape(2, -1)
-            chosen = (row + column) % 2 == 0
-            centres = (np.stack([column, row], axis=-1)[chosen] + 0.5) * self.spacing
-            greys = [(x, y, radius, self.greys) for x, y in centres]
-            if self.fold_x is not None:
-                greys = [grey for grey in greys if abs(grey[0] - self.fold_x) > radius]
-        return Ink(discs, rows_of([], 4), rows_of(greys, 4))
+        if self.greys is None:
+            return Ink(discs)
+        radius = 0.75 * (self.spacing / np.sqrt(2) - self.large)
+        cells = _lattice(self.columns - 1, self.rows - 1)
+        centres = (cells[cells.sum(axis=1) % 2 == 0] + 0.5) * self.spacing
+        if self.fold_x is not None:
+            centres = centres[np.abs(centres[:, 0] - self.fold_x) > radius]
+        return Ink(discs, greys=rows_of([(x, y, radius, self.greys) for x, y in centres], 4))
 
 
 @dataclass(frozen=True)
@@ -273,7 +269,7 @@ class CircleGrid(Target):
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
-        row, column = np.indices((self.rows, self.columns)).reshape(2, -1)
+        column, row = _lattice(self.columns, self.rows).T
         return np.stack([2 * column + row % 2, row, 0 * row], axis=-1) * self.spacing
 
     @property
@@ -282,7 +278,7 @@ class CircleGrid(Target):
 
     @cached_property
     def ink(self) -> Ink:  # noqa: D102
-        return Ink(np.column_stack([self.points[:, :2], self.radii]), rows_of([], 4), rows_of([], 4))
+        return Ink(np.column_stack([self.points[:, :2], self.radii]))
 
 
 @dataclass(frozen=True)
@@ -303,20 +299,13 @@ class Chessboard(Target):
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
-        row, column = np.indices((self.rows - 1, self.columns - 1)).reshape(2, -1)
-        return np.stack([column, row, 0 * row], axis=-1) * self.spacing
-
-    def _squares(self) -> FloatArray:
-        """Left and top of the black squares, (n, 2), mm; the one in the upper left is black."""
-        row, column = np.indices((self.rows, self.columns)).reshape(2, -1)
-        black = (row + column) % 2 == 0
-        return (np.stack([column, row], axis=-1)[black] - 1.0) * self.spacing
+        return np.pad(_lattice(self.columns - 1, self.rows - 1), ((0, 0), (0, 1))) * self.spacing
 
     @cached_property
     def ink(self) -> Ink:  # noqa: D102
-        corners = self._squares()
-        squares = np.column_stack([corners, np.full(corners.shape, self.spacing)])
-        return Ink(rows_of([], 3), squares, rows_of([], 4))
+        squares = _lattice(self.columns, self.rows)
+        corners = (squares[squares.sum(axis=1) % 2 == 0] - 1.0) * self.spacing  # the upper left is black
+        return Ink(rectangles=np.column_stack([corners, np.full(corners.shape, self.spacing)]))
 
 
 @dataclass(frozen=True)
@@ -357,7 +346,7 @@ class Charuco(Chessboard):
             left, top = np.asarray(corners)[:, :2].min(axis=0) - self.spacing
             for row, column in np.argwhere(picture == 0):
                 boxes.append((left + column * cell, top + row * cell, cell, cell))
-        return Ink(rows_of([], 3), np.concatenate([squares, rows_of(boxes, 4)]), rows_of([], 4))
+        return Ink(rectangles=np.concatenate([squares, rows_of(boxes, 4)]))
 
 
 _BIG = {"columns": 19, "rows": 10, "spacing": 5.2797, "small": 1.05885, "large": 1.58266}

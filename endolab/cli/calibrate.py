@@ -15,9 +15,7 @@ SHEET = "sheet"  # the scene of `simulate` that is a video of a target
 class _Bar:
     """Progress bars on stderr, one for each stage of a session."""
 
-    def __init__(self) -> None:
-        self.stage = ""
-        self.bar: Any = None
+    stage, bar = "", None  # type: str, Any
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         from tqdm import tqdm
@@ -64,6 +62,7 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
 
     from endolab.io.sheet_video import save_sheet_video
 
+    names = ("video", "noise", "bits", "outliers", "motion", "seed")
     with closing(_Bar()) as bar:
         save_sheet_video(
             arguments.out,
@@ -71,13 +70,8 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
             calibration,
             arguments.frames,
             fold=radians(arguments.fold),
-            video=arguments.video,
             progress=bar,
-            noise=arguments.noise,
-            bits=arguments.bits,
-            outliers=arguments.outliers,
-            motion=arguments.motion,
-            seed=arguments.seed,
+            **{name: getattr(arguments, name) for name in names},
         )
     what = "sheet.mkv" if arguments.video else f"{arguments.frames} pictures"
     print(f"written to {arguments.out}: {what}, truth.json")
@@ -88,9 +82,8 @@ def _light_options(arguments: argparse.Namespace, target: Any) -> dict[str, Any]
     patches = len(set(target.ink.greys[:, 3]))
     given = [None if text == "free" else _numbers(text, "--reflectance") for text in arguments.reflectance]
     if given and len(given) != patches:
-        raise ValueError(
-            f"the target has {patches} kinds of grey patches, but --reflectance says {len(given)}"
-        )
+        said = f"but --reflectance says {len(given)}"
+        raise ValueError(f"the target has {patches} kinds of grey patches, {said}")
     gamma = "free" if arguments.gamma == "free" else _numbers(arguments.gamma, "--gamma")
     reflectance = given or [None] * patches
     names = ("brdf", "gain", "light")
@@ -162,29 +155,22 @@ def _convert(arguments: argparse.Namespace) -> None:
 
 def add_sheet_options(add: argparse.ArgumentParser) -> None:
     """Add what `simulate sheet` can be told."""
-    group = add.add_argument_group("a calibration video (SCENE sheet)")
-    group.add_argument("--target", default="vicalib_small", metavar="NAME", help="as for target")
-    group.add_argument("--frames", type=int, default=300, metavar="N", help="how many (default 300)")
-    group.add_argument(
-        "--fold", type=float, default=20.0, metavar="DEG", help="of a folded target (default 20)"
-    )
-    group.add_argument(
-        "--outliers", type=float, default=0.0, metavar="SHARE", help="of the pixels that are wrong"
-    )
-    group.add_argument("--motion", type=float, default=0.0, metavar="PX", help="of motion blur")
-    group.add_argument("--video", action="store_true", help="write one video instead of pictures")
+    option = add.add_argument_group("a calibration video (SCENE sheet)").add_argument
+    option("--target", default="vicalib_small", metavar="NAME", help="as for target")
+    option("--frames", type=int, default=300, metavar="N", help="how many (default 300)")
+    option("--fold", type=float, default=20.0, metavar="DEG", help="of a folded target (default 20)")
+    option("--outliers", type=float, default=0.0, metavar="SHARE", help="of the pixels that are wrong")
+    option("--motion", type=float, default=0.0, metavar="PX", help="of motion blur")
+    option("--video", action="store_true", help="write one video instead of pictures")
 
 
 def add_calibration_commands(commands: Any) -> None:
     """Add the parsers of `target`, `calibrate` and `convert`."""
     add = commands.add_parser("target", help="a calibration sheet to print, at true size")
-    add.add_argument(
-        "name",
-        metavar="NAME",
-        help="vicalib_big, vicalib_small, vicalib_folded, vicalib_grey, charuco, chessboard, circles, "
-        "or TARGET.json",
-    )
-    add.add_argument("--out", required=True, metavar="SHEET.pdf", help="a PDF or SVG")
+    option = add.add_argument
+    names = "vicalib_big, vicalib_small, vicalib_folded, vicalib_grey, charuco, chessboard, circles"
+    option("name", metavar="NAME", help=f"{names}, or TARGET.json")
+    option("--out", required=True, metavar="SHEET.pdf", help="a PDF or SVG")
     add.set_defaults(run=_target)
 
     add = commands.add_parser("calibrate", help="frames of a target in, endoscope.json out")
@@ -211,11 +197,10 @@ def add_calibration_commands(commands: Any) -> None:
     add.set_defaults(run=_calibrate)
 
     add = commands.add_parser("convert", help="EndoMapper's calibration XML in, endoscope.json out")
-    add.add_argument(
-        "geometry", metavar="GEOMETRY.xml", help="of Vicalib; or a folder Endoscope_XX with both files"
-    )
-    add.add_argument(
-        "photometry", nargs="?", metavar="PHOTOMETRY.xml", help="without it, the camera alone is written"
-    )
-    add.add_argument("--out", required=True, metavar="CAL.json")
+    option = add.add_argument
+    how = "of Vicalib; or a folder Endoscope_XX with both files"
+    option("geometry", metavar="GEOMETRY.xml", help=how)
+    how = "without it, the camera alone is written"
+    option("photometry", nargs="?", metavar="PHOTOMETRY.xml", help=how)
+    option("--out", required=True, metavar="CAL.json")
     add.set_defaults(run=_convert)

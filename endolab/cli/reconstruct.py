@@ -19,15 +19,13 @@ class _Progress:
         from tqdm import tqdm
 
         self.bar = tqdm(total=total, unit="it", leave=False, disable=None, desc="solving")
+        self.close = self.bar.close
 
     def __call__(self, iterate: Any) -> None:
         name = "solving" if iterate.round == 0 else f"{iterate.stage}, round {iterate.round}"
         self.bar.set_description(name, refresh=False)
         self.bar.set_postfix_str(f"energy {iterate.energy:.3e}", refresh=False)
         self.bar.update(iterate.k - self.bar.n)  # the start is none
-
-    def close(self) -> None:
-        self.bar.close()
 
 
 def _reconstruct(arguments: argparse.Namespace) -> None:
@@ -84,10 +82,8 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     )
     print(f"distance: median {middle:.4g}, 1 % below {near:.4g}, 1 % above {far:.4g} ({result.problem.unit})")
     if not result.metric:
-        print(
-            "The gain is unknown, so distances have no unit; "
-            "--median-distance, --known-distance or --known-diameter fixes the scale."
-        )
+        ways = "--median-distance, --known-distance or --known-diameter fixes the scale."
+        print(f"The gain is unknown, so distances have no unit; {ways}")
     for note in (*(prepared.notes if prepared is not None else ()), *notes(result)):
         print(note)
     if unrecorded:
@@ -179,9 +175,8 @@ def _sweep(arguments: argparse.Namespace) -> None:
     if len(failed) == len(rows):
         raise ValueError(f"no row could be made; the first: {failed[0]['error']}")
     for row in failed:
-        print(
-            f"not done: {row['frame']}, ξ {row['xi']}, {row['regulariser']}, λ {row['lam']:g}: {row['error']}"
-        )
+        where = f"{row['frame']}, ξ {row['xi']}, {row['regulariser']}, λ {row['lam']:g}"
+        print(f"not done: {where}: {row['error']}")
     print(f"{len(rows) - len(failed)} of {len(rows)} rows")
     if made < len(rows):
         print(f"made by an earlier call: {len(rows) - made} of them")
@@ -196,22 +191,17 @@ def add_reconstruct_commands(commands: Any) -> None:
     add_solving_options(command)
     option("--out", required=True, metavar="DIR", help="folder for the results")
     option("--mask", metavar="M.png", help="bright where the frame is to be used")
-    option(
-        "--snapshots", type=int, metavar="N", help=f"of fast_marching in the recording (default {SNAPSHOTS})"
-    )
-    option(
-        "--prepare",
-        action="store_true",
-        help="leave out text and dark lumen, undo interlacing, and draw it all: preparation.png",
-    )
+    how = f"of fast_marching in the recording (default {SNAPSHOTS})"
+    option("--snapshots", type=int, metavar="N", help=how)
+    how = "leave out text and dark lumen, undo interlacing, and draw it all: preparation.png"
+    option("--prepare", action="store_true", help=how)
     option("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
     option("--every", type=int, metavar="N", help="of a video, every N-th frame only")
     option("--limit", type=int, metavar="N", help="of a video, N frames at most")
     command.set_defaults(run=_reconstruct)
 
-    command = commands.add_parser(
-        "sweep", help="frames × λ × ξ × order: one table, which can be gone on with"
-    )
+    how = "frames × λ × ξ × order: one table, which can be gone on with"
+    command = commands.add_parser("sweep", help=how)
     option = command.add_argument
     option("frames", nargs="+", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits")
     option("--out", default="sweep.csv", metavar="T.csv", help="the table (default sweep.csv)")

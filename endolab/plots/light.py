@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples
-from endolab.calibration.summary import LEAST_SCORED, brdf_of, counted, exponent
+from endolab.calibration.summary import LEAST_SCORED, brdf_of, counted
 from endolab.model.brdf import TabulatedBRDF
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -126,7 +126,7 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None, *, title: str =
     angle off its direction.
     """
     ax = new_axes(ax)
-    k, error = exponent(light), light.standard_errors["k"]
+    k, error = light.k, light.standard_errors["k"]
     alpha = np.linspace(0, 90, 361)
     cosine = np.cos(np.deg2rad(alpha)).clip(1e-9)
     low, high = np.rad2deg(light.alpha_range)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from endolab.calibration.summary import (
 )
 from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
 from endolab.io.descriptions import write_camera
+from endolab.io.images import write_figure
 from endolab.io.video import Frames
 from endolab.model.brdf import TabulatedBRDF
 from endolab.numerics.arrays import FloatArray
@@ -79,19 +79,6 @@ def _page(session: Session, source: str, shown: str) -> str:
     )
 
 
-def _png(figure: Figure) -> bytes:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png")
-    return stream.getvalue()
-
-
-def _detection_figure(session: Session, image: FloatArray, name: str) -> Figure:
-    with house(PAGE_SIZE):
-        figure = Figure(figsize=(10, 8), dpi=100, layout="constrained")
-        show_detection(image, session.detections[name], session.target, figure.subplots())
-    return figure
-
-
 def _picture(frames: Named, name: str, session: Session) -> FloatArray:
     """Read one frame; black if it can no longer be read."""
     only = frames.read([name]) if isinstance(frames, Frames) else frames
@@ -111,13 +98,14 @@ def write_report(session: Session, frames: Named, folder: PathLike, channel: str
     facts: dict[str, Any] = evidence(session, source, channel) | {"account": account(session)}
     with staged_folder(folder) as staging:
         if session.geometry is None:
-            pictures = {"detection.png": _detection_figure(session, image, name)}
+            with house(PAGE_SIZE):
+                figure = Figure(figsize=(10, 8), dpi=100, layout="constrained")
+                show_detection(image, session.detections[name], session.target, figure.subplots())
+            write_figure(staging / "detection.png", figure)
         else:
-            pictures = {"camera.png": geometry_figure(session, image, name)}
+            write_figure(staging / "camera.png", geometry_figure(session, image, name))
         if session.light is not None:
-            pictures["light.png"] = light_figure(session, image, name)
-        for file, figure in pictures.items():
-            write_atomically(staging / file, _png(figure))
+            write_figure(staging / "light.png", light_figure(session, image, name))
         if not lacking("jinja2"):
             write_atomically(staging / "report.html", _page(session, source, name).encode())
         write_atomically(staging / "report.json", as_json(facts))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from endolab.calibration.simulation.sheet_image import (
     render_sheet,
     stored,
 )
-from endolab.calibration.simulation.trajectory import REACH, TILT, in_view, on_sheet, trajectory
+from endolab.calibration.simulation.trajectory import in_view, on_sheet, trajectory
 from endolab.calibration.targets import Target
 from endolab.model.brdf import Glossy
 from endolab.model.cameras import Camera
@@ -23,6 +24,7 @@ from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
 
 PAPER_SHEET = Glossy(0.8, 0.0373, 10.0)  # a sheen that makes paper 28 % brighter at θ = 0
+MOTION = ("fold", "distance", "tilt", "reach", "seen")  # options of `trajectory`
 
 
 def simulate_video(
@@ -31,43 +33,22 @@ def simulate_video(
     photometry: Photometry,
     count: int = 300,
     *,
-    fold: float = 0.0,
-    distance: tuple[float, float] = (25.0, 100.0),
-    tilt: float = TILT,
-    reach: float = REACH,
-    seen: float | None = None,
     locked: bool = False,
-    noise: float = 3.0,
-    bits: int = 8,
-    blur: float = 0.0,
-    motion: float = 0.0,
-    outliers: float = 0.0,
-    black: float = 0.04,
     seed: int = 0,
+    **how: Any,
 ) -> Iterator[SheetFrame]:
     """Simulate a calibration video of `count` frames; each has a gain of its own, whatever the photometry's.
 
-    `locked` keeps one gain for all frames instead of one that follows the sheet. `fold` to `seen` are as for
-    `trajectory`, `noise` to `black` as for `render_sheet`.
+    `locked` keeps one gain for all frames instead of one that follows the sheet. `how`: fold, distance,
+    tilt, reach and seen as for `trajectory`; noise, bits, blur, motion, outliers and black as for
+    `render_sheet`.
     """
-    poses = trajectory(
-        target, camera, count, fold=fold, distance=distance, tilt=tilt, reach=reach, seen=seen, seed=seed
-    )
+    motion = {name: how.pop(name) for name in MOTION if name in how}
+    poses = trajectory(target, camera, count, seed=seed, **motion)
     gains = automatic_gain(target, poses, camera, photometry, locked=locked)
     for number, (pose, gain) in enumerate(zip(poses, gains, strict=True)):
-        yield render_sheet(
-            target,
-            pose,
-            camera,
-            replace(photometry, gain=float(gain)),
-            noise=noise,
-            bits=bits,
-            blur=blur,
-            motion=motion,
-            outliers=outliers,
-            black=black,
-            seed=seed * 100_003 + number,
-        )
+        light = replace(photometry, gain=float(gain))
+        yield render_sheet(target, pose, camera, light, seed=seed * 100_003 + number, **how)
 
 
 def simulate_samples(
@@ -77,25 +58,19 @@ def simulate_samples(
     count: int = 300,
     *,
     per_frame: int = 100,
-    fold: float = 0.0,
-    distance: tuple[float, float] = (25.0, 100.0),
-    tilt: float = TILT,
-    reach: float = REACH,
-    seen: float | None = None,
     locked: bool = False,
     noise: float = 3.0,
     bits: int = 8,
     outliers: float = 0.015,
     seed: int = 0,
+    **motion: Any,
 ) -> tuple[Samples, FloatArray]:
     """Simulate the samples of a video without its pictures: true points and normals, and the true gains.
 
     At most `per_frame` of a frame, at random among the bare places in view. `outliers` is the share of the
-    samples whose level is anything between 0 and 1; the rest as for `simulate_video`.
+    samples whose level is anything between 0 and 1; the rest, fold to seen, is as for `simulate_video`.
     """
-    poses = trajectory(
-        target, camera, count, fold=fold, distance=distance, tilt=tilt, reach=reach, seen=seen, seed=seed
-    )
+    poses = trajectory(target, camera, count, seed=seed, **motion)
     gains = automatic_gain(target, poses, camera, photometry, locked=locked)
     rng = np.random.default_rng([seed, 2])
     places, material = sample_places(target)
