@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -84,10 +85,8 @@ def detect_all(
                 size, first = here, name
             elif here != size:
                 where = f"{first} is" if first else "the others are"
-                raise ValueError(
-                    f"the frames differ in size: {where} {size[0]}x{size[1]} px, "
-                    f"{name} is {here[0]}x{here[1]} px"
-                )
+                told = f"{where} {size[0]}x{size[1]} px, {name} is {here[0]}x{here[1]} px"
+                raise ValueError(f"the frames differ in size: {told}")
             detections[name] = detect(image, target)
             if found is not None:
                 found(name, detections[name], here)
@@ -100,12 +99,9 @@ def choose_views(detections: Mapping[str, Detection], every: int = EVERY) -> lis
     names = list(detections)
     seen = [name for name in names if len(detections[name].ids)]
     every = max(1, min(every, len(seen) // ENOUGH_VIEWS))
-    chosen = []
-    for start in range(0, len(names), every):
-        group = [name for name in names[start : start + every] if len(detections[name].ids)]
-        if group:
-            chosen.append(max(group, key=lambda name: len(detections[name].ids)))
-    return chosen
+    groups = (names[start : start + every] for start in range(0, len(names), every))
+    best = (max(group, key=lambda name: len(detections[name].ids)) for group in groups)
+    return [name for name in best if len(detections[name].ids)]
 
 
 def locate(
@@ -159,14 +155,9 @@ def sample_all(
 
 
 def _none_found(detections: Mapping[str, Detection], target: Target) -> ValueError:
-    reasons: dict[str, int] = {}
-    for detection in detections.values():
-        reasons[detection.reason] = reasons.get(detection.reason, 0) + 1
-    told = ", ".join(f"{reason} in {n}" for reason, n in sorted(reasons.items(), key=lambda item: -item[1]))
-    return ValueError(
-        f"the target was found in none of {len(detections)} frames; "
-        f"looked for {describe_target(target)}: {told}"
-    )
+    reasons = Counter(detection.reason for detection in detections.values()).most_common()
+    told = f"{describe_target(target)}: " + ", ".join(f"{reason} in {n}" for reason, n in reasons)
+    return ValueError(f"the target was found in none of {len(detections)} frames; looked for {told}")
 
 
 def describe_target(target: Target) -> str:
@@ -237,11 +228,8 @@ def calibrate(
         raise _none_found(detections, target)
     geometry = None
     if camera is None:
-        views = [
-            view
-            for name in choose_views(detections, every)
-            for view in views_of(name, detections[name], target)
-        ]
+        chosen = choose_views(detections, every)
+        views = [view for name in chosen for view in views_of(name, detections[name], target)]
         geometry = calibrate_camera(views, target, *size, observers=geometry_observers)
         camera = geometry.camera
     elif (camera.width, camera.height) != size:
@@ -263,9 +251,9 @@ def calibrate(
 
 def score(samples: Samples, **light: Any) -> HeldOut | None:
     """Fit the light to nine frames in ten and predict the tenth; None if they are too few for it."""
-    kept = samples.frame % HOLD_OUT == HOLD_OUT // 2
     if len(np.unique(samples.frame)) < ENOUGH_VIEWS:
         return None
+    kept = samples.frame % HOLD_OUT == HOLD_OUT // 2
     try:
         return calibrate_light(samples[~kept], **light).held_out(samples[kept])
     except NotIdentifiableError:  # what all frames together could just tell

@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Self, TextIO
 
 import numpy as np
@@ -31,13 +30,8 @@ class DetectionCache:
         self.path = Path(path)
         self.known: dict[str, Detection] = {}  # by the name of the frame
         self.size: tuple[int, int] | None = None  # width and height of the frames, px, once known
-        self._head = json.dumps(
-            {
-                "endolab_detections": VERSION,
-                "target": {"kind": target.kind, **asdict(target)},
-                "files": frames.stamp,
-            }
-        )
+        known = {"kind": target.kind, **asdict(target)}
+        self._head = json.dumps({"endolab_detections": VERSION, "target": known, "files": frames.stamp})
         self._stream: TextIO | None = None
         self._read()
 
@@ -76,9 +70,7 @@ class DetectionCache:
             self._stream.write(self._line(name, size))
             self._stream.flush()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._stream is not None:
             self._stream.close()
 

@@ -6,6 +6,8 @@ new ones, under ``title``, and returns the axes. The figures of the light are in
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -27,6 +29,7 @@ from endolab.plots.light import (
     show_scores,
 )
 from endolab.plots.maps import show_picture
+from endolab.plots.plain import round_length
 from endolab.plots.style import (
     BLUE,
     GREEN,
@@ -38,7 +41,6 @@ from endolab.plots.style import (
     decorate,
     house,
     new_axes,
-    round_length,
 )
 
 ROWS = (SKY, VERMILION, GREEN, ORANGE, PURPLE, BLUE)  # of the target, over and over
@@ -96,15 +98,16 @@ def show_detection(
         for run in np.split(here, np.flatnonzero(np.diff(column[here]) > 2) + 1):
             ax.plot(*pixels[run].T, color=colour, lw=1.3, marker="o", ms=2.6, mec="black", mew=0.3)
     first = int(np.argmin(detection.ids))
-    ax.plot(*pixels[first], "o", ms=13, mfc="none", mec="white", mew=3.5)
-    ax.plot(*pixels[first], "o", ms=13, mfc="none", mec=VERMILION, mew=2)
+    place, middle = pixels[first], np.array(image.shape[1::-1]) / 2
+    ax.plot(*place, "o", ms=13, mfc="none", mec="white", mew=3.5)
+    ax.plot(*place, "o", ms=13, mfc="none", mec=VERMILION, mew=2)
     ax.annotate(
         f"id {detection.ids[first]}",
-        pixels[first],
-        xytext=10 * np.sign(np.array(image.shape[1::-1]) / 2 - pixels[first]) * [1, -1],  # inwards
+        place,
+        xytext=10 * np.sign(middle - place) * [1, -1],  # inwards
         textcoords="offset points",
-        ha="left" if pixels[first, 0] < image.shape[1] / 2 else "right",
-        va="top" if pixels[first, 1] < image.shape[0] / 2 else "bottom",
+        ha="left" if place[0] < middle[0] else "right",
+        va="top" if place[1] < middle[1] else "bottom",
         fontweight="bold",
         bbox={"fc": "white", "ec": "none", "alpha": 0.85, "boxstyle": "round,pad=0.15"},
     )
@@ -150,17 +153,9 @@ def show_reprojection(
         drawn = np.flatnonzero(which)
         if len(drawn) > MOST_ARROWS:
             drawn = np.random.default_rng(0).choice(drawn, MOST_ARROWS, replace=False)
-        arrows = ax.quiver(
-            *pixels[drawn].T,
-            *shown[drawn].T,
-            angles="xy",
-            scale_units="xy",
-            scale=1 / magnify,
-            width=0.0022,
-            color=colour,
-            label=counted(int(which.sum()), what),
-            zorder=order,
-        )
+        how: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / magnify, "width": 0.0022}
+        label = counted(int(which.sum()), what)
+        arrows = ax.quiver(*pixels[drawn].T, *shown[drawn].T, color=colour, label=label, zorder=order, **how)
         arrows.set_clip_path(border)
     key = round_length(0.08 * camera.width / magnify)
     ax.quiverkey(arrows, 0.06, 0.95, key, f"{key:g} px", labelpos="E", color="black")
@@ -172,29 +167,18 @@ def show_reprojection(
 def show_reprojection_histogram(
     geometry: GeometricFit, ax: Axes | None = None, *, title: str = "Reprojection"
 ) -> Axes:
-    """Show how the coordinates of the inliers' residuals are spread, with a Gaussian as wide.
-
-    Parameters
-    ----------
-    geometry : GeometricFit
-    """
+    """Show how the coordinates of the inliers' residuals are spread, with a Gaussian as wide."""
     ax = new_axes(ax)
     _, residuals, inliers = _points_of(geometry)
     values = residuals[inliers].ravel()
     histogram(ax, values, 0.0, float(np.std(values)), f"{counted(int(inliers.sum()), 'point')}, u and v")
-    return decorate(
-        ax, f"{title}: RMSE {geometry.rmse:.3f} px", "measured - predicted [px]", "density [1/px]"
-    )
+    title = f"{title}: RMSE {geometry.rmse:.3f} px"
+    return decorate(ax, title, "measured - predicted [px]", "density [1/px]")
 
 
 @house()
 def show_coverage(geometry: GeometricFit, ax: Axes | None = None, *, title: str = "Field covered") -> Axes:
-    """Show where in the picture features were seen, with circles of equal angle off the axis.
-
-    Parameters
-    ----------
-    geometry : GeometricFit
-    """
+    """Show where in the picture features were seen, with circles of equal angle off the axis."""
     pixels, _, inliers = _points_of(geometry)
     camera, seen = geometry.camera, np.rad2deg(geometry.max_angle_seen)
     ax, border = _picture_axes(ax, f"{title}: to {seen:.0f}° off the axis", camera.width, camera.height)
@@ -203,19 +187,11 @@ def show_coverage(geometry: GeometricFit, ax: Axes | None = None, *, title: str 
     labelled = np.full(2, -np.inf)
     angles = [*range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10)]
     for angle in [*angles, seen]:
-        out = np.sin(np.deg2rad(angle))
-        rays = np.stack(
-            [out * np.cos(turn), out * np.sin(turn), np.full_like(turn, np.cos(np.deg2rad(angle)))], axis=-1
-        )
-        ring = camera.project(rays)
+        out, along = np.sin(np.deg2rad(angle)), np.full_like(turn, np.cos(np.deg2rad(angle)))
+        ring = camera.project(np.stack([out * np.cos(turn), out * np.sin(turn), along], axis=-1))
         reached = angle == seen
-        (line,) = ax.plot(
-            *ring.T,
-            color=VERMILION if reached else "0.35",
-            lw=2.2 if reached else 0.8,
-            ls="--" if reached else "-",
-            label="farthest feature" if reached else None,
-        )
+        farthest: dict[str, Any] = {"color": VERMILION, "lw": 2.2, "ls": "--", "label": "farthest feature"}
+        (line,) = ax.plot(*ring.T, **(farthest if reached else {"color": "0.35", "lw": 0.8}))
         line.set_clip_path(border)
         # Along a diagonal, where the picture is widest.
         place = ring[np.argmin(np.abs(turn - np.arctan2(camera.height, camera.width)))]
@@ -253,7 +229,7 @@ def video_frames(session: Session) -> IntArray:
 
 
 def geometry_figure(session: Session, image: FloatArray, name: str | None = None) -> Figure:
-    """Draw the evidence for a camera on one page.
+    """Draw the evidence for a camera on one page, of 1600 x 1120 px when saved.
 
     Parameters
     ----------
@@ -262,11 +238,6 @@ def geometry_figure(session: Session, image: FloatArray, name: str | None = None
         A frame, stored values in [0, 1].
     name : str, optional
         Which; `best_frame` by default.
-
-    Returns
-    -------
-    Figure
-        1600 x 1120 px when saved.
 
     Raises
     ------
@@ -289,20 +260,7 @@ def geometry_figure(session: Session, image: FloatArray, name: str | None = None
 def light_figure(session: Session, image: FloatArray, name: str | None = None) -> Figure:
     """Draw the evidence for a light on one page: the paper's five panels, and the frames held out.
 
-    Parameters
-    ----------
-    session, image, name
-        As for `geometry_figure`.
-
-    Returns
-    -------
-    Figure
-        1800 x 1000 px when saved.
-
-    Raises
-    ------
-    ValueError
-        If the session's light was refused.
+    Parameters as of `geometry_figure`; 1800 x 1000 px when saved; ValueError if the light was refused.
     """
     light, samples = session.light, session.samples
     if light is None:

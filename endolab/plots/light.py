@@ -96,12 +96,7 @@ def show_sampling(
 
 @house()
 def show_light_residuals(light: PhotometricFit, ax: Axes | None = None, *, title: str | None = None) -> Axes:
-    """Show how the residuals of the samples that counted are spread, with a Gaussian.
-
-    Parameters
-    ----------
-    light : PhotometricFit
-    """
+    """Show how the residuals of the samples that counted are spread, with a Gaussian."""
     ax = new_axes(ax)
     values = light.residuals[light.used]
     if title is None:
@@ -116,12 +111,6 @@ def show_light_residuals(light: PhotometricFit, ax: Axes | None = None, *, title
 def show_fall_off(light: PhotometricFit, ax: Axes | None = None, *, title: str = "Light's fall-off") -> Axes:
     """Show the joint vignetting and light spread cosᵏα with its standard error, beside cos⁴α.
 
-    Parameters
-    ----------
-    light : PhotometricFit
-
-    Notes
-    -----
     Angles at which there were no samples are shaded. If the light's place was fitted, α is the
     angle off its direction.
     """
@@ -132,15 +121,8 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None, *, title: str =
     low, high = np.rad2deg(light.alpha_range)
     _shade_unseen(ax, low, high)
     ax.plot(alpha, cosine**4, color="black", lw=1.5, ls=":", label="cos⁴ α")
-    ax.fill_between(
-        alpha,
-        cosine ** (k - error),
-        cosine ** (k + error),
-        color=VERMILION,
-        alpha=0.35,
-        lw=0,
-        label="± 1 s.e.",
-    )
+    above, below = cosine ** (k - error), cosine ** (k + error)
+    ax.fill_between(alpha, above, below, color=VERMILION, alpha=0.35, lw=0, label="± 1 s.e.")
     ax.plot(alpha, cosine**k, color=VERMILION, lw=2.2, label=f"cosᵏ α, k = {k:.3f} ± {error:.3f}")
     ax.set_ylim(0, 1.05)
     # The fitted curve first.
@@ -212,62 +194,35 @@ def show_brdf(
     low, high = np.rad2deg(theta[[0, -1]])
     _shade_unseen(ax, low, high)
     ax.axhline(1, color="black", lw=1.5, ls=":", label="Lambertian" if tabulated else None)
-    ax.errorbar(
-        np.rad2deg(theta),
-        relative,
-        errors,
-        color=VERMILION,
-        lw=1.8,
-        marker="o" if tabulated else "",
-        ms=5,
-        capsize=3,
-        label="fitted ± 1 s.e." if tabulated else "taken to be Lambertian",
-    )
+    label, marker = ("fitted ± 1 s.e.", "o") if tabulated else ("taken to be Lambertian", "")
+    how: dict[str, Any] = {"color": VERMILION, "lw": 1.8, "ms": 5, "capsize": 3}
+    ax.errorbar(np.rad2deg(theta), relative, errors, marker=marker, label=label, **how)
     bottom, top = (relative - errors).min(), (relative + errors).max()
     room = max(top - bottom, 0.2)
     ax.set_ylim(bottom - 0.35 * room, top + 0.15 * room)
     if samples is not None:
         bins = np.arange(0, 91, 3)
         count = np.histogram(np.rad2deg(np.arccos(np.minimum(samples.cos_theta[light.used], 1))), bins)[0]
-        heights = 0.2 * count / max(count.max(), 1)
-        ax.bar(
-            bins[:-1] + 1.5,
-            heights,
-            width=2.6,
-            transform=ax.get_xaxis_transform(),
-            color=SKY,
-            alpha=0.8,
-            label="samples",
-        )
+        heights, below = 0.2 * count / max(count.max(), 1), ax.get_xaxis_transform()
+        how = {"color": SKY, "alpha": 0.8, "label": "samples"}
+        ax.bar(bins[:-1] + 1.5, heights, width=2.6, transform=below, **how)
     ax.legend(loc="upper right")
     return decorate(ax, title, "incidence θ [°]", "f_r relative to the pinned node")
 
 
 @house()
 def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames held out") -> Axes:
-    """Show by how much the light of frames that the fit has not seen differs from the model's.
-
-    Parameters
-    ----------
-    scores : HeldOut
-    """
+    """Show by how much the light of frames that the fit has not seen differs from the model's."""
     ax = new_axes(ax)
     known = scores.count > 0
     edges = np.rad2deg(scores.edges)
     middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
     ax.axhline(0, color="black", lw=1.2)
-    ax.errorbar(
-        middle[known],
-        100 * scores.error[known],
-        100 * scores.standard_error[known],
-        half[known],
-        color=VERMILION,
-        ls="none",
-        marker="o",
-        ms=5,
-        lw=1.8,
-        capsize=3,
+    x, y, dy, dx = (
+        values[known] for values in (middle, 100 * scores.error, 100 * scores.standard_error, half)
     )
+    look: dict[str, Any] = {"color": VERMILION, "ls": "none", "marker": "o", "ms": 5, "lw": 1.8, "capsize": 3}
+    ax.errorbar(x, y, dy, dx, **look)
     # A bin of a few samples must not make the others small.
     sure = known & (scores.count >= min(LEAST_SCORED, scores.count.max(initial=0)))
     size = 100 * np.abs(scores.error[sure])
@@ -278,8 +233,8 @@ def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames
     below = ax.get_xaxis_transform()
     box = {"fc": PAPER, "ec": "none", "pad": 1.0}
     how: dict[str, Any] = {"va": "bottom", "color": "0.3", "size": "small", "transform": below, "bbox": box}
-    for x, count in zip(middle[known], scores.count[known], strict=True):
-        ax.text(x, 0.02, f"{count}", ha="center", **how)
+    for at, count in zip(x, scores.count[known], strict=True):
+        ax.text(at, 0.02, f"{count}", ha="center", **how)
     ax.text(edges[-1] * 0.99, 0.09, "samples", ha="right", **how)
     return decorate(ax, title, "angle α off the axis [°]", "measured/modelled light - 1 [%]")
 
