@@ -1,8 +1,9 @@
 """Figures: a frame, its depth, normals and surface, errors and energies.
 
 Every function but the two pages, `overview` and `compare_depths`, draws into the axes ``ax`` it
-is given, or into new ones, under ``title``, and returns the axes. Colours are safe for
-colour-blind readers, axes carry units, and what is left out (nan) is neutral grey (`style`).
+is given, or into new ones, under ``title``, and returns the axes. Maps are nan where unknown,
+which is shown in neutral grey; ``unit`` is that of the distances. Colours are safe for
+colour-blind readers, and axes carry units (`style`).
 """
 
 from __future__ import annotations
@@ -50,34 +51,22 @@ def _known(maps: Iterable[FloatArray]) -> FloatArray:
 
 
 def common_limits(maps: Iterable[FloatArray]) -> tuple[float, float]:
-    """Limits that suit several maps: 1st and 99th percentile of all their values.
+    """Limits that suit several maps: 1st and 99th percentile of all their values, 0 and 1 of none.
 
     Parameters
     ----------
-    maps : iterable of arrays
-        Of one unit; nan where unknown.
-
-    Returns
-    -------
-    two floats
-        0 and 1 if nothing is known.
+    maps : iterable of arrays of one unit; nan where unknown
     """
     seen = _known(maps)
     return (float(np.percentile(seen, 1)), float(np.percentile(seen, 99))) if seen.size else (0.0, 1.0)
 
 
 def common_limit(errors: Iterable[FloatArray]) -> float:
-    """Limit that suits several maps of signed errors: 98th percentile of all their sizes.
+    """Limit that suits several maps of signed errors: 98th percentile of all their sizes, 1 if that is 0.
 
     Parameters
     ----------
-    errors : iterable of arrays
-        Of one unit; nan where unknown.
-
-    Returns
-    -------
-    float
-        Positive; 1 if nothing is known or all is 0.
+    errors : iterable of arrays of one unit; nan where unknown
     """
     seen = np.abs(_known(errors))
     limit = float(np.percentile(seen, 98)) if seen.size else 1.0
@@ -100,8 +89,7 @@ def show_picture(picture: FloatArray, ax: Axes | None = None, title: str = "Fram
 
     Parameters
     ----------
-    picture : (H, W) or (H, W, 3) float array
-        Stored values in [0, 1]; values outside are clipped.
+    picture : (H, W) or (H, W, 3) float array of stored values, clipped to [0, 1]
     """
     return _draw(np.clip(picture, 0, 1), ax, title, cmap="gray", vmin=0, vmax=1)[0]
 
@@ -120,10 +108,7 @@ def show_depth(
 
     Parameters
     ----------
-    distance : (H, W) float array
-        In `unit`; nan where unknown.
-    unit : str
-        Of the distances.
+    distance : (H, W) float array, in `unit`; nan where unknown
     limits : two floats, optional
         Ends of the colour bar; the 1st and 99th percentile by default. Panels to be compared
         need the same: see `common_limits` and `compare_depths`.
@@ -144,8 +129,7 @@ def show_normals(normals: FloatArray, ax: Axes | None = None, title: str = "Norm
 
     Parameters
     ----------
-    normals : (H, W, 3) float array
-        Unit normals, x right, y down, z forward; nan where unknown.
+    normals : (H, W, 3) float array of unit normals: x right, y down, z forward; nan where unknown
     """
     known = np.isfinite(normals).all(axis=-1, keepdims=True)
     return _draw(np.where(known, np.clip((normals + 1) / 2, 0, 1), LEFT_OUT), ax, title)[0]
@@ -167,12 +151,9 @@ def show_error(
 
     Parameters
     ----------
-    estimate, truth : (H, W) float array
-        Distances in one unit; nan where unknown.
+    estimate, truth : (H, W) float array, distances in `unit`; nan where unknown
     relative : bool
         In per cent of the truth, else in `unit`.
-    unit : str
-        Of the distances.
     limit : float, optional
         End of the colour bar; the 98th percentile of the absolute error by default.
     label : str, optional
@@ -198,14 +179,12 @@ def show_section(
 
     Parameters
     ----------
-    distances : mapping of str to (H, W) float array
+    distances : mapping of str to (H, W) float array, in `unit`
         The surfaces by name; "truth", "start" and "estimate" have colours of their own.
     field : RayField
         Of the camera.
     row, column : int, optional
         Which; the middle column by default.
-    unit : str
-        Of the distances.
     """
     if row is not None and column is not None:
         raise ValueError("choose a row or a column, not both")
@@ -239,8 +218,7 @@ def show_history(
 
     Parameters
     ----------
-    history : sequence of mappings
-        `Result.history`: k, energy and its terms.
+    history : sequence of mappings: k, energy and its terms, as in `Result.history`
     """
     ax = new_axes(ax)
     k = [entry["k"] for entry in history]
@@ -270,20 +248,14 @@ def compare_depths(
 
     Parameters
     ----------
-    distances : mapping of str to (H, W) float array
-        The maps by name, in one unit; nan where unknown.
+    distances : mapping of str to (H, W) float array, in `unit`; nan where unknown
+        The maps by name.
     truth : (H, W) float array, optional
         The true distance: drawn first, and what the errors are errors from.
-    relative : bool
-        Errors in per cent of the truth, else in `unit`.
-    unit : str
-        Of all distances.
-    limits : two floats, optional
-        Ends of the colour bars of distances; by default those that suit all that is drawn.
-    limit : float, optional
-        End of the colour bars of errors; likewise.
-    label : str, optional
-        Of the colour bars of distances; "distance" and the unit by default.
+    relative, limit
+        Of the errors: see `show_error`. By default the limit that suits all that is drawn.
+    limits, label
+        Of the distances: see `show_depth`. Likewise.
 
     Returns
     -------
@@ -305,11 +277,9 @@ def compare_depths(
         limit = common_limit(100 * error / truth if relative else error for error in errors)
     rows, columns = 1 if truth is None else 2, len(shown)
     high, wide = next(iter(shown.values())).shape
-    label = f"distance [{unit}]" if label is None else label
+    size = 4.8 * columns, rows * (3.2 * high / wide + 1.0)
     with house():
-        figure = Figure(
-            figsize=(4.8 * columns, rows * (3.2 * high / wide + 1.0)), dpi=100, layout="constrained"
-        )
+        figure = Figure(figsize=size, dpi=100, layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
         for i, (name, values) in enumerate(shown.items()):
             show_depth(values, axes[0, i], unit=unit, limits=limits, label=label, title=name)

@@ -12,15 +12,11 @@ from matplotlib.patches import Patch
 from endolab.depth.result import Result
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.maps import show_depth, show_normals, show_picture, show_section
+from endolab.plots.plain import in_colour
 from endolab.plots.style import BLUE, GREEN, LEFT_OUT, ORANGE, PAGE_SIZE, house
 from endolab.preprocessing.prepare import Prepared
 
-COLOURS = {
-    "outside": LEFT_OUT,
-    "lumen": to_rgb(BLUE),
-    "highlights": to_rgb(GREEN),
-    "text": to_rgb(ORANGE),
-}
+COLOURS = {"outside": LEFT_OUT, "lumen": to_rgb(BLUE), "highlights": to_rgb(GREEN), "text": to_rgb(ORANGE)}
 
 
 def prepare_figure(prepared: Prepared, result: Result | None = None) -> Figure:
@@ -55,14 +51,16 @@ def prepare_figure(prepared: Prepared, result: Result | None = None) -> Figure:
             axes[0, 2].legend(
                 handles=patches, loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=2, fontsize="small"
             )
-        show_picture(_used(prepared), axes[0, 3], ready[0].upper() + ready[1:])
+        used = np.where(prepared.frame.mask[..., None], _rgb(prepared.frame.image), LEFT_OUT)
+        show_picture(used, axes[0, 3], ready[0].upper() + ready[1:])
         if result is not None:
             problem = result.iterate.problem
             show_depth(result.distance, axes[1, 0], unit=problem.unit)
             show_normals(result.normals, axes[1, 1])
             show_section({"estimate": result.distance}, problem.field, axes[1, 2], unit=problem.unit)
             axes[1, 3].set_axis_off()
-            text = "\n".join(_wrapped(note) for note in prepared.notes)
+            lines = textwrap.TextWrapper(38, "· ", "  ", break_long_words=False, break_on_hyphens=False)
+            text = "\n".join(lines.fill(note) for note in prepared.notes)
             axes[1, 3].text(0, 1, text, va="top", transform=axes[1, 3].transAxes, linespacing=1.5)
     return figure
 
@@ -70,33 +68,17 @@ def prepare_figure(prepared: Prepared, result: Result | None = None) -> Figure:
 def mask_overlay(prepared: Prepared) -> tuple[FloatArray, dict[str, str]]:
     """Paint what was masked over the frame, (H, W, 3), and name what occurs, with its share."""
     picture = _rgb(prepared.original.image)
-    parts = {
-        "outside": ~prepared.field_of_view,
-        "lumen": prepared.lumen,
-        "highlights": prepared.highlights,
-        "text": prepared.text,
-    }
     legend = {}
-    for name, part in parts.items():
+    for name, colour in COLOURS.items():
+        part = ~prepared.field_of_view if name == "outside" else getattr(prepared, name)
         if part.any():
             below = np.clip(np.nan_to_num(picture[part]), 0, 1)
-            picture[part] = 0.25 * below + 0.75 * np.asarray(COLOURS[name])
+            picture[part] = 0.25 * below + 0.75 * np.array(colour)
             legend[name] = f"{name}, {100 * part.mean():.2g} %"
     return picture, legend
 
 
 def _rgb(picture: FloatArray) -> FloatArray:
     """Return a picture of three channels, grey where it is not known."""
-    three = np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
+    three = in_colour(picture)
     return np.where(np.isfinite(three).all(axis=-1, keepdims=True), three, LEFT_OUT)
-
-
-def _used(prepared: Prepared) -> FloatArray:
-    """Return the frame that is solved, grey where it is left out."""
-    return np.where(prepared.frame.mask[..., None], _rgb(prepared.frame.image), LEFT_OUT)
-
-
-def _wrapped(note: str) -> str:
-    """Break a sentence into lines; the first has a mark."""
-    wrapper = textwrap.TextWrapper(38, "· ", "  ", break_long_words=False, break_on_hyphens=False)
-    return wrapper.fill(note)

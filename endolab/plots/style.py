@@ -14,12 +14,13 @@ from contextvars import ContextVar
 from typing import Any
 
 import matplotlib.pyplot as plt
-import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar  # type: ignore[import-untyped]
+
+from endolab.plots.plain import round_length
 
 LEFT_OUT = (0.72, 0.72, 0.72)
 BACKDROP = (0.09, 0.10, 0.12)  # of a surface in space
@@ -101,12 +102,6 @@ def colour_bar(ax: Axes, shown: ScalarMappable, label: str, extend: str = "neith
     bar.ax.tick_params(colors=ink)
     bar.outline.set_edgecolor(ink)
     return bar
-
-
-def round_length(length: float) -> float:
-    """Round down to 1, 2 or 5 times a power of ten."""
-    power = 10 ** np.floor(np.log10(length))
-    return float(max(power * factor for factor in (1, 2, 5) if power * factor <= length * (1 + 1e-9)))
 
 
 def scale_bar(ax: Axes, width: float, unit: str) -> None:

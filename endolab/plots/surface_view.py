@@ -12,6 +12,7 @@ from matplotlib.collections import PolyCollection
 from endolab.metrics.mesh_distance import caster, load_open3d, to_open3d
 from endolab.model.mesh import Mesh, triangle_normals
 from endolab.numerics.arrays import FloatArray
+from endolab.plots.plain import in_colour
 from endolab.plots.style import BACKDROP, house, new_axes, scale_bar
 
 VIEW_WIDTH = 320  # columns of a surface that `show_cloud` draws; more cost time and show no more
@@ -37,13 +38,10 @@ def show_cloud(
     Parameters
     ----------
     points : (H, W, 3) float array
-        Surface points in the camera frame; nan where unknown.
-    colours : (H, W, 3) or (H, W) float array
-        Of the points, in [0, 1].
+        Surface points in the camera frame, in `unit`; nan where unknown.
+    colours : (H, W, 3) or (H, W) float array, in [0, 1]
     angle, elevation : float
         How far the viewer stands to the left of the optical axis and above it, degrees.
-    unit : str
-        Of the points.
 
     Notes
     -----
@@ -68,8 +66,7 @@ def show_cloud(
         kept = (normal[..., 2] > 0) & (distance.max(axis=-1) < JUMP * distance.min(axis=-1))
         kept &= np.abs(np.sum(normal * sight, axis=-1)) > EDGE_ON
     patch = patch[kept]
-    colour = colours[:-1, :-1][kept]
-    colour = np.repeat(colour[:, None], 3, axis=-1) if colour.ndim == 1 else colour
+    colour = in_colour(colours)[:-1, :-1][kept]
     if len(patch):
         colour = _lit(colour, normal[kept])
         order = np.argsort(-patch[..., 2].mean(axis=-1))
@@ -100,9 +97,7 @@ def show_mesh(
     ax : Axes, optional
         If given, the picture is drawn there and no window opens.
     angle, elevation : float
-        Of the picture: how far the viewer stands to the left of the optical axis and above it,
-        degrees.
-    title : str
+        Of the picture, degrees: see `show_cloud`.
 
     Returns
     -------
@@ -119,7 +114,14 @@ def show_mesh(
         if _show_window(mesh, title):
             return None
         print("No window can open here, so this is a picture of the mesh; `angle` and `elevation` turn it.")
-    return _draw(mesh, ax, angle, elevation, title)
+    with house():
+        ax = new_axes(ax)
+        if len(mesh.triangles):
+            picture, extent = render_side(mesh, angle=angle, elevation=elevation, background=BACKDROP)
+            ax.imshow(picture, extent=extent, interpolation="antialiased")
+            scale_bar(ax, extent[1] - extent[0], mesh.unit)
+        _mark_camera(ax, title)
+    return ax
 
 
 def _show_window(mesh: Mesh, title: str) -> bool:
@@ -144,17 +146,6 @@ def _show_window(mesh: Mesh, title: str) -> bool:
     return True
 
 
-def _draw(mesh: Mesh, ax: Axes | None, angle: float, elevation: float, title: str) -> Axes:
-    with house():
-        ax = new_axes(ax)
-        if len(mesh.triangles):
-            picture, extent = render_side(mesh, angle=angle, elevation=elevation, background=BACKDROP)
-            ax.imshow(picture, extent=extent, interpolation="antialiased")
-            scale_bar(ax, extent[1] - extent[0], mesh.unit)
-        _mark_camera(ax, title)
-    return ax
-
-
 def render_side(
     mesh: Mesh,
     *,
@@ -170,11 +161,10 @@ def render_side(
     mesh : Mesh
         With at least one triangle.
     angle, elevation : float
-        How far the viewer stands to the left of the optical axis and above it, degrees.
+        In degrees: see `show_cloud`.
     width : int
         Of the picture, pixels.
-    background : three floats
-        R, G, B.
+    background : R, G, B in [0, 1]
 
     Returns
     -------
@@ -194,8 +184,7 @@ def render_side(
     rays = np.zeros((height, width, 6), dtype=np.float32)
     rays[..., 0], rays[..., 1], rays[..., 2], rays[..., 5] = x, y, vertices[:, 2].min() - 1, 1
     seen = mesh.triangles[triangle_normals(vertices[mesh.triangles])[:, 2] < 0]
-    picture = np.empty((height, width, 3))
-    picture[:] = background
+    picture = np.full((height, width, 3), background)
     if len(seen):
         hit = caster(vertices, seen).cast_rays(load_open3d().core.Tensor(rays))
         met = np.isfinite(hit["t_hit"].numpy())

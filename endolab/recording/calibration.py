@@ -22,7 +22,7 @@ from endolab.calibration.targets import Target
 from endolab.io.atomic import PathLike
 from endolab.io.video import Frames
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.diverging import blue_white_red
+from endolab.plots.plain import blue_white_red
 from endolab.recording import layouts
 from endolab.recording.stream import NOW, OUTLIER, START, THIN, Sink, camera_shape, jpeg
 from endolab.recording.stream import TRUTH as GREY

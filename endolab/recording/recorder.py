@@ -22,7 +22,7 @@ from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.diverging import blue_white_red
+from endolab.plots.plain import blue_white_red, in_colour, round_length
 from endolab.recording.layouts import BLUEPRINTS, TIMELINE, Shown, comparison
 from endolab.recording.stream import (
     NOW,
@@ -35,7 +35,6 @@ from endolab.recording.stream import (
     depth_map,
     every,
     grey,
-    in_colour,
     png,
     stage_text,
 )
@@ -335,8 +334,7 @@ class Recorder:
             shown = points[np.isfinite(points).all(axis=-1)]
             self._log_of_stage("world/truth", rr.Points3D(shown, colors=TRUTH, radii=THIN))
         far = float(np.percentile(shown[:, 2], 99))
-        power = 10 ** np.floor(np.log10(far / 3))
-        length = max(power * factor for factor in (1, 2, 5) if power * factor <= far / 3)
+        length = round_length(far / 3)
         label = f"{length:g} {problem.unit}"
         bar = rr.LineStrips2D([[[0, 0], [length, 0]]], colors=TRUTH, radii=THIN, labels=label)
         self._log_of_stage("section/scale", bar)

@@ -11,8 +11,9 @@ import rerun as rr
 from endolab.io.atomic import PathLike
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
+from endolab.plots.plain import in_colour
 from endolab.recording.layouts import sequence
-from endolab.recording.stream import Sink, as_bytes, camera_shape, depth_map, every, in_colour, jpeg
+from endolab.recording.stream import Sink, as_bytes, camera_shape, depth_map, every, jpeg
 
 TIMELINE = "frame"
 CLOUD_WIDTH = 120  # columns of a cloud: coordinates would be most of a recording

@@ -181,11 +181,6 @@ def grey(values: NDArray, inside: BoolArray) -> FloatArray:
     return (values - low) / (high - low)
 
 
-def in_colour(picture: FloatArray) -> FloatArray:
-    """Give a picture, (h, w) or (h, w, 3), three channels."""
-    return np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
-
-
 def stage_text(name: str, round: int) -> str:
     """Name a stage of a run; `stage_of` is the way back."""
     return f"{name}, round {round}" if round else name

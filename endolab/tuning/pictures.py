@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.diverging import blue_white_red
+from endolab.plots.plain import blue_white_red, in_colour
 
 Picture = NDArray[np.uint8]
 Limits = tuple[float, float]
@@ -91,7 +91,7 @@ def coloured(values: FloatArray, limits: Limits, palette: str = "viridis") -> Pi
 
 def grey_or_colour(image: FloatArray) -> Picture:
     """Show values in [0, 1], (H, W) or (H, W, 3); nan is grey."""
-    shown = np.repeat(image[..., None], 3, axis=-1) if image.ndim == 2 else image
+    shown = in_colour(image)
     known = np.isfinite(shown).all(axis=-1, keepdims=True)
     bytes_ = np.round(255 * np.clip(np.where(known, shown, 0), 0, 1)).astype(np.uint8)
     return np.where(known, bytes_, np.array(LEFT_OUT, np.uint8))

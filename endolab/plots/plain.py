@@ -1,4 +1,4 @@
-"""The colours of signed values, blue, white and red, in recordings and in the tuner."""
+"""What figures share with recordings and the tuner, of NumPy alone: colours, round lengths."""
 
 from __future__ import annotations
 
@@ -17,3 +17,14 @@ def blue_white_red(values: FloatArray) -> NDArray[np.uint8]:
     nodes = np.linspace(-1, 1, len(BLUE_WHITE_RED))
     channels = [np.interp(values, nodes, channel) for channel in BLUE_WHITE_RED.T]
     return np.round(np.stack(channels, axis=-1)).astype(np.uint8)
+
+
+def in_colour(picture: FloatArray) -> FloatArray:
+    """Give a picture, (h, w) or (h, w, 3), three channels."""
+    return np.repeat(picture[..., None], 3, axis=-1) if picture.ndim == 2 else picture
+
+
+def round_length(length: float) -> float:
+    """Round down to 1, 2 or 5 times a power of ten."""
+    power = 10 ** np.floor(np.log10(length))
+    return float(max(power * factor for factor in (1, 2, 5) if power * factor <= length * (1 + 1e-9)))
