@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import endolab as el
 from endolab import datasets
 from endolab.calibration.detection.detect import detect
 from endolab.calibration.detection.dots import match_code
@@ -16,12 +17,10 @@ from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.simulation.sheet_image import render_sheet
 from endolab.calibration.simulation.trajectory import folded
 from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid
-from endolab.model.brdf import Lambertian
-from endolab.model.photometry import Photometry
 from tests.tools.sheet_views import exact_centroids
 
 CAMERA = datasets.load_calibration("paper", width=640).camera
-LIGHT = Photometry(k=2.5, gamma=2.2, brdf=Lambertian(0.8), gain=None)
+LIGHT = el.Photometry(k=2.5, gamma=2.2, brdf=el.Lambertian(0.8), gain=None)
 DOTS = TARGETS["vicalib_small"]
 BOARD = Chessboard(12, 7, 7.0)  # its two ends differ, so that its order is unique
 
@@ -51,8 +50,7 @@ def truth(target, poses):
 
 def seen(pixels, margin=15.0):
     """Ids of the features well within the picture."""
-    inside = np.all((pixels > margin) & (pixels < np.array([639, 479]) - margin), axis=1)
-    return np.flatnonzero(inside)
+    return np.flatnonzero(np.all((pixels > margin) & (pixels < np.array([639, 479]) - margin), axis=1))
 
 
 def errors(found, true):
@@ -123,8 +121,7 @@ def test_part_of_a_picture_gives_the_right_ids(window):
 def test_a_mirrored_picture_is_refused(name):
     target = TARGETS[name]
     found = detect(picture(target, [posed(target, 60)])[:, ::-1].copy(), target)
-    assert len(found.ids) == 0
-    assert found.pixels.shape == (0, 2)
+    assert (len(found.ids), found.pixels.shape) == (0, (0, 2))
     assert found.reason
 
 
@@ -132,12 +129,10 @@ def test_a_mirrored_picture_is_refused(name):
 def test_nothing_is_found_where_nothing_is(name, rng):
     """Black, white, a ramp, noise, and another target; each time a reason is given."""
     ramp = np.tile(np.linspace(0, 1, 320), (240, 1))
-    other = picture(TARGETS["circles"], [posed(TARGETS["circles"], 60)])
-    if name == "circles":
-        other = picture(TARGETS["charuco"], [posed(TARGETS["charuco"], 60)])
+    other = TARGETS["charuco" if name == "circles" else "circles"]
     empty = [np.zeros((240, 320)), np.ones((240, 320)), ramp, np.zeros((8, 8))]
     noise = [rng.random((240, 320)), np.clip(0.5 + 0.02 * rng.standard_normal((480, 640)), 0, 1)]
-    for image in [*empty, *noise, other]:
+    for image in [*empty, *noise, picture(other, [posed(other, 60)])]:
         found = detect(image, TARGETS[name])
         assert len(found.ids) == 0
         assert found.reason
@@ -171,26 +166,19 @@ def test_blur_noise_and_glints(options):
     assert np.median(off) < 0.15
 
 
-def test_a_highlight_across_the_sheet():
+def test_a_highlight_across_the_sheet_and_overexposed_or_dark_pictures():
     pose = posed(DOTS, 45)
-    true = truth(DOTS, [pose])
-    image = picture(DOTS, [pose]).astype(float)
     glare = np.exp(-(((np.arange(640) - 330) / 30) ** 4)) * 600
-    found = detect(np.clip(image + glare, 0, 255).astype(np.uint8), DOTS)
-    assert errors(found, true).max() < 1
+    found = detect(np.clip(picture(DOTS, [pose]) + glare, 0, 255).astype(np.uint8), DOTS)
+    assert errors(found, truth(DOTS, [pose])).max() < 1
     assert (found.pixels[:, 0] < 290).sum() > 30
     assert (found.pixels[:, 0] > 370).sum() > 30
-
-
-def test_overexposed_and_dark_pictures():
     pose = posed(DOTS, 45, 20)
-    true = truth(DOTS, [pose])
     usual = render_sheet(DOTS, [pose], CAMERA, LIGHT).gain
     for factor in (2.5, 0.12):
-        frame = render_sheet(DOTS, [pose], CAMERA, replace(LIGHT, gain=factor * usual))
-        found = detect(frame.image, DOTS)
+        found = detect(render_sheet(DOTS, [pose], CAMERA, replace(LIGHT, gain=factor * usual)).image, DOTS)
         assert len(found.ids) > 120
-        assert errors(found, true).max() < 1.5
+        assert errors(found, truth(DOTS, [pose])).max() < 1.5
 
 
 @pytest.mark.parametrize("name", ["charuco", "board", "circles"])
@@ -210,10 +198,7 @@ def test_a_chessboard_that_looks_the_same_when_turned_is_not_mirrored():
         found = detect(np.ascontiguousarray(np.rot90(image, turn)), target)
         grid = np.full((7, 11, 2), np.nan)
         grid.reshape(-1, 2)[found.ids] = found.pixels
-        along, down = (
-            np.nanmean(np.diff(grid, axis=1), axis=(0, 1)),
-            np.nanmean(np.diff(grid, axis=0), axis=(0, 1)),
-        )
+        along, down = (np.nanmean(np.diff(grid, axis=axis), axis=(0, 1)) for axis in (1, 0))
         assert along[0] * down[1] - along[1] * down[0] > 0
         if turn % 2 == 0:
             assert along[0] > 0
@@ -300,8 +285,8 @@ def test_the_published_frame_of_the_sheet(data):
 
 
 def test_published_circles(data):
-    files = sorted((data / "circles_fetoscope").rglob("*.jpg"))
-    counts = [len(detect(cv2.imread(str(file)), CircleGrid(3, 11, 1.0, radius=0.4)).ids) for file in files]
+    grid, files = CircleGrid(3, 11, 1.0, radius=0.4), (data / "circles_fetoscope").rglob("*.jpg")
+    counts = [len(detect(cv2.imread(str(file)), grid).ids) for file in files]
     assert len(counts) == 11
     assert min(counts) >= 30
 

@@ -1,15 +1,9 @@
 import numpy as np
 import pytest
 
+from endolab.calibration.geometric import projection
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.geometric.projection import (
-    NAMES,
-    camera_of,
-    camera_vector,
-    predict,
-    predict_view,
-    project,
-)
+from endolab.calibration.geometric.projection import NAMES, camera_vector, predict, predict_view, project
 from endolab.calibration.targets import TARGETS
 from tests.tools.sheet_views import PAPER, WIDE, exact_centroids
 
@@ -33,7 +27,7 @@ def at(camera, pose, points, radii):
 
 
 def test_a_camera_survives_the_vector():
-    assert camera_of(camera_vector(PAPER), PAPER.width, PAPER.height) == PAPER
+    assert projection.camera_of(camera_vector(PAPER), PAPER.width, PAPER.height) == PAPER
     assert len(NAMES) == len(camera_vector(PAPER))
 
 
@@ -44,9 +38,8 @@ def test_corners_are_where_the_camera_projects_them(camera, pose):
     none = np.zeros(len(SHEET.points))
     assert known.sum() > 20
     assert predict(*at(camera, pose, SHEET.points, none))[known] == pytest.approx(seen[known], abs=1e-9)
-    assert project(*at(camera, pose, SHEET.points, none)).pixels[known] == pytest.approx(
-        seen[known], abs=1e-9
-    )
+    exact = project(*at(camera, pose, SHEET.points, none)).pixels
+    assert exact[known] == pytest.approx(seen[known], abs=1e-9)
 
 
 @pytest.mark.parametrize(("camera", "pose"), CASES.values(), ids=CASES)
@@ -71,15 +64,13 @@ def test_derivatives_are_those_of_finite_differences(camera, pose, discs):
     vector, n = camera_vector(camera), len(points)
     exact = project(vector, *spread(pose, n), points, radii)
     for j in range(8):
-        step = np.zeros(8)
-        step[j] = 1e-3 if j < 4 else 1e-5
-        ahead, behind = (predict(vector + s, *spread(pose, n), points, radii) for s in (step, -step))
-        slope = (ahead - behind) / (2 * step[j])
+        h = 1e-3 if j < 4 else 1e-5
+        ahead, behind = (predict(vector + s * np.eye(8)[j], *spread(pose, n), points, radii) for s in (h, -h))
+        slope = (ahead - behind) / (2 * h)
         assert exact.by_camera[:, :, j] == pytest.approx(slope, abs=1e-6 * np.abs(slope).max()), NAMES[j]
     for j in range(6):
-        step = np.zeros(6)
-        step[j] = 1e-5
-        ahead, behind = (predict(vector, *spread(pose.moved(s), n), points, radii) for s in (step, -step))
+        steps = 1e-5 * np.eye(6)[j], -1e-5 * np.eye(6)[j]
+        ahead, behind = (predict(vector, *spread(pose.moved(s), n), points, radii) for s in steps)
         slope = (ahead - behind) / 2e-5
         assert exact.by_pose[:, :, j] == pytest.approx(slope, abs=1e-6 * np.abs(slope).max()), j
 
@@ -92,9 +83,8 @@ def test_derivatives_hold_on_the_axis(discs):
     exact = project(*at(PAPER, pose, offsets, radii))
     assert np.all(np.isfinite(exact.by_camera))
     for j in range(6):
-        step = np.zeros(6)
-        step[j] = 1e-5
-        ahead, behind = (predict(*at(PAPER, pose.moved(s), offsets, radii)) for s in (step, -step))
+        steps = 1e-5 * np.eye(6)[j], -1e-5 * np.eye(6)[j]
+        ahead, behind = (predict(*at(PAPER, pose.moved(s), offsets, radii)) for s in steps)
         assert exact.by_pose[:, :, j] == pytest.approx((ahead - behind) / 2e-5, abs=1e-5)
 
 
@@ -102,8 +92,6 @@ def test_what_is_beyond_the_camera_is_not_predicted():
     pose = Pose.from_vector([0, 0, 0, 0, 0, 40.0])
     points = np.array([[0.0, 0, 0], [40 * np.tan(np.radians(89.0)), 0, 0], [1e5, 0, 0]])
     assert PAPER.max_angle == pytest.approx(np.radians(90.8), abs=1e-3)
-    seen = predict_view(PAPER, pose, points, np.zeros(3))
-    assert np.all(np.isfinite(seen))
+    assert np.all(np.isfinite(predict_view(PAPER, pose, points, np.zeros(3))))
     behind = Pose.from_vector([0, 1.8, 0, 0, 0, -1.0])
-    seen = predict_view(PAPER, behind, points, np.zeros(3))
-    assert np.isnan(seen[0]).all()
+    assert np.isnan(predict_view(PAPER, behind, points, np.zeros(3))[0]).all()
