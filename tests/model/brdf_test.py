@@ -1,5 +1,7 @@
 """BRDFs: energy, interpolation, derivatives."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -7,6 +9,8 @@ from numpy.testing import assert_allclose
 from endolab.model.brdf import Glossy, Lambertian, TabulatedBRDF
 
 TABLE = TabulatedBRDF((0.1, 0.4, 0.9, 1.3), (0.30, 0.26, 0.20, 0.05))
+BRDFS = {"matt": Lambertian(0.5), "table": TABLE, "glossy": Glossy(0.5, 0.02, 40.0)}
+every_brdf = pytest.mark.parametrize("brdf", BRDFS.values(), ids=BRDFS)
 COSINE, WEIGHT = np.polynomial.legendre.leggauss(2000)
 COSINE, WEIGHT = 0.5 * (COSINE + 1), 0.5 * WEIGHT  # on the hemisphere, dω = 2π d(cos)
 
@@ -31,37 +35,27 @@ def test_a_table_is_linear_in_the_angle_and_constant_beyond():
     assert_allclose(TABLE.value(np.cos(theta), np.ones(9)), expected, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize(
-    "brdf", [Lambertian(0.5), TABLE, Glossy(0.5, 0.02, 40.0)], ids=lambda b: type(b).__name__
-)
+@every_brdf
 def test_derivatives_by_both_cosines(brdf):
     i, h = np.meshgrid(np.linspace(0.03, 0.97, 41), np.linspace(0.05, 0.98, 37))
-    step = 1e-6
+    step, actual = 1e-6, brdf.derivative(i, h)
     by_i = (brdf.value(i + step, h) - brdf.value(i - step, h)) / (2 * step)
     by_h = (brdf.value(i, h + step) - brdf.value(i, h - step)) / (2 * step)
-    actual = brdf.derivative(i, h)
     assert_allclose(actual[0], by_i, rtol=0, atol=1e-7)
     assert_allclose(actual[1], by_h, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("brdf", [Lambertian(0.5), TABLE, Glossy()], ids=lambda b: type(b).__name__)
+@every_brdf
 @pytest.mark.parametrize("cosine", [0.0, 1.0, 1.0 + 1e-15, -0.3])
 def test_the_ends_are_finite(brdf, cosine):
     assert np.all(np.isfinite([brdf.value(cosine, cosine), *brdf.derivative(cosine, cosine)]))
 
 
-def test_three_albedos_need_a_choice():
-    with pytest.raises(ValueError, match="choose a channel"):
-        Lambertian((0.7, 0.4, 0.3)).value(0.5, 0.5)
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Lambertian(0.0), "albedo"),
-        (lambda: Lambertian(1.1), "albedo"),
-        (lambda: Lambertian((0.5, np.nan, 0.5)), "albedo"),
-        (lambda: Lambertian((0.5, 0.5)), "albedo"),
+        *((partial(Lambertian, albedo), "albedo") for albedo in (0.0, 1.1, (0.5, np.nan, 0.5), (0.5, 0.5))),
+        (lambda: Lambertian((0.7, 0.4, 0.3)).value(0.5, 0.5), "choose a channel"),
         (lambda: Glossy(-0.1), "albedo"),
         (lambda: Glossy((0.7, 0.4, 0.3)), "albedo"),
         (lambda: Glossy(0.5, -0.1), "specular"),

@@ -37,11 +37,13 @@ def surface(rng, count=60, max_slant=70.0):
     return points, normals, distance, theta, points[:, 2] / distance
 
 
+def slope(function, h):
+    """Central difference at 0."""
+    return (function(h) - function(-h)) / (2 * h)
+
+
 def model(brdf=BRDFS["matt"], lights=(), **changes):
     return Photometry(**({"k": 2.5, "gamma": 2.2, "gain": 3000.0, "brdf": brdf, "lights": lights} | changes))
-
-
-# Derivatives ---------------------------------------------------------------------------
 
 
 @every_brdf
@@ -52,38 +54,29 @@ def test_derivatives_of_the_general_model(rng, brdf, lights):
     intensity, by_point, by_normal = photometry.intensity_gradient(points, normals)
     assert_array_equal(intensity, photometry.intensity(points, normals))
     assert intensity.min() > 0.05
-    h = 1e-4
-    for axis, e in enumerate(np.eye(3) * h):
-        ahead, behind = photometry.intensity(points + e, normals), photometry.intensity(points - e, normals)
-        assert_allclose(by_point[:, axis], (ahead - behind) / (2 * h), rtol=1e-5, atol=1e-8)
-    h = 1e-6
-    for axis, e in enumerate(np.eye(3) * h):
-        ahead, behind = photometry.intensity(points, normals + e), photometry.intensity(points, normals - e)
-        assert_allclose(by_normal[:, axis], (ahead - behind) / (2 * h), rtol=1e-5, atol=1e-7)
+    for axis, e in enumerate(np.eye(3)):
+        by_step = slope(lambda h, e=e: photometry.intensity(points + h * e, normals), 1e-4)
+        assert_allclose(by_point[:, axis], by_step, rtol=1e-5, atol=1e-8)
+        by_turn = slope(lambda h, e=e: photometry.intensity(points, normals + h * e), 1e-6)
+        assert_allclose(by_normal[:, axis], by_turn, rtol=1e-5, atol=1e-7)
 
 
 @every_brdf
 def test_derivatives_of_the_simplified_model(rng, brdf):
     photometry = model(brdf)
     _, _, distance, theta, cos_alpha = surface(rng)
-    v, p, h = np.log(distance), np.tan(theta) ** 2, 1e-6
+    v, p = np.log(distance), np.tan(theta) ** 2
     _, by_v, by_p = photometry.shade(v, p, cos_alpha)
-    ahead, behind = photometry.shade(v + h, p, cos_alpha)[0], photometry.shade(v - h, p, cos_alpha)[0]
-    assert_allclose(by_v, (ahead - behind) / (2 * h), rtol=1e-7)
-    step = h * (1 + p)
-    ahead, behind = photometry.shade(v, p + step, cos_alpha)[0], photometry.shade(v, p - step, cos_alpha)[0]
-    assert_allclose(by_p, (ahead - behind) / (2 * step), rtol=2e-5)
+    assert_allclose(by_v, slope(lambda h: photometry.shade(v + h, p, cos_alpha)[0], 1e-6), rtol=1e-7)
+    steps = 1e-6 * (1 + p)
+    assert_allclose(by_p, slope(lambda h: photometry.shade(v, p + h, cos_alpha)[0], steps), rtol=2e-5)
 
 
 def test_the_dark_has_neither_light_nor_slope():
     """Behind the camera, and turned away from the light."""
     points = np.array([[5.0, 0.0, -10.0], [0.0, 0.0, 50.0]])
-    normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
-    for value in model(lights=(SpotLight(),)).intensity_gradient(points, normals):
+    for value in model(lights=(SpotLight(),)).intensity_gradient(points, np.array([[0.0, 0.0, 1.0]] * 2)):
         assert np.all(value == 0)
-
-
-# The two forms -------------------------------------------------------------------------
 
 
 @every_brdf
@@ -121,15 +114,10 @@ def test_far_away_the_lights_become_one(rng):
     assert simplified.lights == ()
     assert simplified.gain == pytest.approx(3000 * 1.2)
     points, normals, distance, _, _ = surface(rng, max_slant=50.0)
-    points = points / distance[:, None]
-    errors = [
-        np.abs(
-            np.log(general.intensity(d * points, normals) / simplified.intensity(d * points, normals))
-        ).max()
-        for d in (50.0, 500.0, 5000.0)
-    ]
-    assert errors[1] < errors[0] / 8
-    assert errors[2] < errors[1] / 8
+    far = [d * points / distance[:, None] for d in (50.0, 500.0, 5000.0)]
+    errors = [np.log(general.intensity(x, normals) / simplified.intensity(x, normals)) for x in far]
+    errors = np.abs(errors).max(axis=1)
+    assert np.all(errors[1:] < errors[:-1] / 8)
     assert errors[2] < 1e-3
 
 
@@ -138,17 +126,13 @@ def test_far_away_on_the_axis_tilted_lights_become_one():
     lights = (SpotLight((1, 0, 0), (1.0, 0.0, 1.0), 2.0), SpotLight((-1, 0, 0), (-1.0, 0.0, 1.0), 2.0))
     general = model(lights=lights, gain=1e8)
     point, normal = np.array([0.0, 0.0, 1e4]), np.array([0.0, 0.0, -1.0])
-    assert general.simplified().intensity(point, normal) == pytest.approx(
-        float(general.intensity(point, normal)), rel=1e-3
-    )
+    one, two = (float(each.intensity(point, normal)) for each in (general.simplified(), general))
+    assert one == pytest.approx(two, rel=1e-3)
 
 
 def test_nothing_to_simplify():
     assert model().simplified() == model()
     assert model(lights=THREE_LIGHTS, gain=None).simplified().gain is None
-
-
-# Scaling laws --------------------------------------------------------------------------
 
 
 @every_brdf
@@ -167,19 +151,17 @@ def test_gain_and_gamma(rng, lights):
     points, normals, *_ = surface(rng)
     base = model(lights=lights)
     intensity = base.intensity(points, normals)
-    assert_allclose(
-        replace(base, gain=9000.0).intensity(points, normals), intensity * 3 ** (1 / 2.2), rtol=1e-12
-    )
-    assert_allclose(replace(base, gamma=1.0).intensity(points, normals), intensity**2.2, rtol=1e-12)
+    for change, expected in (
+        ({"gain": 9000.0}, intensity * 3 ** (1 / 2.2)),
+        ({"gamma": 1.0}, intensity**2.2),
+    ):
+        assert_allclose(replace(base, **change).intensity(points, normals), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("k", [0.0, 2.5])
 def test_attenuation(k):
     cosine = np.array([1.0, 0.5, 1e-3, 0.0, -0.2, np.nan])
     assert_allclose(model(k=k).attenuation(cosine), [1.0, 0.5**k, 1e-3**k, 0.0, 0.0, np.nan], rtol=1e-14)
-
-
-# Canonical intensity -------------------------------------------------------------------
 
 
 @every_brdf
@@ -194,9 +176,6 @@ def test_canonical_intensity_without_gain_or_light():
     known, unknown = model(gain=50.0), model(gain=None)
     assert unknown.canonical(image, cos_alpha)[0] == pytest.approx(50 * known.canonical(image, cos_alpha)[0])
     assert np.isnan(known.canonical(image, cos_alpha)[1])
-
-
-# Channels ------------------------------------------------------------------------------
 
 
 def test_the_grey_channel_is_the_grey_of_the_channels(rng):
@@ -215,9 +194,6 @@ def test_channels_are_red_green_blue():
     colour = model(Lambertian((0.75, 0.38, 0.30)))
     assert [colour.channel(name).brdf.albedo for name in ("red", "green", "blue")] == [0.75, 0.38, 0.30]
     assert model().channel("red") == model()
-
-
-# Slant from brightness -----------------------------------------------------------------
 
 
 def test_a_matt_surface_needs_no_table():
@@ -239,9 +215,6 @@ def test_one_brightness_must_not_have_two_slants():
         model(rising).slant_table()
 
 
-# Bad parameters ------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -256,10 +229,9 @@ def test_a_bad_model_is_named(name, value):
 
 
 def test_intensity_needs_a_gain():
-    with pytest.raises(ValueError, match="gain is unknown"):
-        model(gain=None).shade(3.0, 0.0, 1.0)
-    with pytest.raises(ValueError, match="gain is unknown"):
-        model(gain=None).intensity([0, 0, 50.0], [0, 0, -1.0])
+    for what, given in (("shade", (3.0, 0.0, 1.0)), ("intensity", ([0, 0, 50.0], [0, 0, -1.0]))):
+        with pytest.raises(ValueError, match="gain is unknown"):
+            getattr(model(gain=None), what)(*given)
 
 
 def test_unknown_channel_lists_the_choice():
