@@ -16,9 +16,7 @@ from endolab.cli import main as cli
 from endolab.io import surfaces
 from endolab.io.images import write_image
 from endolab.io.video import write_video
-from endolab.numerics.iteration import Status
 from endolab.reconstruction import sequence
-from endolab.recording.reader import read_recording
 
 COUNT = 5
 BASE = datasets.load_calibration("simple", 96)
@@ -104,9 +102,6 @@ def distances(out, k):
         return depth["distance"]
 
 
-# The function ----------------------------------------------------------------------------------
-
-
 def test_a_folder_becomes_a_folder(film, out):
     (film / "frame_2.png").write_bytes(b"broken")
     write_image(film / "frame_3.png", np.full((8, 9), 0.4))
@@ -146,13 +141,12 @@ def test_an_interrupted_video_goes_on_where_it_was(film, out, shots, stopped, fa
     assert all(row["iterations"].isdigit() and row["pixels"].isdigit() for row in table(out))
     lacks = np.array([np.nanmedian(one.distance / distances(out, k)) for k, one in enumerate(shots)])
     np.testing.assert_allclose(lacks / lacks[0], 1, atol=0.06)  # one scale for all, whoever did them
-    recording = read_recording(out / "recording.rrd")  # of all frames, also those of the first call
+    recording = el.read_recording(out / "recording.rrd")  # of all frames, also those of the first call
     assert recording is not None
     kept = {name: (out / name).read_bytes() for name in ("report.json", "frames.csv")}
     stamp = (out / "recording.rrd").stat().st_mtime_ns
     again = reconstruct_video(film, UNKNOWN, out)  # there is nothing left to do
-    assert again.done_before == COUNT
-    assert again.rows == found.rows
+    assert (again.done_before, again.rows) == (COUNT, found.rows)
     assert {name: (out / name).read_bytes() for name in kept} == kept
     assert (out / "recording.rrd").stat().st_mtime_ns == stamp
 
@@ -171,7 +165,7 @@ def test_a_frame_between_takes_up_its_neighbours_scale(film, out, shots):
 def test_a_solver_that_was_stopped_ends_it(film, out, monkeypatch):
     real = sequence.reconstruct
     monkeypatch.setattr(
-        sequence, "reconstruct", lambda *a, **k: replace(real(*a, **k), status=Status.STOPPED)
+        sequence, "reconstruct", lambda *a, **k: replace(real(*a, **k), status=el.Status.STOPPED)
     )
     with pytest.raises(KeyboardInterrupt, match="interrupted"):
         reconstruct_video(film, UNKNOWN, out, **QUICK)
@@ -234,9 +228,6 @@ def test_without_rerun_there_is_no_recording(film, out, monkeypatch, call):
     assert (code, error) == (0, "")
     assert 'There is no recording.rrd: rerun is not installed; pip install "endolab[lab]" brings it.' in said
     assert said.endswith(": frames, frames.csv, report.json\n")
-
-
-# The command -----------------------------------------------------------------------------------
 
 
 def test_the_command_tells_what_became_of_it(film, out, call, stopped):

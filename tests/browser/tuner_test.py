@@ -73,8 +73,7 @@ def test_ends_errors_and_a_kept_result_leave_the_page_alive(opened):
     for index in (0, 1, 2):
         press(page, "ArrowLeft", index)
     page.wait_for_function(FINE)
-    assert opened.state()["complaints"] == []
-    assert opened.outside == []
+    assert (opened.state()["complaints"], opened.outside) == ([], [])
 
 
 def at(page, right, down, picture=PICTURE, panels=(3, 2)):

@@ -42,8 +42,7 @@ def drawn(opened, seconds=30):
 def test_the_viewer_draws_a_run(open_notebook):
     opened = open_notebook("00_quickstart.ipynb", cells=[SOLVE, FILE], height=1600)
     state = opened.run_all()
-    assert state["complaints"] == []
-    assert state["waiting"] == 0
+    assert (state["complaints"], state["waiting"]) == ([], 0)
     seen = drawn(opened)
     opened.photograph("viewer_show")
     assert seen
@@ -61,6 +60,5 @@ def test_the_viewer_follows_a_run_in_its_own_cell(open_notebook):
     opened.command("notebook:interrupt-kernel")
     opened.page.wait_for_function(READY)
     state = opened.state()
-    assert state["complaints"] == []
-    assert state["waiting"] == 0
+    assert (state["complaints"], state["waiting"]) == ([], 0)
     assert set(opened.outside) <= {NEWER}

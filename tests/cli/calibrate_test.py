@@ -10,13 +10,9 @@ from endolab import _extras
 from endolab.batch.calibrate import calibrate_to_files
 from endolab.calibration import session
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
-from endolab.calibration.targets import TARGETS
 from endolab.cli import main as cli
-from endolab.datasets.known_endoscopes import load_calibration
 from endolab.io.descriptions import read_camera
 from endolab.io.images import read_image, write_image
-from endolab.io.video import open_frames
-from endolab.model.photometry import Photometry
 
 FRAMES = 24
 
@@ -35,9 +31,9 @@ def calibrate(folder, out, *options, target="vicalib_small"):
 def write_frames(folder, *, count=6, target="vicalib_small", width=480, **how):
     """Write a few frames of a sheet that is moved as `how` says."""
     folder.mkdir()
-    camera = load_calibration("paper", width=width).camera
-    light = Photometry(2.5, 2.2, None, PAPER_SHEET)
-    for number, frame in enumerate(simulate_video(TARGETS[target], camera, light, count, **how)):
+    camera = el.load_calibration("paper", width=width).camera
+    light = el.Photometry(2.5, 2.2, None, PAPER_SHEET)
+    for number, frame in enumerate(simulate_video(el.TARGETS[target], camera, light, count, **how)):
         write_image(folder / f"{number:03d}.png", frame.image)
     return folder
 
@@ -124,14 +120,13 @@ def test_an_interrupted_search_goes_on_where_it_was(work, tmp_path, monkeypatch,
     assert len(looked) == 5 + FRAMES - 4
     assert f"4 of {FRAMES} frames were searched before" in capsys.readouterr().out
     found = el.Calibration.load(tmp_path / "c.json")
-    assert found.photometry.gamma == 2.2
-    assert found.camera == el.Calibration.load(work / "cal.json").camera
+    assert (found.photometry.gamma, found.camera) == (2.2, el.Calibration.load(work / "cal.json").camera)
 
 
 def test_the_library_does_what_the_command_does(work, tmp_path):
     camera = read_camera(work / "cal_report/camera.json")
-    frames = open_frames(work / "v/sheet.mkv")
-    session = calibrate_to_files(frames, TARGETS["vicalib_folded"], tmp_path / "c.json", camera=camera)
+    frames = el.open_frames(work / "v/sheet.mkv")
+    session = calibrate_to_files(frames, el.TARGETS["vicalib_folded"], tmp_path / "c.json", camera=camera)
     found = el.Calibration.load(tmp_path / "c.json")
     assert found.camera == el.Calibration.load(work / "cal.json").camera
     assert found.photometry == session.light.photometry
@@ -140,9 +135,9 @@ def test_the_library_does_what_the_command_does(work, tmp_path):
 
 def test_a_package_that_is_missing_is_named_before_the_search(work, tmp_path, monkeypatch):
     monkeypatch.setattr(_extras, "find_spec", lambda name: None if name == "rerun" else name)
-    frames = open_frames(work / "v/sheet.mkv")
+    frames = el.open_frames(work / "v/sheet.mkv")
     with pytest.raises(_extras.MissingPackage, match="rerun is not installed"):
-        calibrate_to_files(frames, TARGETS["vicalib_folded"], tmp_path / "c.json", record=True)
+        calibrate_to_files(frames, el.TARGETS["vicalib_folded"], tmp_path / "c.json", record=True)
     assert not list(tmp_path.iterdir())
 
 
@@ -165,9 +160,6 @@ def test_a_wall_is_not_made_of_paper(work, tmp_path, capsys):
     assert "--albedo must be one number in (0, 1] or three (R,G,B), got paper" in capsys.readouterr().err
 
 
-# What is refused -----------------------------------------------------------------------------
-
-
 def test_one_flat_sheet_does_not_tell_gamma(work, tmp_path, refused):
     frames = write_frames(tmp_path / "f", count=16)
     says = "gamma", "fold", "the camera alone is in"
@@ -175,7 +167,7 @@ def test_one_flat_sheet_does_not_tell_gamma(work, tmp_path, refused):
     assert not (tmp_path / "c.json").exists()
     assert (tmp_path / "c_report/report.html").is_file()
     camera = json.loads((tmp_path / "c_report/camera.json").read_text())["camera"]
-    assert camera["fx"] == pytest.approx(load_calibration("paper", width=480).camera.fx, abs=0.2)
+    assert camera["fx"] == pytest.approx(el.load_calibration("paper", width=480).camera.fx, abs=0.2)
 
 
 def test_no_target_says_where_and_what_for(tmp_path, rng, refused):

@@ -95,18 +95,15 @@ def test_nothing_pops_up(ask):
     config = json.loads(
         re.search(r'id="jupyter-config-data" type="application/json">(.*?)</script>', page, re.S)[1]
     )
-    assert config["buildCheck"] is False
-    assert config["buildAvailable"] is False
+    assert (config["buildCheck"], config["buildAvailable"]) == (False, False)
     plugin = json.loads(ask("/lab/api/settings/@jupyterlab/apputils-extension:notification"))
     defaults = {name: value["default"] for name, value in plugin["schema"]["properties"].items()}
-    assert defaults["fetchNews"] == "false"
-    assert defaults["checkForUpdates"] is False
+    assert (defaults["fetchNews"], defaults["checkForUpdates"]) == ("false", False)
 
 
 def test_the_kernel_named_endolab_is_this_python(ask):
     kernel = json.loads(ask("/api/kernelspecs"))["kernelspecs"]["endolab"]["spec"]
-    assert kernel["argv"][0] == sys.executable
-    assert kernel["display_name"] == "endolab"
+    assert (kernel["argv"][0], kernel["display_name"]) == (sys.executable, "endolab")
 
 
 def test_notebooks_are_trusted(ask):

@@ -35,12 +35,10 @@ def path(tmp_path, frames):
 
 def test_what_was_found_comes_back(path, frames):
     kept = DetectionCache(path, frames, TARGET)
-    assert list(kept.known) == ["a.png", "b.png"]
-    assert kept.size == (4, 4)
+    assert (list(kept.known), kept.size) == (["a.png", "b.png"], (4, 4))
     np.testing.assert_array_equal(kept.known["a.png"].ids, FOUND.ids)
     np.testing.assert_array_equal(kept.known["a.png"].pixels, FOUND.pixels)
-    assert kept.known["b.png"].reason == "no dots"
-    assert kept.known["b.png"].pixels.shape == (0, 2)
+    assert (kept.known["b.png"].reason, kept.known["b.png"].pixels.shape) == ("no dots", (0, 2))
 
 
 def test_a_line_that_was_cut_off_is_looked_for_again(path, frames):

@@ -6,11 +6,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+import endolab as el
 from endolab.calibration import summary
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.photometric.result import HeldOut
-from endolab.model.brdf import Lambertian
-from endolab.model.lights import SpotLight
 from endolab.plots import calibration as plots
 from endolab.plots import light as light_module
 from tests.tools.simulated_session import LOST, NOISE, refused, simulated
@@ -168,7 +167,7 @@ def test_the_fall_off_is_a_power_of_the_cosine():
 
 def test_a_light_of_its_own_direction_says_so():
     light = simulated()[0].light
-    spot = replace(light.photometry, k=0.0, lights=(SpotLight((1.0, 0, 0), (0, 0, 1.0), 2.6),))
+    spot = replace(light.photometry, k=0.0, lights=(el.SpotLight((1.0, 0, 0), (0, 0, 1.0), 2.6),))
     ax = light_module.show_fall_off(replace(light, photometry=spot))
     assert "ψ" in ax.get_xlabel()
     assert "k = 2.600" in labels(ax)[0]
@@ -212,7 +211,7 @@ def test_the_brdf_is_relative_to_its_pinned_node():
     assert np.allclose(heights / heights.max(), expected / expected.max())
     assert np.allclose(theta, light.photometry.brdf.theta)
 
-    matt = replace(light, photometry=replace(light.photometry, brdf=Lambertian(1.0)))
+    matt = replace(light, photometry=replace(light.photometry, brdf=el.Lambertian(1.0)))
     ax = drawn(light_module.show_brdf(matt))
     assert "taken to be Lambertian" in labels(ax)
 

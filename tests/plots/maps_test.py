@@ -11,27 +11,24 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Text
 from skimage.color import rgb2lab
 
+import endolab as el
 from endolab import plots
-from endolab.datasets import load_calibration
 from endolab.depth.problem import Problem
-from endolab.depth.result import Iterate, Result
-from endolab.model.brdf import Lambertian
-from endolab.model.photometry import Photometry
-from endolab.numerics.iteration import Status
 from endolab.plots import style
 from endolab.synthetic.rendering import Rendered, render
-from endolab.synthetic.scenes import SCENES
 
-PAPER = load_calibration("paper").camera
+PAPER = el.load_calibration("paper").camera
 
 
 @pytest.fixture(scope="module")
 def rendered() -> Rendered:
-    return render(SCENES["colon"], PAPER.resize(80, 60), Photometry(brdf=Lambertian((0.75, 0.38, 0.30))))
+    return render(
+        el.SCENES["colon"], PAPER.resize(80, 60), el.Photometry(brdf=el.Lambertian((0.75, 0.38, 0.30)))
+    )
 
 
 @pytest.fixture(scope="module")
-def start(rendered: Rendered) -> Iterate:
+def start(rendered: Rendered) -> el.Iterate:
     green = rendered.image[..., 1]
     problem = Problem(
         image=green,
@@ -40,7 +37,7 @@ def start(rendered: Rendered) -> Iterate:
         photometry=rendered.photometry.channel("green"),
         picture=rendered.image,
     )
-    return Iterate.of(problem, problem.log_facing)
+    return el.Iterate.of(problem, problem.log_facing)
 
 
 @pytest.fixture(autouse=True)
@@ -63,8 +60,7 @@ def test_a_depth_map_has_units_limits_and_neutral_holes():
     ax = plots.show_depth(distance)
     image = ax.images[0]
     assert image.get_clim() == pytest.approx(tuple(np.nanpercentile(distance, [1, 99])))
-    assert image.colorbar.ax.get_ylabel() == "distance [mm]"
-    assert image.colorbar.extend == "both"
+    assert (image.colorbar.ax.get_ylabel(), image.colorbar.extend) == ("distance [mm]", "both")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("column u [px]", "row v [px]")
     assert image.get_array().mask.sum() == 100
     drawn = pixels(ax.figure)
@@ -165,7 +161,7 @@ def test_a_surface_from_the_side_is_seen_from_the_left_and_above():
 @pytest.mark.parametrize("grey", [False, True])
 def test_an_overview_says_everything_and_leaves_no_figure(start, rendered, grey):
     iterate = replace(start, problem=replace(start.problem, picture=None)) if grey else start
-    result = Result(iterate, Status.CONVERGED, [{"k": 0, "energy": iterate.energy}], 0.1)
+    result = el.Result(iterate, el.Status.CONVERGED, [{"k": 0, "energy": iterate.energy}], 0.1)
     open_figures = plt.get_fignums()
     figure = plots.overview(result, truth=rendered.distance)
     assert plt.get_fignums() == open_figures
@@ -187,8 +183,6 @@ def test_an_overview_without_a_gain_says_relative(start, rendered):
     assert 0.5 < np.nanmedian(estimate / truth) < 2
     assert not any("mm" in ax.get_ylabel() or "mm" in ax.get_xlabel() for ax in figure.axes)
 
-
-# The house style -----------------------------------------------------------------------
 
 WAYS_TO_SEE = {
     # Machado et al. 2009, linear RGB, severity 1.
@@ -305,9 +299,6 @@ def test_the_style_is_not_left_behind_and_can_be_used():
     assert dict(plt.rcParams) == before
 
 
-# Panels to be compared -----------------------------------------------------------------
-
-
 def test_common_limits_are_those_of_all(rng):
     maps = [rng.uniform(20, 40, (30, 40)), rng.uniform(60, 90, (30, 40))]
     maps[0][0] = np.nan
@@ -316,8 +307,7 @@ def test_common_limits_are_those_of_all(rng):
     assert plots.common_limit([m - 50 for m in maps]) == pytest.approx(
         np.percentile(np.abs(everything - 50), 98)
     )
-    assert plots.common_limits([]) == (0, 1)
-    assert plots.common_limit([np.zeros(3), np.full(2, np.nan)]) == 1
+    assert (plots.common_limits([]), plots.common_limit([np.zeros(3), np.full(2, np.nan)])) == ((0, 1), 1)
 
 
 @pytest.mark.parametrize("relative", [True, False])

@@ -6,9 +6,7 @@ import rerun as rr
 
 import endolab as el
 from endolab import datasets
-from endolab.depth.result import Iterate
 from endolab.recording.reader import Recording, read_recording
-from endolab.recording.recorder import Comparison, record
 from tests.tools.recorded import spoiled
 
 
@@ -20,10 +18,10 @@ def seen() -> tuple[el.Frame, el.Calibration]:
 
 
 @pytest.fixture(scope="module")
-def solved(seen, tmp_path_factory) -> tuple[list[Iterate], Recording]:
+def solved(seen, tmp_path_factory) -> tuple[list[el.Iterate], Recording]:
     path = tmp_path_factory.mktemp("recordings") / "run.rrd"
-    kept: list[Iterate] = []
-    el.reconstruct(*seen, solver="primal_dual", max_iterations=60, observers=[record(path), kept.append])
+    kept: list[el.Iterate] = []
+    el.reconstruct(*seen, solver="primal_dual", max_iterations=60, observers=[el.record(path), kept.append])
     return kept, read_recording(path)
 
 
@@ -67,7 +65,7 @@ def test_an_iteration_without_a_picture_says_which_is_the_nearest(solved):
 
 
 def test_two_runs_share_a_recording_and_a_timeline(seen, tmp_path):
-    with Comparison(tmp_path / "both.rrd") as both:
+    with el.Comparison(tmp_path / "both.rrd") as both:
         newton = el.reconstruct(*seen, observers=[both.run("gauss_newton")])
         assert list(tmp_path.iterdir()) == []  # not before it is whole
         paper = el.reconstruct(
@@ -82,8 +80,7 @@ def test_two_runs_share_a_recording_and_a_timeline(seen, tmp_path):
     assert list(recording.runs) == ["gauss_newton", "primal_dual"]
     for name, result in (("gauss_newton", newton), ("primal_dual", paper)):
         run = recording.runs[name]
-        assert list(run.runs) == [name]
-        assert run.table()["energy"][-1] == result.history[-1]["energy"]
+        assert (list(run.runs), run.table()["energy"][-1]) == ([name], result.history[-1]["energy"])
         assert run.pictured[-1] == result.iterations
     assert np.allclose(recording.runs["gauss_newton"].depth(), newton.distance, rtol=1e-6, equal_nan=True)
     for ask in (lambda: recording.scalars, recording.depth, recording.table):
@@ -92,7 +89,7 @@ def test_two_runs_share_a_recording_and_a_timeline(seen, tmp_path):
 
 
 def test_a_comparison_of_nothing_leaves_no_file(tmp_path):
-    with Comparison(tmp_path / "both.rrd") as both:
+    with el.Comparison(tmp_path / "both.rrd") as both:
         both.run("never_started")
     assert list(tmp_path.iterdir()) == []
 
@@ -126,7 +123,7 @@ def test_a_long_recording_stays_small(tmp_path):
     scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry, noise=1, bits=8)
     frame, known = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
     steps = el.iterate(frame, known, solver="primal_dual", every=1)
-    el.run(steps, observers=[record(tmp_path / "run.rrd")], max_iterations=100)
+    el.run(steps, observers=[el.record(tmp_path / "run.rrd")], max_iterations=100)
     recording = read_recording(tmp_path / "run.rrd")
     assert list(recording.scalars["energy"][0]) == list(range(101))
     assert (tmp_path / "run.rrd").stat().st_size < 20e6

@@ -11,26 +11,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from endolab.datasets import load_calibration
+import endolab as el
 from endolab.depth.energy import model_image
 from endolab.depth.problem import Problem
-from endolab.depth.result import Iterate, run
-from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera, Pinhole
-from endolab.model.photometry import Photometry
-from endolab.numerics.iteration import Status
 from endolab.recording import viewer
 from endolab.recording.reader import Recording, read_recording
-from endolab.recording.recorder import Comparison, record
 from endolab.synthetic.rendering import Rendered, render
-from endolab.synthetic.scenes import SCENES
 from tests.tools.recorded import Recorded
 
-PAPER = load_calibration("paper").camera
+PAPER = el.load_calibration("paper").camera
 
 
 def frame(camera: Camera, metric: bool = True) -> tuple[Rendered, Problem]:
-    seen = render(SCENES["colon"], camera, Photometry(brdf=Lambertian((0.75, 0.38, 0.30))))
+    seen = render(el.SCENES["colon"], camera, el.Photometry(brdf=el.Lambertian((0.75, 0.38, 0.30))))
     green = seen.image[..., 1]
     problem = Problem(
         image=green,
@@ -44,21 +38,21 @@ def frame(camera: Camera, metric: bool = True) -> tuple[Rendered, Problem]:
     return seen, problem
 
 
-def towards(seen: Rendered, problem: Problem, count: int) -> Iterator[Iterate]:
+def towards(seen: Rendered, problem: Problem, count: int) -> Iterator[el.Iterate]:
     """Give iterates that go from the start to the truth, and the status that `run` expects."""
     goal = np.where(problem.mask, np.log(seen.distance), np.nan)
     current = None
     for k in range(count):
         v = problem.log_facing + (1 - 0.7**k) * (goal - problem.log_facing)
         arrived = problem.mask & (seen.distance < 20 + 10 * k)
-        current = Iterate.of(problem, v, current, maps={"arrived": arrived}, scalars={"step": 0.5**k})
+        current = el.Iterate.of(problem, v, current, maps={"arrived": arrived}, scalars={"step": 0.5**k})
         yield current
-    return Status.CONVERGED
+    return el.Status.CONVERGED
 
 
 def start_of(seen: Rendered, problem: Problem, folder: Path, **how) -> Recorded:
     """Record the start alone, and read it back."""
-    with contextlib.closing(record(folder / "run.rrd", **how)) as recorder:
+    with contextlib.closing(el.record(folder / "run.rrd", **how)) as recorder:
         recorder(next(towards(seen, problem, 1)))
     return Recorded(folder / "run.rrd")
 
@@ -69,12 +63,12 @@ def small() -> tuple[Rendered, Problem]:
 
 
 @pytest.fixture(scope="module")
-def recorded(small, tmp_path_factory) -> tuple[list[Iterate], Recorded]:
+def recorded(small, tmp_path_factory) -> tuple[list[el.Iterate], Recorded]:
     seen, problem = small
     path = tmp_path_factory.mktemp("recording") / "run.rrd"
-    kept: list[Iterate] = []
-    result = run(towards(seen, problem, 4), observers=[record(path, truth=seen.distance), kept.append])
-    assert result.status is Status.CONVERGED
+    kept: list[el.Iterate] = []
+    result = el.run(towards(seen, problem, 4), observers=[el.record(path, truth=seen.distance), kept.append])
+    assert result.status is el.Status.CONVERGED
     assert [file.name for file in path.parent.iterdir()] == ["run.rrd"]
     return kept, Recorded(path)
 
@@ -188,7 +182,7 @@ def test_a_pinhole_keeps_its_numbers_and_a_fisheye_its_rim(tmp_path, recorded):
 
 
 def test_a_truth_of_another_size_is_named(tmp_path, small):
-    recorder = record(tmp_path / "run.rrd", truth=np.ones((3, 4)))
+    recorder = el.record(tmp_path / "run.rrd", truth=np.ones((3, 4)))
     with pytest.raises(ValueError, match=r"truth has shape \(3, 4\), the frame \(60, 80\)"):
         recorder(next(towards(*small, 1)))
     recorder.close()
@@ -204,30 +198,29 @@ def test_large_pictures_are_thinned(tmp_path):
 
 def test_a_long_run_keeps_all_scalars_and_some_pictures(tmp_path):
     seen, problem = frame(PAPER.resize(32, 24))
-    recorder = record(tmp_path / "run.rrd")
-    run(towards(seen, problem, 60), observers=[recorder])
+    recorder = el.record(tmp_path / "run.rrd")
+    el.run(towards(seen, problem, 60), observers=[recorder])
     file = Recorded(tmp_path / "run.rrd")
     assert list(file.numbers("/plots/energy", "scalars")) == list(range(60))
     shown = list(file.numbers("/depth", "buffer"))
-    assert shown[:21] == list(range(21))
-    assert shown[-1] == 59
+    assert (shown[:21], shown[-1]) == (list(range(21)), 59)
     assert len(shown) < 45
     assert list(file.numbers("/world/cloud", "positions")) == shown
 
 
 def test_an_interrupt_leaves_a_whole_file(tmp_path, small):
-    def interrupted() -> Iterator[Iterate]:
+    def interrupted() -> Iterator[el.Iterate]:
         yield from towards(*small, 2)
         raise KeyboardInterrupt
 
     (tmp_path / "run.rrd").write_bytes(b"an old recording")
-    result = run(interrupted(), observers=[record(tmp_path / "run.rrd")])
-    assert result.status is Status.STOPPED
+    result = el.run(interrupted(), observers=[el.record(tmp_path / "run.rrd")])
+    assert result.status is el.Status.STOPPED
     assert list(Recorded(tmp_path / "run.rrd").numbers("/plots/energy", "scalars")) == [0, 1]
 
 
 def test_without_an_iterate_there_is_no_file(tmp_path):
-    recorder = record(tmp_path / "run.rrd")
+    recorder = el.record(tmp_path / "run.rrd")
     recorder.close()
     recorder.close()
     assert list(tmp_path.iterdir()) == []
@@ -239,12 +232,12 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "folder.rrd").mkdir()
     for path in (tmp_path / "missing" / "run.rrd", tmp_path / "folder.rrd"):
         with pytest.raises(OSError, match=r"cannot write the recording .*") as error:
-            record(path)
+            el.record(path)
         assert str(path) in str(error.value)
     assert [file.name for file in tmp_path.iterdir()] == ["folder.rrd"]
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="cannot write the recording"):
-        record(tmp_path / "file" / "run.rrd")
+        el.record(tmp_path / "file" / "run.rrd")
 
 
 @contextlib.contextmanager
@@ -260,9 +253,9 @@ def file_limit(size: int) -> Iterator[None]:
 
 def test_a_full_disk_leaves_nothing(tmp_path, small):
     (tmp_path / "run.rrd").write_bytes(b"an old recording")
-    recorder = record(tmp_path / "run.rrd")
+    recorder = el.record(tmp_path / "run.rrd")
     with file_limit(50_000), pytest.raises(OSError, match=r"cannot write .*run\.rrd: File too large"):
-        run(towards(*small, 3), observers=[recorder])
+        el.run(towards(*small, 3), observers=[recorder])
     recorder.close()
     assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
     assert (tmp_path / "run.rrd").read_bytes() == b"an old recording"
@@ -271,11 +264,11 @@ def test_a_full_disk_leaves_nothing(tmp_path, small):
 def test_a_path_or_a_viewer_and_a_sensible_width(tmp_path):
     for wrong in ({}, {"path": tmp_path / "run.rrd", "spawn": True}):
         with pytest.raises(ValueError, match="either a path or spawn"):
-            record(**wrong)
+            el.record(**wrong)
     with pytest.raises(ValueError, match=r"ends in \.rrd, got .*run\.txt"):
-        record(tmp_path / "run.txt")
+        el.record(tmp_path / "run.txt")
     with pytest.raises(ValueError, match="max_width"):
-        record(tmp_path / "run.rrd", max_width=0)
+        el.record(tmp_path / "run.rrd", max_width=0)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -287,13 +280,10 @@ def test_a_viewer_without_a_screen_says_so(monkeypatch):
     for variable in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(variable, raising=False)
     with pytest.raises(OSError, match="needs a screen"):
-        record(spawn=True)
+        el.record(spawn=True)
 
 
-# Stages ----------------------------------------------------------------------------------
-
-
-def in_stages(round_by_round: int = 2) -> tuple[list[Iterate], np.ndarray]:
+def in_stages(round_by_round: int = 2) -> tuple[list[el.Iterate], np.ndarray]:
     """Iterates of a run that begins on a smaller grid and ends in mm, and the truth."""
     coarse, fine = (frame(PAPER.resize(*size), metric=False) for size in ((40, 30), (80, 60)))
     steps = [
@@ -308,10 +298,10 @@ def in_stages(round_by_round: int = 2) -> tuple[list[Iterate], np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def staged(tmp_path_factory) -> tuple[list[Iterate], Recorded, Recording]:
+def staged(tmp_path_factory) -> tuple[list[el.Iterate], Recorded, Recording]:
     path = tmp_path_factory.mktemp("recording") / "stages.rrd"
     steps, truth = in_stages()
-    with contextlib.closing(record(path, truth=truth)) as recorder:
+    with contextlib.closing(el.record(path, truth=truth)) as recorder:
         for step in steps:
             recorder(step)
     return steps, Recorded(path), read_recording(path)
@@ -336,8 +326,7 @@ def test_what_stays_for_a_stage_is_logged_as_it_begins_and_never_for_all_times(s
         *(("/section/start", "strips"), ("/section/truth", "strips")),
     ):
         assert sorted(file.rows[entity][component]) == begins
-    assert file.picture("/input", 3).shape == (30, 40, 3)
-    assert file.picture("/input", 6).shape == (60, 80, 3)
+    assert (file.picture("/input", 3).shape, file.picture("/input", 6).shape) == ((30, 40, 3), (60, 80, 3))
     sizes = {k: colours.size for k, colours in file.numbers("/world/cloud", "colors").items()}
     assert sizes == {k: steps[k].mask.sum() for k in begins}
     assert "**relative units**" in file.text("/settings", "text", 6)
@@ -371,37 +360,38 @@ def test_each_stage_is_read_back_on_its_own_grid(staged):
 def test_a_run_of_one_stage_stays_as_it_was(recorded, tmp_path):
     steps, file = recorded
     assert None in file.rows["/input"]["blob"]
-    run(iter_of(steps), observers=[record(tmp_path / "run.rrd")])
+    el.run(iter_of(steps), observers=[el.record(tmp_path / "run.rrd")])
     assert read_recording(tmp_path / "run.rrd").stages == [(0, "solution", 0)]
-    run(iter_of([replace(step, stage="march") for step in steps]), observers=[record(tmp_path / "march.rrd")])
+    el.run(
+        iter_of([replace(step, stage="march") for step in steps]),
+        observers=[el.record(tmp_path / "march.rrd")],
+    )
     assert read_recording(tmp_path / "march.rrd").stages == [(0, "march", 0)]
 
 
 def test_the_layout_shows_the_stage_and_what_all_stages_have(tmp_path):
-    recorder = record(tmp_path / "run.rrd")
+    recorder = el.record(tmp_path / "run.rrd")
     steps, _ = in_stages()
-    run(iter_of(steps), observers=[recorder])
+    el.run(iter_of(steps), observers=[recorder])
     assert recorder.shown.staged
-    assert recorder.shown.unit == "mm"
-    assert recorder.shown.maps == ("light", "arrived")
+    assert (recorder.shown.unit, recorder.shown.maps) == ("mm", ("light", "arrived"))
 
 
 def test_stages_side_by_side(tmp_path):
     steps, truth = in_stages(1)
-    with Comparison(tmp_path / "both.rrd", truth=truth) as both:
+    with el.Comparison(tmp_path / "both.rrd", truth=truth) as both:
         for name, seen in (("all", steps), ("last", steps[3:7])):
             observer = both.run(name)
             for step in seen:
                 observer(step)
     runs = read_recording(tmp_path / "both.rrd").runs
     assert [name for _, name, _ in runs["all"].stages] == ["bounced light", "solution", "scaled"]
-    assert runs["last"].stages == [(0, "solution", 0)]
-    assert runs["last"].pictured == (0, 1, 2, 3)
+    assert (runs["last"].stages, runs["last"].pictured) == ([(0, "solution", 0)], (0, 1, 2, 3))
 
 
 def test_a_truth_must_fit_the_solution_or_have_its_shape(tmp_path):
     steps, truth = in_stages()
-    recorder = record(tmp_path / "run.rrd", truth=truth[::2])
+    recorder = el.record(tmp_path / "run.rrd", truth=truth[::2])
     with (
         contextlib.closing(recorder),
         pytest.raises(ValueError, match=r"truth has shape \(30, 80\), the frame \(30, 40\)"),
@@ -409,6 +399,6 @@ def test_a_truth_must_fit_the_solution_or_have_its_shape(tmp_path):
         recorder(steps[0])
 
 
-def iter_of(steps: list[Iterate]) -> Iterator[Iterate]:
+def iter_of(steps: list[el.Iterate]) -> Iterator[el.Iterate]:
     yield from steps
-    return Status.CONVERGED
+    return el.Status.CONVERGED

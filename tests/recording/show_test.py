@@ -14,8 +14,6 @@ import endolab as el
 from endolab import datasets
 from endolab.recording import show as embed
 from endolab.recording import viewer
-from endolab.recording.reader import read_recording
-from endolab.recording.recorder import Comparison, record
 from tests.tools.recorded import spoiled
 
 
@@ -25,7 +23,7 @@ def path(tmp_path_factory) -> Path:
     calibration = datasets.load_calibration("paper", width=64)
     scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)
     frame, known = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
-    with Comparison(tmp_path_factory.mktemp("embed") / "both.rrd") as both:
+    with el.Comparison(tmp_path_factory.mktemp("embed") / "both.rrd") as both:
         el.reconstruct(frame, known, solver="facing", observers=[both.run("facing")])
         el.reconstruct(frame, known, max_iterations=3, observers=[both.run("gauss_newton")])
     assert both.path is not None
@@ -67,7 +65,7 @@ def test_without_a_screen_the_native_viewer_gives_way_to_a_picture(path, nobody,
 
 
 def test_the_picture_has_a_row_per_run_on_one_scale(path):
-    figure = embed.picture_of(read_recording(path))
+    figure = embed.picture_of(el.read_recording(path))
     titles = [axes.get_title() for axes in figure.axes]
     assert "facing, iteration 0" in titles
     assert "gauss newton, iteration 3" in titles
@@ -77,7 +75,7 @@ def test_the_picture_has_a_row_per_run_on_one_scale(path):
 
 def test_a_closed_recorder_can_be_shown(tmp_path, path, nobody, monkeypatch):
     monkeypatch.setattr(embed, "_display", lambda figure: None)
-    recorder = record(tmp_path / "run.rrd")
+    recorder = el.record(tmp_path / "run.rrd")
     with pytest.raises(FileNotFoundError, match="there is no recording"):
         embed.show(recorder)  # nothing was written yet
     recorder.close()
@@ -99,7 +97,7 @@ def test_what_cannot_be_read_is_named_before_anything_is_shown(path, tmp_path, m
 
 def test_following_a_run_needs_a_front_end(nobody):
     with pytest.raises(OSError, match="needs JupyterLab; record to a file instead"):
-        record(live=True)
+        el.record(live=True)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there programs are ended otherwise")
@@ -150,6 +148,6 @@ assert "WebGL" in hint.value
 
 def test_blueprints_are_chosen_by_name(tmp_path):
     for name in ("reconstruction", "convergence"):
-        record(tmp_path / "run.rrd", blueprint=name).close()
+        el.record(tmp_path / "run.rrd", blueprint=name).close()
     with pytest.raises(ValueError, match="unknown blueprint 'nice'; choose reconstruction, convergence"):
-        record(tmp_path / "run.rrd", blueprint="nice")
+        el.record(tmp_path / "run.rrd", blueprint="nice")

@@ -47,10 +47,8 @@ def test_a_calibration_survives_its_file(tmp_path):
     made = make_calibration(session, "sheet.mkv", "green")
     made.save(tmp_path / "endoscope.json")
     read = Calibration.load(tmp_path / "endoscope.json")
-    assert read.camera == session.camera
-    assert read.photometry == session.light.photometry
-    assert read.photometry.gain is None
-    assert read.evidence == made.evidence
+    assert (read.camera, read.photometry) == (session.camera, session.light.photometry)
+    assert (read.photometry.gain, read.evidence) == (None, made.evidence)
 
 
 def test_a_refused_light_has_reasons_and_no_file():
@@ -71,8 +69,7 @@ def test_the_page_is_whole_and_its_pictures_are_there(tmp_path):
     for part in (*session.light.verdict, "frame_9", "too few points", "79.690 ± 0.012 px", "1 (pinned)"):
         assert part in page.text
     facts = json.loads((tmp_path / "report" / "report.json").read_text(encoding="utf-8"))
-    assert facts["account"] == account(session)
-    assert facts["photometry"]["verdict"] == session.light.verdict
+    assert (facts["account"], facts["photometry"]["verdict"]) == (account(session), session.light.verdict)
     assert read_camera(tmp_path / "report" / "camera.json") == session.camera
 
 

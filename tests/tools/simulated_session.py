@@ -5,18 +5,15 @@ from functools import cache
 
 import numpy as np
 
+import endolab as el
 from endolab import datasets
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.fit import GeometricFit
 from endolab.calibration.geometric.projection import NAMES, predict_view
 from endolab.calibration.geometric.reprojection import views_of
-from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.session import Session, score
 from endolab.calibration.simulation.trajectory import trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
-from endolab.calibration.targets import TARGETS
-from endolab.model.photometry import Photometry
-from endolab.numerics.iteration import Status
 
 COUNT, NOISE = 20, 0.05  # frames that were located; px
 LOST = ("frame_3", "frame_9")  # in one nothing is found, in the other no pose
@@ -25,11 +22,11 @@ LOST = ("frame_3", "frame_9")  # in one nothing is found, in the other no pose
 @cache
 def simulated(name="vicalib_small", **light):
     """Return a session, its frames and the steps of the light's fit."""
-    target, camera = TARGETS[name], datasets.load_calibration("paper", width=160).camera
+    target, camera = el.TARGETS[name], datasets.load_calibration("paper", width=160).camera
     fold = np.deg2rad(30) if target.fold else 0.0
     how = {"fold": fold, "distance": (30.0, 60.0), "seed": 1}
     poses = trajectory(target, camera, COUNT, **how)
-    samples, _ = simulate_samples(target, camera, Photometry(brdf=PAPER_SHEET), COUNT, per_frame=60, **how)
+    samples, _ = simulate_samples(target, camera, el.Photometry(brdf=PAPER_SHEET), COUNT, per_frame=60, **how)
     rng = np.random.default_rng(0)
     names = [f"frame_{number}" for number in range(COUNT + len(LOST))]
     located = [name for name in names if name not in LOST]
@@ -71,7 +68,7 @@ def simulated(name="vicalib_small", **light):
         covariance=0.012**2 * np.eye(8),
         pose_covariances=np.zeros((len(views), 6, 6)),
         max_angle_seen=float(np.nanmax(np.arccos(camera.unproject(seen)[:, 2]))),
-        status=Status.CONVERGED,
+        status=el.Status.CONVERGED,
     )
     steps = []
     light = {"gamma": 2.2, **light}
@@ -82,7 +79,7 @@ def simulated(name="vicalib_small", **light):
         camera=camera,
         poses=dict(zip(located, poses, strict=True)),
         samples=samples,
-        light=calibrate_light(samples, observers=[steps.append], **light),
+        light=el.calibrate_light(samples, observers=[steps.append], **light),
         scores=score(samples, **light),
         dropped={LOST[0]: "too dark", LOST[1]: "too few points"},
     )

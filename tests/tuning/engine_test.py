@@ -9,8 +9,6 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.depth.result import Iterate, run
-from endolab.numerics.iteration import Status
 from endolab.reconstruction.problem_setup import make_problem
 from endolab.tuning import engine as tuning
 from endolab.tuning.engine import Tuner, sentence_of
@@ -49,15 +47,15 @@ class Slow:
         problem = replace(make_problem(frame, calibration), lam=lam)
 
         def iterates():
-            iterate = Iterate.of(problem, problem.log_facing)
+            iterate = el.Iterate.of(problem, problem.log_facing)
             for _ in range(40):
                 yield iterate
                 time.sleep(0.005)
-                iterate = Iterate.of(problem, problem.log_facing, iterate)
+                iterate = el.Iterate.of(problem, problem.log_facing, iterate)
             self.ended += 1
-            return Status.CONVERGED
+            return el.Status.CONVERGED
 
-        return run(iterates(), observers, max_iterations)
+        return el.run(iterates(), observers, max_iterations)
 
 
 def test_a_coarse_answer_comes_before_the_fine_one_and_both_are_near_the_truth(start):
@@ -79,8 +77,7 @@ def test_the_next_answer_starts_from_the_last_on_the_same_grid(start):
     for lam, width in ((1.0, 160), (2.0, 160), (3.0, 200)):
         tuner.ask(replace(SMALL, lam=lam, width=width))
         tuner.wait(30)
-    assert solver.begun == [1, 1, 2, 2, 3, 3]
-    assert solver.starts == [None, None, 1, 1, None, None]
+    assert (solver.begun, solver.starts) == ([1, 1, 2, 2, 3, 3], [None, None, 1, 1, None, None])
 
 
 def test_a_warm_result_costs_no_more_energy_than_a_cold_one(start):
@@ -98,8 +95,7 @@ def test_after_a_burst_only_the_last_wish_is_answered_in_full(start):
         last = tuner.ask(replace(SMALL, lam=1.0 + i))
         time.sleep(0.004)
     final = tuner.wait(30)
-    assert final.serial == last
-    assert final.settings.lam == 50
+    assert (final.serial, final.settings.lam) == (last, 50)
     time.sleep(0.1)
     assert told[-1] is final
     assert [one.serial for one in told if one.stage == "fine"] == [last]
@@ -135,15 +131,15 @@ def staged_solve(frame, calibration, *, observers=(), max_iterations=None, **_):
 
     def iterates():
         for number in (1, 2):
-            iterate = replace(Iterate.of(coarse, coarse.log_facing), stage="bounced light", round=number)
+            iterate = replace(el.Iterate.of(coarse, coarse.log_facing), stage="bounced light", round=number)
             for _ in range(3 if max_iterations else 40):
                 yield iterate
                 time.sleep(0.005)
                 iterate = replace(iterate, k=iterate.k + 1)
-        yield Iterate.of(fine, fine.log_facing)
-        return Status.CONVERGED
+        yield el.Iterate.of(fine, fine.log_facing)
+        return el.Status.CONVERGED
 
-    return run(iterates(), observers)
+    return el.run(iterates(), observers)
 
 
 def test_what_is_told_of_a_stage_on_the_way_is_of_that_stage_alone(start, monkeypatch):
@@ -186,21 +182,21 @@ def test_a_wish_stops_the_solve_in_flight_at_its_next_iterate(start):
     def endless(frame, calibration, *, observers=(), lam=1.0, **_):
         problem = make_problem(frame, calibration)
         if lam == 2:
-            return run(iter_once(problem), observers)
+            return el.run(iter_once(problem), observers)
         begun.set()
         try:
-            start = Iterate.of(problem, problem.log_facing)
+            start = el.Iterate.of(problem, problem.log_facing)
             while True:
                 time.sleep(0.002)
                 if any(observer(start) for observer in observers):
                     break
         finally:
             stopped.set()
-        return run(iter_once(problem))
+        return el.run(iter_once(problem))
 
     def iter_once(problem):
-        yield Iterate.of(problem, problem.log_facing)
-        return Status.CONVERGED
+        yield el.Iterate.of(problem, problem.log_facing)
+        return el.Status.CONVERGED
 
     tuner = start(solve=endless)
     tuner.ask(replace(SMALL, lam=1.0))
@@ -214,8 +210,7 @@ def test_an_error_is_one_line_and_the_next_wish_works(start):
     tuner = start(solve=Slow())
     tuner.ask(replace(SMALL, lam=13))
     failed = tuner.wait(10)
-    assert failed.error == "thirteen"
-    assert failed.result is None
+    assert (failed.error, failed.result) == ("thirteen", None)
     assert failed.median_error is None
     tuner.ask(SMALL)
     assert tuner.wait(10).error is None
@@ -246,8 +241,7 @@ def test_a_watcher_that_fails_stops_nothing(start):
 
     tuner = start(fail)
     tuner.ask(SMALL)
-    assert tuner.wait(30).error is None
-    assert tuner.complaint == "no screen"
+    assert (tuner.wait(30).error, tuner.complaint) == (None, "no screen")
 
 
 def test_close_ends_the_thread_and_the_solve(start):
@@ -274,9 +268,6 @@ def test_waiting_ends(start):
     tuner.ask(SMALL)
     with pytest.raises(TimeoutError, match="no answer in 0"):
         tuner.wait(0.001)
-
-
-# What the knobs mean --------------------------------------------------------------------
 
 
 def frame_of(width=200):

@@ -16,7 +16,6 @@ from endolab.tuning.engine import Tuner
 from endolab.tuning.panels import Cut, contrast, limits_of, outcome_board, spots, summary
 from endolab.tuning.pictures import board, coloured, curve_panel, grey_or_colour, map_panel, panel, ticks
 from endolab.tuning.source import Settings
-from endolab.tuning.widget import tune
 
 
 @pytest.fixture
@@ -25,7 +24,7 @@ def make():
     made = []
 
     def make(*given, **options):
-        made.append(tune(*given, **{"scene": "tube", "width": 160} | options))
+        made.append(el.tune(*given, **{"scene": "tube", "width": 160} | options))
         return made[-1]
 
     yield make
@@ -88,8 +87,7 @@ def test_sliders_at_their_ends_say_a_sentence_at_most(make):
             outcome = box.engine.wait(30)
             assert outcome.error is None or "\n" not in outcome.error
             knob.value = before
-    assert box.engine.wait(30).error is None
-    assert box.engine.complaint == ""
+    assert (box.engine.wait(30).error, box.engine.complaint) == (None, "")
 
 
 def test_an_error_is_a_line_and_the_picture_stays(make, seen):
@@ -136,10 +134,8 @@ def test_a_is_kept_beside_with_the_same_colours_and_dropped_again(make):
     assert pair.picture_kept.caption.startswith("A: λ = 1, gain × 1 · median error")
     assert pair.picture.caption.startswith("B (now): λ = 1, gain × 3 · median error")
     box.keeper.click()
-    assert pair.kept is None
-    assert pair.children[0].layout.display == "none"
-    assert pair.picture.caption == ""
-    assert decoded(pair.picture).shape == (548, 1176, 3)
+    assert (pair.kept, pair.children[0].layout.display) == (None, "none")
+    assert (pair.picture.caption, decoded(pair.picture).shape) == ("", (548, 1176, 3))
     assert box.keeper.description == "keep as A"
 
 
@@ -286,9 +282,9 @@ def test_a_solve_under_way_does_not_wipe_off_what_a_button_said(make):
 def test_wrong_arguments_are_refused(seen):
     threads = threading.active_count()
     with pytest.raises(ValueError, match="unknown scene 'moon'"):
-        tune(scene="moon")
+        el.tune(scene="moon")
     with pytest.raises(ValueError, match="but the calibration is for 1440x1080"):
-        tune(seen[0])
+        el.tune(seen[0])
     assert threading.active_count() == threads
 
 
@@ -298,9 +294,6 @@ def test_close_ends_the_thread(make):
     assert threading.active_count() == threads + 1
     box.close()
     assert threading.active_count() == threads
-
-
-# Boards ---------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
