@@ -116,7 +116,8 @@ class _Recording:
         self.sink.log("account", rr.TextDocument(text, media_type="text/markdown"), static=True)
         self.sink.log("world", rr.ViewCoordinates.RDF, static=True)
         poses: list[Pose] = [pose for panels in session.poses.values() for pose in panels if pose is not None]
-        middles = [pose.transform(_middle(session.target)) for pose in poses]
+        left, top, width, height = session.target.sheet
+        middles = [pose.transform([left + width / 2, top + height / 2, 0.0]) for pose in poses]
         centre = np.mean(middles, axis=0) if middles else np.array([0.0, 0.0, 50.0])
         distance = float(np.linalg.norm(centre))
         self.sink.log("world/camera", camera_shape(session.camera, 0.2 * distance), static=True)
@@ -142,7 +143,8 @@ class _Recording:
         if session.light is not None:
             self._log_brdf_axes(session.light)
         titles = {name: title for name, (_, title) in curves.items()}
-        self.sink.open_as(layouts.calibration(centre, distance, titles, session.light is not None, FRAME))
+        view = layouts.calibration(centre, distance, titles, session.light is not None, FRAME)
+        self.sink.stream.send_blueprint(view)
 
     def _log_brdf_axes(self, light: PhotometricFit) -> None:
         theta, relative, _ = brdf_of(light)
@@ -190,28 +192,18 @@ class _Recording:
             self.sink.log(f"world/sheet/{panel}", rr.Mesh3D.from_fields(vertex_positions=corners))
 
     def _log_reprojection(self, name: str) -> None:
-        origins, vectors, good = [np.zeros((0, 2))], [np.zeros((0, 2))], [np.zeros(0, bool)]
+        parts = [(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, bool))]
         geometry = self.session.geometry
         if geometry is not None:
-            for view, residual, inlier in zip(
-                geometry.views, geometry.residuals, geometry.inliers, strict=True
-            ):
-                if view.name == name:
-                    origins.append(view.pixels)
-                    vectors.append(residual)
-                    good.append(inlier)
-        vector = np.concatenate(vectors)
+            views = zip(geometry.views, geometry.residuals, geometry.inliers, strict=True)
+            parts += [(view.pixels, *rest) for view, *rest in views if view.name == name]
+        pixels, vector, good = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         # Outliers would run across the picture.
         length = np.linalg.norm(vector, axis=1, keepdims=True)
         vector = vector * np.minimum(1, 4 * self.sigma / np.maximum(length, 1e-12))
-        colours = np.where(np.concatenate(good)[:, None], NOW, OUTLIER)
-        arrows = rr.Arrows2D(
-            vectors=vector * self.magnify / self.step,
-            origins=self._places(np.concatenate(origins)),
-            colors=colours.astype(np.uint8),
-            radii=rr.Radius.ui_points(1.0),
-        )
-        self.sink.log("picture/reprojection", arrows)
+        colours = np.where(good[:, None], NOW, OUTLIER).astype(np.uint8)
+        how = {"origins": self._places(pixels), "colors": colours, "radii": rr.Radius.ui_points(1.0)}
+        self.sink.log("picture/reprojection", rr.Arrows2D(vectors=vector * self.magnify / self.step, **how))
 
     def _log_samples(self, name: str) -> None:
         session, light = self.session, self.session.light
@@ -228,9 +220,9 @@ class _Recording:
 
     def _log_step(self, step: FitIterate) -> None:
         unknowns, light = step.unknowns, self.session.light
-        numbers = {"k": unknowns.k, "gamma": unknowns.gamma, "sigma": step.sigma}
-        numbers |= {"cost": step.cost, "change": step.change}
-        self.sink.log_scalars({f"fit/{name}": value for name, value in numbers.items()})
+        numbers = {"fit/k": unknowns.k, "fit/gamma": unknowns.gamma}
+        numbers |= {f"fit/{name}": getattr(step, name) for name in ("sigma", "cost", "change")}
+        self.sink.log_scalars(numbers)
         edges = np.linspace(-20, 20, 81)
         count = np.histogram(step.residual[step.used, 0], edges)[0]
         chart = rr.BarChart(count, abscissa=(edges[1:] + edges[:-1]) / 2, widths=np.diff(edges), color=START)
@@ -244,19 +236,13 @@ class _Recording:
         self.sink.log("brdf/now", rr.LineStrips2D([line], colors=NOW, radii=rr.Radius.ui_points(2.0)))
 
 
-def _middle(target: Target) -> FloatArray:
-    left, top, width, height = target.sheet
-    return np.array([left + width / 2, top + height / 2, 0.0])
-
-
 def _panel(target: Target, panel: int) -> tuple[FloatArray, FloatArray]:
     """Corners of a panel in the target's frame, (4, 3), mm, and in the texture, (4, 2)."""
     left, top, width, height = target.sheet
     ends = [left, left + width]
     if target.fold_x is not None:
         ends[1 - panel] = target.fold_x
-    x = np.array([ends[0], ends[1], ends[1], ends[0]])
-    y = np.array([top, top, top + height, top + height])
+    x, y = np.take(ends, [0, 1, 1, 0]), np.array([top, top, top + height, top + height])
     return np.column_stack([x, y, 0 * x]), np.column_stack([(x - left) / width, (y - top) / height])
 
 

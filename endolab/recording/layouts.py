@@ -108,18 +108,18 @@ def _energy(shown: Shown) -> rrb.TimeSeriesView:
     return _curves("Energy", [shown.at(f"plots/{name}") for name in ("energy", *shown.terms)])
 
 
-def _others(shown: Shown, left_out: Sequence[str], title: str) -> rrb.TimeSeriesView:
-    """Curves of all scalars but some, and but a mere count of steps, which would flatten the others."""
-    without = [f"- {shown.at(f'plots/{name}')}" for name in (*left_out, "steps")]
-    return _curves(title, [shown.at("plots/**"), *without])
+def _others(shown: Shown, *left_out: str) -> rrb.TimeSeriesView:
+    """Curves of other scalars, without some and without a mere count, which would flatten the others."""
+    without = [f"- {shown.at(f'plots/{name}')}" for name in ("energy", *shown.terms, *left_out, "steps")]
+    return _curves("Steps", [shown.at("plots/**"), *without])
 
 
 def reconstruction(shown: Shown) -> rrb.Blueprint:
     """Pictures above, the surface and the curves below."""
-    residual: list[rrb.View] = [_picture(shown, "residual", "Residual")]
+    residual = [_picture(shown, "residual", "Residual")]
     residual += [_picture(shown, f"front/{name}", name.capitalize()) for name in shown.maps]
     settings = rrb.TextDocumentView(origin=shown.at("settings"), name="Settings")
-    words: rrb.View | rrb.Container = rrb.Tabs(settings, _others(shown, ["energy", *shown.terms], "Steps"))
+    words: rrb.View | rrb.Container = rrb.Tabs(settings, _others(shown))
     if shown.staged:
         stage = rrb.TextDocumentView(origin=shown.at("stage"), name="Stage")
         words = rrb.Vertical(stage, words, row_shares=[1, 7])
@@ -149,7 +149,7 @@ def convergence(shown: Shown) -> rrb.Blueprint:
         rrb.Vertical(
             rrb.Horizontal(
                 _energy(shown),
-                rrb.Vertical(change, _others(shown, ["energy", *shown.terms, "change"], "Steps")),
+                rrb.Vertical(change, _others(shown, "change")),
                 column_shares=[1.4, 1],
             ),
             rrb.Horizontal(_picture(shown, "residual", "Residual"), _section([shown]), _depth(shown)),

@@ -95,23 +95,20 @@ class Recording:
     @property
     def runs(self) -> dict[str, Recording]:
         """Runs by name; one that was recorded alone is called ''."""
-        end = "/plots/energy"
-        names = [entity[: -len(end)].lstrip("/") for entity in self._entities if entity.endswith(end)]
-        names = names if self._run is None else [self._run]
+        end, names = "/plots/energy", [self._run or ""]
+        if self._run is None:
+            names = [name.removesuffix(end).lstrip("/") for name in self._entities if name.endswith(end)]
         return {name: Recording(self.path, self._entities, name) for name in names}
 
     @property
     def _start(self) -> str:
         """What the entities of the run begin with."""
-        run = self._run
-        if run is None:
-            names = list(self.runs)
-            if len(names) > 1:
-                raise ValueError(f"{self.path} holds several runs: choose one, .runs[{names[0]!r}]")
-            if not names:
-                raise ValueError(f"{self.path} holds no reconstruction")
-            run = names[0]
-        return f"/{run}/" if run else "/"
+        names = list(self.runs)
+        if len(names) > 1:
+            raise ValueError(f"{self.path} holds several runs: choose one, .runs[{names[0]!r}]")
+        if not names:
+            raise ValueError(f"{self.path} holds no reconstruction")
+        return f"/{names[0]}/" if names[0] else "/"
 
     def _rows(self, entity: str, component: str) -> Rows:
         return self._entities.get(self._start + entity, {}).get(component, {})
@@ -120,12 +117,10 @@ class Recording:
     def scalars(self) -> dict[str, tuple[NDArray[np.int64], FloatArray]]:
         """Energy, its terms, change and the solver's scalars: iterations and values, (n,) each."""
         start, found = f"{self._start}plots/", {}
-        for name in (entity[len(start) :] for entity in self._entities if entity.startswith(start)):
+        for name in (entity.removeprefix(start) for entity in self._entities if entity.startswith(start)):
             rows = self._timed(f"plots/{name}", "scalars")
-            found[name] = (
-                np.array(list(rows), int),
-                np.array([row[0].as_py() for row in rows.values()], float),
-            )
+            values = np.array([row[0].as_py() for row in rows.values()], float)
+            found[name] = np.array(list(rows), int), values
         return dict(sorted(found.items(), key=lambda item: item[0] != "energy"))
 
     def _timed(self, entity: str, component: str) -> dict[int, Any]:
@@ -189,23 +184,10 @@ class Recording:
         return str(self._standing("settings", "text")[0].as_py())
 
     def depth(self, iteration: int = -1) -> FloatArray:
-        """Distance at an iteration.
+        """Distance at an iteration of `pictured`, (h, w), in `unit`; nan outside the mask; -1 is the last.
 
-        Parameters
-        ----------
-        iteration : int
-            One of `pictured`; -1 is the last.
-
-        Returns
-        -------
-        (h, w) float array
-            In `unit`; nan outside the mask; thinned if the frame was wider than the recording. An
-            earlier stage may be on a smaller grid and in relative units.
-
-        Raises
-        ------
-        ValueError
-            If the iteration has no picture.
+        Thinned if the frame was wider than the recording. An earlier stage may be on a smaller grid
+        and in relative units. ValueError if the iteration has no picture.
         """
         k = self._chosen(iteration)
         values, form = (self._rows("depth", component)[k] for component in ("buffer", "format"))
@@ -232,12 +214,13 @@ class Recording:
 def _array(values: Any, form: Any, dtype: type) -> NDArray:
     """A picture from its bytes and its format."""
     shape: Mapping[str, int] = form[0].as_py()
-    content = values.flatten().to_numpy(zero_copy_only=False).astype(np.uint8).tobytes()
-    return np.frombuffer(content, dtype).reshape(shape["height"], shape["width"])
+    return np.frombuffer(_bytes(values).tobytes(), dtype).reshape(shape["height"], shape["width"])
 
 
 def _decoded(blob: Any) -> FloatArray:
-    stored: Any = cv2.imdecode(
-        blob.flatten().to_numpy(zero_copy_only=False).astype(np.uint8), cv2.IMREAD_COLOR
-    )
+    stored: Any = cv2.imdecode(_bytes(blob), cv2.IMREAD_COLOR)
     return np.asarray(stored[..., ::-1] / 255.0)
+
+
+def _bytes(values: Any) -> NDArray[np.uint8]:
+    return np.asarray(values.flatten().to_numpy(zero_copy_only=False).astype(np.uint8))

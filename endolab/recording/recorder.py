@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -66,11 +65,9 @@ def record(
     ----------
     path : path, optional
         The recording to write, ``.rrd``. An old one is replaced when the run has ended.
-    spawn : bool
-        Show the run in the native viewer instead; it listens on this machine only.
-    live : bool
-        Show the run in a viewer below the notebook's cell instead, as it goes. The server that
-        feeds it listens on this machine only.
+    spawn, live : bool
+        Show the run as it goes instead: in the native viewer, or in one below the notebook's cell.
+        Viewer and server listen on this machine only.
     truth : (H, W) float array, optional
         True distance, mm, to show beside the result; nan where unknown.
     max_width : int
@@ -108,25 +105,14 @@ class Comparison:
 
     Parameters
     ----------
-    path : path
-        The recording to write, ``.rrd``, when the comparison is closed.
-    truth, max_width
-        See `record`.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
+    path, truth, max_width
+        See `record`; the file is written when the comparison is closed.
     """
 
     def __init__(self, path: PathLike, *, truth: FloatArray | None = None, max_width: int = 480) -> None:
         self._sink, self._truth, self._max_width = Sink(path), truth, max_width
+        self.path = self._sink.path
         self._runs: dict[str, Recorder] = {}
-
-    @property
-    def path(self) -> Path | None:
-        """The recording."""
-        return self._sink.path
 
     def run(self, name: str) -> Recorder:
         """Make the observer of one run; its entities begin with the run's name."""
@@ -143,7 +129,7 @@ class Comparison:
             recorder.close()
         shown = [recorder.shown for recorder in self._runs.values() if recorder.shown is not None]
         if shown and self._sink.open:
-            self._sink.open_as(comparison(shown))
+            self._sink.stream.send_blueprint(comparison(shown))
         self._sink.close()
 
     def __enter__(self) -> Comparison:
@@ -181,6 +167,7 @@ class Recorder:
     ) -> None:
         if max_width < 1:
             raise ValueError(f"max_width must be at least 1 px, got {max_width}")
+        self.path = sink.path  # None if it goes to a viewer
         self.truth, self.max_width = truth, max_width
         self.shown: Shown | None = None
         self._sink, self._blueprint, self._run, self._colour = sink, blueprint, run, colour
@@ -195,11 +182,6 @@ class Recorder:
         self._curves: dict[str, list[tuple[int, float]]] = {}  # what is still to be logged
         # What stays for a stage, until it is known whether it stays for ever.
         self._held: list[tuple[str, tuple[rr.AsComponents, ...]]] | None = None if self.path is None else []
-
-    @property
-    def path(self) -> Path | None:
-        """The recording, once it is closed; None if it goes to a viewer."""
-        return self._sink.path
 
     def __call__(self, iterate: Iterate) -> None:
         """Log one iterate."""
@@ -227,13 +209,7 @@ class Recorder:
             self._picture(iterate)
 
     def close(self) -> None:
-        """End the recording and write the file; a second call does nothing.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written; then there is none.
-        """
+        """End the recording and write the file, or raise an OSError and leave none; once is enough."""
         if not self._open:
             return
         self._open = False
@@ -315,15 +291,12 @@ class Recorder:
         classes = rr.AnnotationContext([(0, "left out", (0, 0, 0, 255)), (1, "used", (0, 0, 0, 0))])
         mask = rr.SegmentationImage(inside[thin].astype(np.uint8), opacity=1.0)
         self._log_of_stage("mask", classes, mask)
-        text = rr.TextDocument(self._settings(problem), media_type="text/markdown")
-        self._log_of_stage("settings", text)
+        self._log_of_stage("settings", rr.TextDocument(self._settings(problem), media_type="text/markdown"))
         self._log_of_stage("world/camera", camera_shape(problem.camera, 0.35 * middle))
         # The colours of the cloud never change: logged once.
         seen = as_bytes(picture[sparse][inside[sparse]])
-        self._log_of_stage(
-            "world/cloud", rr.Points3D.from_fields(colors=seen, radii=rr.Radius.ui_points(2.5))
-        )
-
+        colours = rr.Points3D.from_fields(colors=seen, radii=rr.Radius.ui_points(2.5))
+        self._log_of_stage("world/cloud", colours)
         self._log_of_stage("section/start", _section(iterate.distance, problem, START))
         shown = iterate.points[thin][inside[thin]]
         if truth is not None and np.isfinite(truth[inside]).any():
@@ -336,7 +309,7 @@ class Recorder:
         far = float(np.percentile(shown[:, 2], 99))
         length = round_length(far / 3)
         label = f"{length:g} {problem.unit}"
-        bar = rr.LineStrips2D([[[0, 0], [length, 0]]], colors=TRUTH, radii=THIN, labels=label)
+        bar = rr.LineStrips2D([[[0.0, 0.0], [length, 0.0]]], colors=TRUTH, radii=THIN, labels=label)
         self._log_of_stage("section/scale", bar)
         low, high = np.percentile(shown, [1, 99], axis=0)
         self._log_views(iterate, low, high, far)
@@ -352,9 +325,8 @@ class Recorder:
             nothing = png(np.zeros_like(iterate.mask[self._thin], np.uint8))
             for name in set(earlier.maps) - set(maps):
                 self._log(f"front/{name}", nothing)  # the viewer would show the old one despite a Clear
-            terms, maps = (
-                tuple(dict.fromkeys(both)) for both in (earlier.terms + terms, earlier.maps + maps)
-            )
+            terms = tuple(dict.fromkeys(earlier.terms + terms))
+            maps = tuple(dict.fromkeys(earlier.maps + maps))
         for name in ("energy", *terms, *(["change"] if self._run else [])):
             colour = self._colour if self._run else COLOURS.get(name)
             style = rr.SeriesLines(colors=colour, names=f"{self._run} {name}".strip(), widths=2)
@@ -372,14 +344,13 @@ class Recorder:
 
     def _log_blueprint(self) -> None:
         if self._blueprint is not None and self.shown is not None:
-            self._sink.open_as(BLUEPRINTS[self._blueprint](self.shown))
+            self._sink.stream.send_blueprint(BLUEPRINTS[self._blueprint](self.shown))
 
     def _settings(self, problem: Problem) -> str:
         gain = problem.photometry.gain
         low, high = self._range
-        unit = problem.unit if problem.metric else "**relative units**, not mm: the gain is unknown"
         rows = {
-            "distances": unit,
+            "distances": "mm" if problem.metric else "**relative units**, not mm: the gain is unknown",
             "picture": f"{problem.camera.width} x {problem.camera.height} px, {problem.camera.model} camera",
             "k": problem.photometry.k,
             "γ": problem.photometry.gamma,
@@ -389,10 +360,9 @@ class Recorder:
             "data": f"Huber, threshold {255 * problem.threshold:.3g} grey levels of 255",
             **problem.settings,
         }
-        cells = {
-            k: f"{v:.6g}" if isinstance(v, float) else str(v).replace("|", "\\|") for k, v in rows.items()
-        }
-        table = "\n".join(f"| {name} | {value} |" for name, value in cells.items())
+        for name, value in rows.items():
+            rows[name] = f"{value:.6g}" if isinstance(value, float) else str(value).replace("|", "\\|")
+        table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
         return (
             f"## Settings\n\n| | |\n|---|---|\n{table}\n\n## Colours\n\n"
             f"- **depth**: distance from the camera, dark {low:.3g} to bright {high:.3g} {problem.unit}\n"

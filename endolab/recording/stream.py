@@ -11,7 +11,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, write_atomically
@@ -86,10 +85,6 @@ class Sink:
         """Log numbers at many places of a timeline: all at once costs little more than one."""
         columns = rr.Scalars.columns(scalars=values)
         self.stream.send_columns(entity, [rr.TimeColumn(timeline, sequence=at)], columns, strict=True)
-
-    def open_as(self, layout: rrb.Blueprint) -> None:
-        """Tell the viewer how to show it; the last word counts."""
-        self.stream.send_blueprint(layout)
 
     def close(self) -> None:
         """Write the file, if something was logged; a second call does nothing."""
