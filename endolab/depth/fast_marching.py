@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.problem import Problem
+from endolab.depth.problem import Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import kernel
@@ -76,9 +76,12 @@ def _pop(value: FloatArray, heap: Any, place: Any, size: int) -> int:
     return top
 
 
+# Below, `terms` are a, b, c of a y² + 2 b y + c, a `step` is s, t of the difference s y + t of the unknown y
+# at a pixel to a neighbour, and `table` holds log c and log(1 + P), both empty for a Lambertian surface.
 @kernel
-def _excess(y: float, a: float, b: float, c: float, y0: float, log_c: Any, log_p: Any) -> float:
+def _excess(y: float, terms: Any, y0: float, table: Any) -> float:
     """a y² + 2 b y + c - 4 y² P(y/y0), P interpolated in logarithms."""
+    (a, b, c), (log_c, log_p) = terms, table
     x = np.log(y / y0)
     i = min(max(np.searchsorted(log_c, x), 1), log_c.size - 1)
     share = min(max((x - log_c[i - 1]) / (log_c[i] - log_c[i - 1]), 0.0), 1.0)
@@ -87,20 +90,20 @@ def _excess(y: float, a: float, b: float, c: float, y0: float, log_c: Any, log_p
 
 
 @kernel
-def _root(a: float, b: float, c: float, low: float, y0: float, log_c: Any, log_p: Any) -> float:
+def _root(terms: Any, low: float, y0: float, table: Any) -> float:
     """Largest y in [low, y0] with a y² + 2 b y + c = 4 y² P(y/y0); nan if there is none."""
-    if log_c.size == 0:  # Lambertian: 4 y² P = 4 (y0² - y²)
+    if table[0].size == 0:  # Lambertian: 4 y² P = 4 (y0² - y²)
+        a, b, c = terms
         discriminant = b * b - (a + 4) * (c - 4 * y0 * y0)
         y = (np.sqrt(discriminant) - b) / (a + 4) if discriminant >= 0 else np.nan
         return y if low <= y <= y0 else np.nan
     left, right = low, y0
-    at_left = _excess(left, a, b, c, y0, log_c, log_p)
-    at_right = _excess(right, a, b, c, y0, log_c, log_p)
+    at_left, at_right = _excess(left, terms, y0, table), _excess(right, terms, y0, table)
     if at_left > 0 or at_right < 0:
         return np.nan
     for _ in range(100):  # regula falsi, the stale end's value halved (Illinois)
         y = (left * at_right - right * at_left) / (at_right - at_left) if at_right > at_left else left
-        excess = _excess(y, a, b, c, y0, log_c, log_p)
+        excess = _excess(y, terms, y0, table)
         if abs(excess) <= 1e-14 * y0 * y0 or right - left <= 1e-14 * y0:
             return y
         if excess < 0:
@@ -111,10 +114,8 @@ def _root(a: float, b: float, c: float, low: float, y0: float, log_c: Any, log_p
 
 
 @kernel
-def _difference(
-    value: FloatArray, place: Any, ways: Any, near: int, k: int, width: int
-) -> tuple[float, float, float]:
-    """Difference (s y + t) of the unknown y at a pixel to its accepted k-th neighbour, and that one's value.
+def _difference(value: FloatArray, place: Any, ways: Any, near: int, k: int, width: int) -> Any:
+    """Step from a pixel to its accepted k-th neighbour, and that one's value.
 
     First order: neighbour - y. Second order: 2 neighbour - next/2 - 3y/2, if the next pixel out
     can be stepped to, is accepted and lower.
@@ -122,45 +123,31 @@ def _difference(
     if ways[near] >> k & 1:
         far = near + _AROUND[k, 0] * width + _AROUND[k, 1]
         if place[far] == _ACCEPTED and value[far] <= value[near]:
-            return -1.5, 2 * value[near] - 0.5 * value[far], value[near]
-    return -1.0, value[near], value[near]
+            return (-1.5, 2 * value[near] - 0.5 * value[far]), value[near]
+    return (-1.0, value[near]), value[near]
 
 
 @kernel
-def _along_edge(s: float, t: float, low: float, nearness: float, y0: float, log_c: Any, log_p: Any) -> float:
+def _along_edge(step: Any, low: float, nearness: float, y0: float, table: Any) -> float:
     """Value at a pixel if ∇y pointed along one neighbour, 1/`nearness` being its squared length."""
-    return _root(s * s * nearness, s * t * nearness, t * t * nearness, low, y0, log_c, log_p)
+    s, t = step
+    return _root((s * s * nearness, s * t * nearness, t * t * nearness), low, y0, table)
 
 
 @kernel
 def _across_triangle(
-    a: Any,
-    b: Any,
-    sa: float,
-    ta: float,
-    sb: float,
-    tb: float,
-    low: float,
-    g: Any,
-    y0: float,
-    log_c: Any,
-    log_p: Any,
+    a: Any, b: Any, step_a: Any, step_b: Any, low: float, g: Any, y0: float, table: Any
 ) -> float:
     """Value at a pixel from two neighbours at offsets a, b (column, row); nan if not upwind."""
+    (sa, ta), (sb, tb) = step_a, step_b
     turn = a[0] * b[1] - a[1] * b[0]  # ±1 for neighbouring neighbours, so its own inverse
     # p·a = sa y + ta, p·b = sb y + tb  =>  p = α y + β
     alpha_u, alpha_v = (b[1] * sa - a[1] * sb) * turn, (a[0] * sb - b[0] * sa) * turn
     beta_u, beta_v = (b[1] * ta - a[1] * tb) * turn, (a[0] * tb - b[0] * ta) * turn
     raised_u, raised_v = g[0] * alpha_u + g[1] * alpha_v, g[1] * alpha_u + g[2] * alpha_v
-    y = _root(
-        raised_u * alpha_u + raised_v * alpha_v,
-        raised_u * beta_u + raised_v * beta_v,
-        g[0] * beta_u * beta_u + 2 * g[1] * beta_u * beta_v + g[2] * beta_v * beta_v,
-        low,
-        y0,
-        log_c,
-        log_p,
-    )
+    constant = g[0] * beta_u * beta_u + 2 * g[1] * beta_u * beta_v + g[2] * beta_v * beta_v
+    terms = (raised_u * alpha_u + raised_v * alpha_v, raised_u * beta_u + raised_v * beta_v, constant)
+    y = _root(terms, low, y0, table)
     p_u, p_v = alpha_u * y + beta_u, alpha_v * y + beta_v
     down_u, down_v = -(g[0] * p_u + g[1] * p_v), -(g[1] * p_u + g[2] * p_v)
     weight_a = (down_u * b[1] - down_v * b[0]) * turn
@@ -170,20 +157,9 @@ def _across_triangle(
 
 
 @kernel
-def _advance(
-    count: int,
-    size: int,
-    value: FloatArray,
-    heap: Any,
-    place: Any,
-    fixed: Any,
-    ways: Any,
-    y0: FloatArray,
-    metric: Any,
-    log_c: Any,
-    log_p: Any,
-) -> int:
-    """Accept `count` more pixels; return the number left in the heap."""
+def _advance(count: int, size: int, state: Any, y0: FloatArray, metric: Any, table: Any) -> int:
+    """Accept `count` more pixels; return the number left in the heap, of `size` before."""
+    value, heap, place, fixed, ways = state
     width = y0.shape[1]
     upper, inverse_metric = y0.ravel(), metric.reshape(-1, 3)
     for _ in range(count):
@@ -204,14 +180,14 @@ def _advance(
             guu, guv, gvv = inverse_metric[pixel, 0], inverse_metric[pixel, 1], inverse_metric[pixel, 2]
             g = (guu, guv, gvv)
             a = (_AROUND[k, 1], _AROUND[k, 0])
-            sa, ta, ya = _difference(value, place, ways, accepted, k, width)
+            step_a, ya = _difference(value, place, ways, accepted, k, width)
             nearness = (guu * gvv - guv * guv) / (
                 gvv * a[0] * a[0] - 2 * guv * a[0] * a[1] + guu * a[1] * a[1]
             )
             best = value[pixel]
-            y = _along_edge(sa, ta, ya, nearness, limit, log_c, log_p)
+            y = _along_edge(step_a, ya, nearness, limit, table)
             if np.isnan(y):
-                y = _along_edge(-1.0, ya, ya, nearness, limit, log_c, log_p)
+                y = _along_edge((-1.0, ya), ya, nearness, limit, table)
             if y < best:
                 best = y
             for side in (1, 7):
@@ -223,11 +199,11 @@ def _advance(
                 if place[other] != _ACCEPTED:
                     continue
                 b = (_AROUND[j, 1], _AROUND[j, 0])
-                sb, tb, yb = _difference(value, place, ways, other, j, width)
+                step_b, yb = _difference(value, place, ways, other, j, width)
                 low = max(ya, yb)
-                y = _across_triangle(a, b, sa, ta, sb, tb, low, g, limit, log_c, log_p)
+                y = _across_triangle(a, b, step_a, step_b, low, g, limit, table)
                 if np.isnan(y):
-                    y = _across_triangle(a, b, -1.0, ya, -1.0, yb, low, g, limit, log_c, log_p)
+                    y = _across_triangle(a, b, (-1.0, ya), (-1.0, yb), low, g, limit, table)
                 if y < best:
                     best = y
             if best < value[pixel]:
@@ -260,20 +236,9 @@ def _ways(mask: BoolArray, cuts: BoolArray | None) -> Any:
         around = left & shifted(lower, -1, 1, False) | lower & shifted(left, 1, 0, False)
         to_left &= around | ~shifted(torn, -1, 1, False)
     from_right, from_left = shifted(to_right, -1, 0, False), shifted(to_left, -1, 0, False)
-    turns = (
-        right,
-        to_right,
-        lower,
-        to_left,
-        left,
-        shifted(from_right, -1, 1, False),
-        upper,
-        shifted(from_left, 1, 1, False),
-    )
-    ways = np.zeros(mask.shape, dtype=np.uint8)
-    for k, turn in enumerate(turns):
-        ways |= turn.view(np.uint8) << k
-    return ways
+    up_left, up_right = shifted(from_right, -1, 1, False), shifted(from_left, 1, 1, False)
+    turns = (right, to_right, lower, to_left, left, up_left, upper, up_right)
+    return np.packbits(np.stack(turns), axis=0, bitorder="little")[0]
 
 
 def _is_lowest_around(y0: FloatArray, mask: BoolArray, ways: Any) -> BoolArray:
@@ -286,14 +251,6 @@ def _is_lowest_around(y0: FloatArray, mask: BoolArray, ways: Any) -> BoolArray:
     return lowest
 
 
-def check_inflow(inflow: FloatArray | None, mask: BoolArray) -> None:
-    """Raise a ValueError if log-distances said to be known cannot be used."""
-    if inflow is not None and inflow.shape != mask.shape:
-        raise ValueError(f"inflow has shape {inflow.shape}, the frame {mask.shape}")
-    if inflow is not None and np.isinf(inflow[mask]).any():
-        raise ValueError("inflow must be finite, or nan where the distance is not known")
-
-
 @dataclass
 class March:
     """The state of a march: values, the heap of trial pixels and each pixel's place in it."""
@@ -304,8 +261,9 @@ class March:
     place: Any
     fixed: BoolArray
     ways: Any
-    physics: tuple[FloatArray, FloatArray, FloatArray]  # metric, log c, log(1 + P)
-    size: int
+    metric: FloatArray
+    table: tuple[FloatArray, FloatArray]  # empty for a Lambertian surface
+    size: int  # of the heap
 
     @classmethod
     def seeded(
@@ -334,13 +292,13 @@ class March:
         heap[: seeds.size] = seeds
         place = np.where(mask.ravel(), _FAR, _OUTSIDE).astype(np.int32)
         place[seeds] = np.arange(seeds.size)
-        physics = (np.ascontiguousarray(metric), *((np.empty(0), np.empty(0)) if table is None else table))
-        return cls(y0, value, heap, place, fixed, ways.ravel(), physics, seeds.size)
+        table, metric = table or (np.empty(0), np.empty(0)), np.ascontiguousarray(metric)
+        return cls(y0, value, heap, place, fixed, ways.ravel(), metric, table, seeds.size)
 
     def advance(self, count: int) -> None:
         """Let the front accept `count` more pixels, or as many as there are."""
         state = (self.value, self.heap, self.place, self.fixed, self.ways)
-        self.size = _advance(count, self.size, *state, self.y0, *self.physics)
+        self.size = _advance(count, self.size, state, self.y0, self.metric, self.table)
 
     @property
     def arrived(self) -> BoolArray:
@@ -356,31 +314,13 @@ class March:
 def fast_marching(problem: Problem, inflow: FloatArray | None = None, snapshots: int = 1) -> Solver:
     """Viscosity solution of the simplified model in one pass; see the head of this file.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any camera, mask and cuts; an island of the mask is solved by itself.
-    inflow : (H, W) float array, optional
-        log d where it is known, nan elsewhere: values at the picture's border, say.
-    snapshots : int
-        How many times to yield as the front advances.
-
-    Yields
-    ------
-    Iterate
-        The start d₀, then `snapshots` times the march where it has arrived (`maps["arrived"]`)
-        and d₀, an upper bound, elsewhere. The last is the solution.
-
-    Raises
-    ------
-    ValueError
-        If the problem's BRDF cannot be inverted, or `inflow` has another shape or is infinite.
-
-    Notes
-    -----
-    n pixels cost O(n log n). Distances err by the second power of the pixel on smooth surfaces.
+    `inflow` (H, W) is log d where it is known, at the picture's border say, nan elsewhere; `snapshots`
+    is how many times to yield as the front advances. First comes the start d₀, then the march where it
+    has arrived (`maps["arrived"]`) and d₀, an upper bound, elsewhere; the last is the solution. An island
+    of the mask is solved by itself. n pixels cost O(n log n), and distances err by the second power of
+    the pixel on smooth surfaces. ValueError if the BRDF cannot be inverted or `inflow` cannot be used.
     """
-    check_inflow(inflow, problem.mask)
+    check_maps(problem.mask, inflow=inflow)
     mask, metric = problem.mask, problem.field.inverse_metric
     table = problem.photometry.slant_table()
     march = March.seeded(problem.log_facing, mask, metric, table, inflow, problem.cuts)

@@ -25,10 +25,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from endolab.depth.fast_marching import check_inflow
 from endolab.depth.grid import Grid
 from endolab.depth.multigrid import Multigrid, dot
-from endolab.depth.problem import Problem, check_start
+from endolab.depth.problem import Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import inner, padded
@@ -171,44 +170,20 @@ def gauss_newton(
 ) -> Solver:
     """Minimise the energy by Gauss-Newton steps; see the head of this file.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any camera, mask and cuts.
-    start : (H, W) float array, optional
-        log d to start from, of an earlier result say; then there is no march, and coarser grids
-        are used only if it is far from the frame's surface. With cuts it is taken as it is.
-    inflow : (H, W) float array, optional
-        log d where it is known, nan elsewhere; it is kept.
-    tolerance : float
-        The run has converged when a step promises to lower the energy by no more than this share.
-    max_iterations : int
-        The most iterates after the start.
+    `start` (H, W) is log d to start from, of an earlier result say: then there is no march, and coarser
+    grids are used only if it is far from the frame's surface; with cuts it is taken as it is. `inflow` is
+    log d where it is known, nan elsewhere, and is kept. The run has converged when a step promises to
+    lower the energy by no more than the share `tolerance`; it ends as STALLED when no share of a step
+    lowers the energy although the quadratic promises more. A step costs O(pixels).
 
-    Yields
-    ------
-    Iterate
-        The start, and what coarser grids make of it if it is far; or d₀, what each coarse grid makes
-        of the frame, as long as its energy is lower, and the march at full size, likewise. Then one
-        for each step, with the scalars "step" (share of the Gauss-Newton step that was taken),
-        "damping" and "inner" (conjugate gradient steps).
-        The energy falls from each to the next.
-
-    Raises
-    ------
-    ValueError
-        If `start` or `inflow` has another shape than the frame or is not finite, or if the
-        problem's BRDF cannot be inverted.
-
-    Notes
-    -----
-    A step costs O(pixels). It ends as STALLED when no share of a step lowers the energy although
-    the quadratic promises more than `tolerance`.
+    First come the start, and what coarser grids make of it if it is far; or d₀, what each coarse grid
+    makes of the frame, as long as its energy is lower, and the march at full size, likewise. Then one
+    iterate for each step, `max_iterations` in all at most after the first, with the scalars "step" (share
+    of the Gauss-Newton step that was taken), "damping" and "inner" (conjugate gradient steps). The energy
+    falls from each to the next. ValueError if `start` or `inflow` cannot be used or the BRDF not inverted.
     """
     mask = problem.mask
-    check_inflow(inflow, mask)
-    check_start(start, mask)
-
+    check_maps(mask, start, inflow)
     finest = Grid.of(problem, inflow)
     if start is not None:
         v = padded(

@@ -35,7 +35,7 @@ import numpy as np
 
 from endolab.depth.energy_kernels import listen
 from endolab.depth.grid import Grid
-from endolab.depth.problem import Problem, check_start
+from endolab.depth.problem import Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.model.surface import from_xi, to_xi
 from endolab.numerics.arrays import FloatArray
@@ -342,46 +342,29 @@ def primal_dual(
 ) -> Solver:
     """Minimise the energy by the paper's path; see the head of this file.
 
-    Parameters
-    ----------
-    problem : Problem
-        Islands of the mask are solved apart. The first order wants a small λ, 0.1 say.
-    start : (H, W) float array, optional
-        log d to begin with, finite inside the mask; the paper's d₀ by default.
-    coupling : float
-        θ in units of 1/c at the start; what is stable limits it further.
-    decay : float
-        What θ is multiplied by after each step, down to 0.001. In DTAM it falls; here it stays.
-    patch : float
-        Radius of the box over which slopes are averaged, twice, for the normals; in 1/320 of the
-        width. 0 takes two neighbours, as the energy does, and thousands of steps.
-    safety : float
-        Share of the bound on τ that is taken, in (0, 1].
-    tolerance : float
-        The run has converged when v has less than this to go (root mean square): its change in a
-        step over the part of the way that a step takes.
-    every : int
-        Steps from one iterate to the next.
-    max_iterations : int
-        The most steps to take.
+    Islands of the mask are solved apart. The first order wants a small λ, 0.1 say. The energy may rise:
+    its normals are not of a patch. Areas of no `evidence` fill slowly. ValueError if the start or an
+    option cannot be used, or the BRDF has two slants for one brightness.
 
-    Yields
-    ------
-    Iterate
-        `k` counts steps. Scalars: steps, theta, and tau, the part of its way that a pixel goes in
-        one. The energy may rise: its normals are not of a patch. Areas of no `evidence` fill slowly.
+    - start: (H, W), log d to begin with, finite inside the mask; the paper's d₀ by default.
+    - coupling: θ in units of 1/c at the start; what is stable limits it further.
+    - decay: what θ is multiplied by after each step, down to 0.001. In DTAM it falls; here it stays.
+    - patch: radius of the box over which slopes are averaged, twice, for the normals; in 1/320 of the
+      width. 0 takes two neighbours, as the energy does, and thousands of steps.
+    - safety: share of the bound on τ that is taken, in (0, 1].
+    - tolerance: the run has converged when v has less than this to go (root mean square): its change in
+      a step over the part of the way that a step takes.
+    - every, max_iterations: steps from one iterate to the next, and the most to take.
 
-    Raises
-    ------
-    ValueError
-        If the start or an option cannot be used, or the BRDF has two slants for one brightness.
+    Iterates count steps (`k`); their scalars are steps, theta, and tau, the part of its way that a pixel
+    goes in one.
     """
     for (name, (low, high)), value in zip(RANGES.items(), (coupling, decay, safety, patch), strict=True):
         if not low <= value <= high:
             raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {value}")
     if not (tolerance >= 0 and every >= 1):
         raise ValueError(f"tolerance must be at least 0 and every at least 1, got {tolerance} and {every}")
-    check_start(start, problem.mask)
+    check_maps(problem.mask, start)
     v = problem.log_facing if start is None else start
     radius = round(patch * problem.camera.width / REFERENCE_WIDTH)
     path, theta, steps, grid = _Path.at(problem, v, radius, safety), float(coupling), 0, Grid.of(problem)

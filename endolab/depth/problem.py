@@ -41,64 +41,31 @@ class Origin:
 
 @dataclass(frozen=True)
 class Problem:
-    """A frame to be explained: everything a solver needs, and nothing it must look up.
+    """A frame to be explained: everything a solver needs, and nothing it must look up."""
 
-    Parameters
-    ----------
-    image : (H, W) float array
-        Stored values of one channel in [0, 1].
-    mask : (H, W) bool array
-        Pixels that take part.
-    camera : Camera
-        Of size (W, H).
-    photometry : Photometry
-        Simplified model of that channel, its gain known (or chosen, then `metric` is False).
-    xi : {"1/z", "d", "1/d"}
-        The map that the regulariser sees.
-    regulariser : {"first", "second"}
-        Gradient or Hessian.
-    lam : float
-        λ, at least 0: weight of the regulariser, larger is smoother.
-    epsilon : float
-        ε of the Huber norm, positive: below it a derivative costs its square, above it its size.
-        ξ/ξ̃ of a smooth wall bends by less than 1e-3 per squared 1/320 of the width, so that only
-        creases are charged like total variation. The paper's 1e-4, in the unit of its ξ, makes
-        staircases of a wall's own curvature.
-    threshold : float
-        Where the data's Huber penalty becomes a line; stored value, positive.
-    metric : bool
-        Whether distances are in mm; else in relative units.
-    cuts : (2, H, W) bool array, optional
-        Steps from a pixel to its right and its lower neighbour over which the surface is torn, as
-        at an occluding contour: no derivative and no march takes them.
-    evidence : (H, W) int8 array, optional
-        What the image says of each pixel; by default, EXACT everywhere. EXACT (0): it is as bright
-        as this. AT_LEAST (1), saturated: it is this bright or brighter. NONE (2), a highlight or
-        an overlay: nothing. The image holds some plausible value there all the same, that of the
-        surroundings say, for a march to begin with.
-    picture : (H, W) or (H, W, 3) float array, optional
-        The frame as it looked, for people.
-    origin : Origin
-        Where it comes from.
-    settings : dict
-        What the user asked for and what was done, for people: nothing depends on it.
-    """
-
-    image: FloatArray
-    mask: BoolArray
-    camera: Camera
-    photometry: Photometry
-    xi: str = "1/d"
-    regulariser: str = "second"
-    lam: float = 1.0
+    image: FloatArray  # (H, W), stored values of one channel in [0, 1]
+    mask: BoolArray  # (H, W), pixels that take part
+    camera: Camera  # of size (W, H)
+    photometry: Photometry  # simplified, of that channel; the gain is known, or chosen and `metric` False
+    xi: str = "1/d"  # the map that the regulariser sees: "1/z", "d" or "1/d"
+    regulariser: str = "second"  # "first" or "second": of the gradient or of the Hessian
+    lam: float = 1.0  # λ, at least 0: weight of the regulariser, larger is smoother
+    # ε of the Huber norm, positive: below it a derivative costs its square, above it its size. ξ/ξ̃ of a
+    # smooth wall bends by less than 1e-3 per squared 1/320 of the width, so that only creases are charged
+    # like total variation. The paper's 1e-4, in the unit of its ξ, makes staircases of a wall's curvature.
     epsilon: float = 1e-3
-    threshold: float = 0.05
-    metric: bool = True
+    threshold: float = 0.05  # where the data's Huber penalty becomes a line; stored value, positive
+    metric: bool = True  # whether distances are in mm; else in relative units
+    # (2, H, W): steps from a pixel to its right and its lower neighbour over which the surface is torn, as
+    # at an occluding contour: no derivative and no march takes them.
     cuts: BoolArray | None = None
+    # (H, W): what the image says of each pixel; by default, EXACT everywhere. EXACT (0): it is as bright as
+    # this. AT_LEAST (1), saturated: it is this bright or brighter. NONE (2), a highlight or an overlay:
+    # nothing; the image holds some plausible value there, of the surroundings say, for a march to begin with.
     evidence: NDArray[np.int8] | None = None
-    picture: FloatArray | None = None
+    picture: FloatArray | None = None  # (H, W) or (H, W, 3), the frame as it looked, for people
     origin: Origin = Origin()
-    settings: dict[str, object] = field(default_factory=dict)
+    settings: dict[str, object] = field(default_factory=dict)  # asked for and done; nothing depends on it
 
     def __post_init__(self) -> None:
         check_xi(self.xi)
@@ -164,9 +131,12 @@ class Problem:
         return float(np.median(start[self.mask]))
 
 
-def check_start(start: FloatArray | None, mask: BoolArray) -> None:
-    """Raise a ValueError if a map cannot be what a solver starts from."""
-    if start is not None and start.shape != mask.shape:
-        raise ValueError(f"start has shape {start.shape}, the frame {mask.shape}")
+def check_maps(mask: BoolArray, start: FloatArray | None = None, inflow: FloatArray | None = None) -> None:
+    """Raise a ValueError if log-distances, to start from or said to be known, cannot be used."""
+    for name, given in (("start", start), ("inflow", inflow)):
+        if given is not None and given.shape != mask.shape:
+            raise ValueError(f"{name} has shape {given.shape}, the frame {mask.shape}")
+    if inflow is not None and np.isinf(inflow[mask]).any():
+        raise ValueError("inflow must be finite, or nan where the distance is not known")
     if start is not None and not np.isfinite(start[mask]).all():
         raise ValueError("start must be finite wherever the mask is")
