@@ -1,6 +1,6 @@
 """Frame and calibration in, surface out: against scenes whose distance and normals are exact."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -43,34 +43,30 @@ every_solver = pytest.mark.parametrize("solver", sorted(SOLVERS))
 every_step_by_step = pytest.mark.parametrize("options", [{"solver": "fast_marching", "snapshots": 5}, {}])
 
 
-# How good --------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
-    ("scene", "percent", "degrees"),
-    [("plane", (0, 0.06), (0, 0.15)), ("curved", (0, 0.06), (0, 0.15)), ("tube", (3, 8), (5, 13))],
+    ("options", "scene", "percent", "degrees"),
+    [
+        ({"solver": "fast_marching"}, "plane", (0, 0.06), (0, 0.15)),
+        ({"solver": "fast_marching"}, "curved", (0, 0.06), (0, 0.15)),
+        ({"solver": "fast_marching"}, "tube", (3, 8), (5, 13)),
+        ({}, "plane", (0, 0.01), (0, 0.05)),
+        ({}, "tube", (0, 2), (0, 4)),
+    ],
 )
-def test_one_pass_finds_the_simple_scenes(shots, scene, percent, degrees):
-    """About 0.001 %; the tube's walls meet the picture's border, where the truth is not in it."""
-    result = shots[scene].reconstruct(solver="fast_marching")
+def test_the_simple_scenes_are_found(shots, options, scene, percent, degrees):
+    """One pass: about 0.001 %; the tube's walls meet the picture's border, where the truth is not in it.
+
+    By default 0.003 %, 0.02° and 1.3 %, 2.4°: what is smooth tells what comes in over the border.
+    """
+    result = shots[scene].reconstruct(**options)
     errors = shots[scene].errors(result)
     assert errors.pixels > 0.97 * result.mask.size
     assert percent[0] <= errors.mean_percent <= percent[1]
     assert degrees[0] <= errors.mean_degrees <= degrees[1]
-    assert result.status is el.Status.CONVERGED
-    assert result.metric
-
-
-@pytest.mark.parametrize(("scene", "percent", "degrees"), [("plane", 0.01, 0.05), ("tube", 2, 4)])
-def test_the_default_finds_the_simple_scenes_and_the_tube(shots, scene, percent, degrees):
-    """Measured 0.003 %, 0.02° and 1.3 %, 2.4°: what is smooth tells what comes in over the border."""
-    result = shots[scene].reconstruct()
-    errors = shots[scene].errors(result)
-    assert result.problem.settings["solver"] == DEFAULT_SOLVER == "gauss_newton"
-    assert errors.mean_percent < percent
-    assert errors.mean_degrees < degrees
-    assert result.status is el.Status.CONVERGED
-    assert result.iterate.terms["data"] < result.iterate.terms["regulariser"]
+    assert (result.status, result.metric) == (el.Status.CONVERGED, True)
+    if not options:
+        assert result.problem.settings["solver"] == DEFAULT_SOLVER == "gauss_newton"
+        assert result.iterate.terms["data"] < result.iterate.terms["regulariser"]
 
 
 def test_noise_blurs_and_the_answer_stays_close(ball, rng):
@@ -84,10 +80,8 @@ def test_noise_blurs_and_the_answer_stays_close(ball, rng):
             percent[solver, smooth] = ball.errors(result).mean_percent
             used = result.problem.settings["smooth"]
             assert used == (0 if smooth == 0 else pytest.approx(2.0, rel=0.1))
-    assert percent["fast_marching", None] < 1.0
-    assert percent["fast_marching", 0.0] > 3 * percent["fast_marching", None]
-    assert percent["gauss_newton", None] < 0.05
-    assert percent["gauss_newton", 0.0] < 0.05
+    assert percent["fast_marching", 0.0] / 3 > percent["fast_marching", None] < 1.0
+    assert max(percent["gauss_newton", None], percent["gauss_newton", 0.0]) < 0.05
 
 
 @pytest.mark.parametrize("channel", ["red", "green", "blue", "grey", None])
@@ -123,9 +117,6 @@ def test_a_grey_frame(small):
     np.testing.assert_array_equal(result.distance, small.reconstruct(channel="grey").distance)
 
 
-# Scale -----------------------------------------------------------------------------------
-
-
 @every_solver
 def test_without_a_gain_the_shape_is_the_same(ball, solver):
     known = ball.reconstruct(solver=solver)
@@ -151,31 +142,21 @@ def test_the_median_distance_can_be_given(small, solver, gain):
     assert result.iterate.terms["data"] == pytest.approx(free.iterate.terms["data"], rel=1e-6)
 
 
-# Size ------------------------------------------------------------------------------------
-
-
 def test_a_frame_can_be_shrunk_first(ball):
     """640 px shrunk to 320 agree with the truth at 320."""
     large = Shot("curved", CALIBRATION.resize(640, 480))
     result = large.reconstruct(width=320)
-    camera = result.problem.camera
-    expected = CALIBRATION.camera
-    assert (camera.width, camera.height, result.distance.shape) == (320, 240, (240, 320))
-    for name in ("fx", "fy", "cx", "cy"):
-        assert getattr(camera, name) == pytest.approx(getattr(expected, name))
+    assert asdict(result.problem.camera) == pytest.approx(asdict(CALIBRATION.camera))
+    assert (result.distance.shape, result.problem.picture.shape) == ((240, 320), (240, 320, 3))
     errors = ball.errors(result)
     assert errors.mean_percent < 0.01
     assert errors.mean_degrees < 0.06
-    assert result.problem.picture.shape == (240, 320, 3)
 
 
 def test_the_height_follows_the_width(small):
     result = small.reconstruct(width=33)
     assert result.distance.shape == (25, 33)
     assert (result.problem.settings["width"], result.problem.settings["height"]) == (33, 25)
-
-
-# Light and surface -----------------------------------------------------------------------
 
 
 def test_offset_lights_are_replaced_by_one(shots):
@@ -202,9 +183,6 @@ def test_a_tabulated_brdf():
     assert shot.errors(result).mean_percent > 1.0
 
 
-# Masks -----------------------------------------------------------------------------------
-
-
 def test_maps_have_the_frames_shape_and_are_nan_outside_the_mask(small, holed):
     result = el.reconstruct(holed, small.calibration)
     assert result.mask.shape == result.distance.shape == result.z.shape == (60, 80)
@@ -214,27 +192,9 @@ def test_maps_have_the_frames_shape_and_are_nan_outside_the_mask(small, holed):
     for array in (result.distance, result.z, result.normals, result.points):
         assert np.all(np.isfinite(array[result.mask]))
         assert np.all(np.isnan(array[~result.mask]))
-    np.testing.assert_allclose(result.z, result.points[..., 2], rtol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(result.points, axis=-1), result.distance, rtol=1e-12)
     towards = np.einsum("hwi,hwi->hw", result.normals, result.points)
     assert np.all(towards[result.mask] < 0)
     assert np.all(np.isfinite([result.energy, result.seconds]))
-
-
-@pytest.mark.parametrize(("solver", "tolerance"), [("fast_marching", 0), ("gauss_newton", 1e-2)])
-def test_islands_of_the_mask_do_not_know_of_each_other(small, solver, tolerance):
-    """In the energy they share ξ̃, the median of ξ, and the end of the iterations: measured 0.3 %."""
-    options = {"solver": solver, "smooth": 0.0}
-    left, right = np.zeros((2, 60, 80), bool)
-    left[5:50, 5:40], right[10:55, 40:75] = True, True
-    right[:, 40] = False
-    alone = [
-        el.reconstruct(el.Frame(small.frame.image, mask), small.calibration, **options)
-        for mask in (left, right)
-    ]
-    both = el.reconstruct(el.Frame(small.frame.image, left | right), small.calibration, **options)
-    for mask, one in zip((left, right), alone, strict=True):
-        np.testing.assert_allclose(both.distance[mask], one.distance[mask], rtol=tolerance)
 
 
 def test_the_black_frame_of_an_endoscope_is_left_out(small):
@@ -244,20 +204,6 @@ def test_the_black_frame_of_an_endoscope_is_left_out(small):
     result = el.reconstruct(el.Frame(image, np.ones((60, 80), bool)), small.calibration)
     assert not np.any(result.mask & ~shown)
     assert small.errors(result).median_percent < 0.5
-
-
-# Watching --------------------------------------------------------------------------------
-
-
-def test_observers_see_the_front_advance(small):
-    seen = []
-    result = small.reconstruct(solver="fast_marching", observers=[seen.append], snapshots=5)
-    assert [iterate.k for iterate in seen] == list(range(6))
-    assert seen[-1] is result.iterate
-    arrived = [iterate.maps["arrived"].sum() for iterate in seen]
-    assert arrived == sorted(arrived)
-    assert (arrived[0], arrived[-1]) == (0, result.mask.sum())
-    assert result.problem.settings["solver"] == "fast_marching"
 
 
 @pytest.mark.parametrize("wish", [True, KeyboardInterrupt])
@@ -271,12 +217,8 @@ def test_a_run_can_be_stopped(small, wish, options):
     result = small.reconstruct(observers=[observer], **options)
     assert (result.status, result.iterations) == (el.Status.STOPPED, 2)
     assert np.all(np.isfinite(result.distance[result.mask]))
-
-
-@every_step_by_step
-def test_the_most_steps_to_take(small, options):
-    result = small.reconstruct(max_iterations=1, **options)
-    assert (result.status, result.iterations) == (el.Status.MAX_ITERATIONS, 1)
+    short = small.reconstruct(max_iterations=1, **options)
+    assert (short.status, short.iterations) == (el.Status.MAX_ITERATIONS, 1)
 
 
 @every_solver
@@ -289,9 +231,6 @@ def test_iterates_one_by_one(small, solver):
     assert (steps[0].problem.xi, result.problem.settings["channel"]) == ("d", "blue")
     whole = small.reconstruct(solver=solver, channel="blue", xi="d", smooth=0)
     assert whole.energy == result.energy
-
-
-# An earlier result to start from -----------------------------------------------------------
 
 
 def test_an_earlier_result_is_a_good_start(small):
@@ -319,9 +258,6 @@ def test_a_start_of_a_smaller_mask_is_filled(small, holed):
     assert small.errors(again).mean_percent < 0.05
 
 
-# What is refused ---------------------------------------------------------------------------
-
-
 def test_a_start_must_be_of_the_frames_size(small, ball):
     with pytest.raises(ValueError, match=r"start has shape \(240, 320\), the frame \(60, 80\)"):
         small.reconstruct(start=ball.reconstruct(solver="facing"))
@@ -342,13 +278,7 @@ def test_a_frame_too_large_for_the_memory_is_refused_at_once(small, monkeypatch)
         ({"snapshots": 3}, "solver 'gauss_newton' has no option 'snapshots'; it takes start, inflow"),
         ({"solver": "facing", "inflow": None}, "solver 'facing' has no option 'inflow'; it takes none"),
         ({"cuts": np.zeros((2, 3, 3), bool)}, r"cuts must be a bool array of shape \(2, 60, 80\)"),
-        ({"xi": "z"}, "unknown xi 'z'"),
-        ({"regulariser": "third"}, "unknown regulariser 'third'"),
         ({"channel": "pink"}, "unknown channel 'pink'"),
-        ({"lam": -1.0}, "lam must be finite and at least 0"),
-        ({"lam": np.nan}, "lam must be finite"),
-        ({"epsilon": 0.0}, "epsilon must be positive"),
-        ({"threshold": -1.0}, "threshold must be positive"),
         ({"smooth": -1.0}, "smooth must be finite and at least 0"),
         ({"smooth": np.nan}, "smooth must be finite"),
         ({"median_distance": 0.0}, "median_distance must be positive and finite"),
@@ -369,10 +299,3 @@ def test_frame_calibration_and_channel_must_fit(small):
     grey = el.Frame(small.frame.image[..., 1], small.frame.mask)
     with pytest.raises(ValueError, match="the picture is grey and has no red channel"):
         el.reconstruct(grey, small.calibration, channel="red")
-
-
-def test_a_picture_with_nan_never_gets_that_far(small):
-    image = small.frame.image.copy()
-    image[30, 40, 2] = np.nan
-    with pytest.raises(ValueError, match="not finite"):
-        el.Frame(image, small.frame.mask)

@@ -64,9 +64,6 @@ def said(result, word):
     return sentence
 
 
-# Scale -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("width", [None, 100, 67])
 def test_one_length_gives_the_true_size(shot, width):
     """Within what noise does to five pixels; the pixel is one of the whole picture, though it was shrunk."""
@@ -74,10 +71,8 @@ def test_one_length_gives_the_true_size(shot, width):
     size = (CAMERA.width, CAMERA.height)
     distance = float(np.linalg.norm(point(shot, ONE)))
     diameter = float(np.linalg.norm(point(shot, ONE) - point(shot, OTHER)))
-    for factor in (
-        factor_of_distance(result, distance, *ONE, size=size),
-        factor_of_diameter(result, diameter, ONE, OTHER, size=size),
-    ):
+    by_distance = factor_of_distance(result, distance, *ONE, size=size)
+    for factor in (by_distance, factor_of_diameter(result, diameter, ONE, OTHER, size=size)):
         whole = rescaled(result, factor)
         assert whole.metric
         true = np.median(shot.truth.distance[shot.truth.mask])
@@ -95,9 +90,8 @@ def test_one_odd_pixel_does_not_fix_the_scale(relative):
     odd = relative.iterate.log_distance.copy()
     odd[ONE[::-1]] += 1.0
     wrong = replace(relative, iterate=replace(relative.iterate, log_distance=odd))
-    assert factor_of_distance(wrong, 30, *ONE) == pytest.approx(
-        factor_of_distance(relative, 30, *ONE), rel=0.01
-    )
+    expected = factor_of_distance(relative, 30, *ONE)
+    assert factor_of_distance(wrong, 30, *ONE) == pytest.approx(expected, rel=0.01)
 
 
 def test_the_result_is_the_same_surface_in_another_unit(relative):
@@ -110,8 +104,7 @@ def test_the_result_is_the_same_surface_in_another_unit(relative):
     assert sum(terms.values()) == pytest.approx(relative.energy, rel=1e-9)
     assert relative.problem.origin.scale is None
     assert with_known_length(relative) is relative
-    again = rescaled(whole, 1 / factor, False)
-    np.testing.assert_allclose(again.distance, relative.distance)
+    np.testing.assert_allclose(rescaled(whole, 1 / factor, False).distance, relative.distance)
 
 
 def test_a_length_that_is_known_solves_nothing_twice(shot, relative):
@@ -153,10 +146,7 @@ def test_two_pixels_that_are_one_are_refused(relative):
     ("given", "message"),
     [
         ({"median_distance": 3, "known_distance": (3, 1, 2)}, "median_distance and known_distance exclude"),
-        (
-            {"known_distance": (0, 1, 2)},
-            r"known_distance must be positive and finite \(mm\), got \(0, 1, 2\)",
-        ),
+        ({"known_distance": (0, 1, 2)}, r"_distance must be positive and finite \(mm\), got \(0, 1, 2\)"),
         ({"known_distance": (3, np.nan, 2)}, "known_distance must be positive and finite"),
         ({"known_distance": 3}, r"known_distance must be \(mm, column, row\), got 3"),
         ({"known_distance": "near"}, "known_distance must be .mm, column, row., got near"),
@@ -183,9 +173,6 @@ def test_a_good_length_passes():
     check_scale(known_distance=np.array([3, 1, 2]))
 
 
-# A video ---------------------------------------------------------------------------------
-
-
 def test_the_first_frames_length_is_that_of_all(shot):
     frames = [(name, light * shot.frame.image) for name, light in (("a", 1.0), ("b", 0.9), ("c", 0.95))]
     length = (30.0, *ONE)
@@ -205,9 +192,6 @@ def test_a_length_in_a_broken_first_frame_is_not_taken_for_another_frames(shot):
     frames = [("a", None), ("b", shot.frame.image)]
     with pytest.raises(ValueError, match="a: cannot be read"):
         list(reconstruct_sequence(frames, shot.up_to_scale, known_distance=(30.0, *ONE)))
-
-
-# Words -----------------------------------------------------------------------------------
 
 
 def test_how_the_scale_was_fixed_is_said(shot, relative, known):
@@ -252,19 +236,15 @@ def test_other_walls_are_described_too(relative, known):
 
 def test_what_gamma_does_is_what_it_does(shot, relative):
     """Solve with γ 0.1 larger: the ratio of the dark to the bright changes by what the sentence says."""
-    found = re.search(
-        r"γ were (\S+) and not (\S+),.* ([\d.]+) % or more nearer.* ([\d.]+) %", said(relative, "γ")
-    )
-    more, gamma, nearer, farther = (float(each) for each in found.groups())
+    words = r"γ were (\S+) and not (\S+),.* ([\d.]+) % or more nearer.* ([\d.]+) %"
+    more, gamma, nearer, farther = map(float, re.search(words, said(relative, "γ")).groups())
     assert (more, gamma) == (pytest.approx(2.3), pytest.approx(2.2))
     wrong = el.Calibration(CAMERA, replace(shot.up_to_scale.photometry, gamma=2.3))
     other, plain = (el.reconstruct(shot.frame, each, solver="facing") for each in (wrong, shot.up_to_scale))
     change = np.log(other.distance / plain.distance)
     image, mask = plain.problem.image, plain.mask
-    low, middle, high = (
-        np.nanmean(change[mask & (np.abs(image - np.percentile(image[mask], at)) < 0.004)])
-        for at in (5, 50, 95)
-    )
+    near = (mask & (np.abs(image - np.percentile(image[mask], at)) < 0.004) for at in (5, 50, 95))
+    low, middle, high = (np.nanmean(change[pixels]) for pixels in near)
     assert 100 * np.expm1(middle - high) == pytest.approx(nearer, rel=0.1)
     assert 100 * np.expm1(low - middle) == pytest.approx(farther, rel=0.1)
 

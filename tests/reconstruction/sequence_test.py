@@ -32,10 +32,9 @@ WAYS = {
 def shots(scenes, gains=None):
     """Frames of a moving camera, with 1 grey level of noise."""
     gains = [900.0] * len(scenes) if gains is None else gains
-    return [
-        el.render(scene, BASE.camera, replace(GREEN, gain=float(gain)), noise=1.0, bits=8, seed=k)
-        for k, (scene, gain) in enumerate(zip(scenes, gains, strict=True))
-    ]
+    lights = [replace(GREEN, gain=float(gain)) for gain in gains]
+    seen = zip(scenes, lights, range(len(scenes)), strict=True)
+    return [el.render(scene, BASE.camera, light, noise=1.0, bits=8, seed=k) for scene, light, k in seen]
 
 
 def named(seen):
@@ -46,9 +45,6 @@ def scales(seen, steps):
     """What each frame's distances lack to be mm, relative to the first's."""
     factors = [np.nanmedian(a.distance / b.result.distance) for a, b in zip(seen, steps, strict=True)]
     return np.array(factors) / factors[0]
-
-
-# Scale -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -96,9 +92,6 @@ def test_the_link_is_exact_for_one_surface_in_two_units():
     # The energy is the same in every unit.
     terms = energy_terms(other.problem, other.iterate.log_distance)
     assert sum(terms.values()) == pytest.approx(result.energy, rel=1e-9)
-
-
-# Starting from the last ---------------------------------------------------------------------------
 
 
 def test_a_start_from_the_last_is_as_good_as_a_cold_one():
