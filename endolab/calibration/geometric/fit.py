@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from endolab.numerics.iteration import Status
 FOCAL_LENGTHS = np.geomspace(0.2, 3.0, 10)  # of the picture's width, to begin with
 SOME = 12  # views are enough to choose among these
 LEAST_VIEWS = 3
+NEEDED = f"a calibration needs {LEAST_VIEWS} views from different directions at least"
 LEAST_TILT = np.radians(5.0)
 LARGEST_ERROR = 0.05  # standard error of a focal length or centre, of the focal length
 FAR_OFF = 5.0  # a view is wrong if its median residual is this many times that of the others
@@ -86,12 +88,9 @@ def _first_poses(
 
 def _approach(model: Reprojection, start: Geometry) -> Geometry:
     """Take the steps of the Huber stage, which forgives a poor start."""
-    unknowns = start
-    for step in iterate_fit(model, start):
-        if step.stage == "final":
-            break
-        unknowns = step.unknowns
-    return unknowns
+    steps = takewhile(lambda step: step.stage == "huber", iterate_fit(model, start))
+    last: Geometry = list(steps)[-1].unknowns
+    return last
 
 
 def _start(views: Sequence[View], target: Target, width: int, height: int) -> KannalaBrandt:
@@ -124,40 +123,35 @@ def _stages(free: Collection[str], from_nothing: bool) -> list[FloatArray]:
     return [focal, middle, _columns(free)]
 
 
-def _part(keep: BoolArray, views: Sequence[View], geometry: Geometry) -> tuple[list[View], Geometry]:
-    chosen = [view for view, good in zip(views, keep, strict=True) if good]
-    return chosen, replace(geometry, rotation=geometry.rotation[keep], translation=geometry.translation[keep])
-
-
-def _drop_far_off(
-    model: Reprojection, views: Sequence[View], geometry: Geometry, target: Target
+def _drop(
+    views: Sequence[View], geometry: Geometry, target: Target, why: Sequence[str]
 ) -> tuple[list[View], Geometry, dict[str, str]]:
-    """Leave out the views that the camera of the others does not explain at all."""
+    """Leave out the views with a reason."""
+    keep = np.array([not reason for reason in why])
+    rest = replace(geometry, rotation=geometry.rotation[keep], translation=geometry.translation[keep])
+    dropped = {_label(view, target): reason for view, reason in zip(views, why, strict=True) if reason}
+    return [view for view, good in zip(views, keep, strict=True) if good], rest, dropped
+
+
+def _far_off(model: Reprojection, geometry: Geometry) -> list[str]:
+    """Say which views the camera of the others does not explain at all."""
     median = model.medians(geometry)
     usual = float(np.median(median))
-    bad = median > FAR_OFF * usual + 1.0
-    dropped = {
-        _label(view, target): f"its points are off by {m:.1f} px, those of the others by {usual:.2f} px"
-        for view, m, wrong in zip(views, median, bad, strict=True)
-        if wrong
-    }
-    return *_part(~bad, views, geometry), dropped
+    others, limit = f"those of the others by {usual:.2f} px", FAR_OFF * usual + 1.0
+    return [f"its points are off by {m:.1f} px, {others}" if m > limit else "" for m in median]
 
 
-def _drop_disagreeing(
-    found: Fit, model: Reprojection, views: Sequence[View], target: Target
-) -> tuple[list[View], Geometry, dict[str, str]]:
-    """Leave out the views of which fewer than half the points agree with the fit."""
-    geometry: Geometry = found.iterate.unknowns
-    used = np.bincount(model.group, weights=found.iterate.used, minlength=len(views)).astype(int)
-    total = np.bincount(model.group, minlength=len(views))
-    bad = (used < np.maximum(LEAST, total / 2)) | ~geometry.facing
-    dropped = {}
-    for view, wrong, facing, some, of in zip(views, bad, geometry.facing, used, total, strict=True):
-        if wrong:
-            why = f"only {some} of its {of} points agree with the other views"
-            dropped[_label(view, target)] = why if facing else "it shows the paper from behind"
-    return *_part(~bad, views, geometry), dropped
+def _disagreeing(found: Fit, model: Reprojection) -> list[str]:
+    """Say of which views fewer than half the points agree with the fit."""
+    facing = found.iterate.unknowns.facing
+    used = np.bincount(model.group, weights=found.iterate.used).astype(int)
+    total = np.bincount(model.group)
+    few = used < np.maximum(LEAST, total / 2)
+    why = [
+        f"only {some} of its {of} points agree with the other views"
+        for some, of in zip(used, total, strict=True)
+    ]
+    return np.where(facing, np.where(few, why, ""), "it shows the paper from behind").tolist()
 
 
 def _fit_views(
@@ -175,7 +169,7 @@ def _fit_views(
             raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
         model = Reprojection(views, target, basis, usual)
         found = fit(model, geometry, observers, smallest=FINEST)
-        fewer, geometry, more = _drop_disagreeing(found, model, views, target)
+        fewer, geometry, more = _drop(views, found.iterate.unknowns, target, _disagreeing(found, model))
         if not more or found.status is Status.STOPPED:
             return found, views, dropped
         views, dropped = fewer, dropped | more
@@ -214,10 +208,6 @@ def calibrate_camera(
     observers : iterable of callables
         Each is shown every iterate of the last fit; True stops it.
 
-    Returns
-    -------
-    GeometricFit
-
     Raises
     ------
     ValueError
@@ -242,7 +232,7 @@ def calibrate_camera(
     for basis in _stages(free, start is None):
         model = Reprojection(kept, target, basis, usual, discs=False)
         geometry = _approach(model, geometry)
-    kept, geometry, more = _drop_far_off(model, kept, geometry, target)
+    kept, geometry, more = _drop(kept, geometry, target, _far_off(model, geometry))
     found, kept, disagreeing = _fit_views(kept, geometry, target, basis, usual, list(observers))
     result = _result(found, kept, dropped | more | disagreeing, target, (width, height), free)
     if start is None:
@@ -288,9 +278,7 @@ def _result(
 def _refuse_few(count: int, dropped: dict[str, str]) -> None:
     if count < LEAST_VIEWS:
         why = f" ({_reasons(dropped)})" if dropped else ""
-        raise ValueError(
-            f"a calibration needs {LEAST_VIEWS} views from different directions at least, got {count}{why}"
-        )
+        raise ValueError(f"{NEEDED}, got {count}{why}")
 
 
 def _places(poses: Iterable[Pose]) -> int:
@@ -313,17 +301,13 @@ def _refuse_untold(result: GeometricFit) -> None:
     """Refuse a camera that its views do not tell."""
     places = _places(result.poses)
     if places < LEAST_VIEWS:
-        raise ValueError(
-            f"a calibration needs {LEAST_VIEWS} views from different directions at least, got {places}: "
-            f"the sheet hardly moves in the {len(result.poses)} views"
-        )
+        hardly = f"the sheet hardly moves in the {len(result.poses)} views"
+        raise ValueError(f"{NEEDED}, got {places}: {hardly}")
     tilt = max(pose.tilt for pose in result.poses)
     found = f"the sheet's largest tilt is {np.degrees(tilt):.1f}°"
     if tilt < LEAST_TILT:
-        raise ValueError(
-            f"views square to the axis cannot tell the focal length from the distance: {found}; "
-            "tilt the sheet by 20° or more in some views"
-        )
+        square = "views square to the axis cannot tell the focal length from the distance"
+        raise ValueError(f"{square}: {found}; tilt the sheet by 20° or more in some views")
     focal = np.sqrt(result.camera.fx * result.camera.fy)
     for name in NAMES[:4]:
         error = result.standard_errors[name]

@@ -71,26 +71,21 @@ def _checked_gamma(gamma: float | tuple[float, float] | str) -> Known:
         return None
     known, (low, high) = _number_or_pair(gamma), GAMMA_BOUNDS
     if known is None or not low < np.ravel(known)[0] < high:
-        raise ValueError(
-            f"gamma must lie between {low:g} and {high:g}, alone or with a positive standard deviation, "
-            f"got {gamma}"
-        )
+        how = "alone or with a positive standard deviation"
+        raise ValueError(f"gamma must lie between {low:g} and {high:g}, {how}, got {gamma}")
     return known
 
 
 def _checked_reflectance(reflectance: Sequence[Known], samples: Samples) -> tuple[Known, ...]:
     most = int(samples.material.max())
     if samples.material.min() < 0 or most != len(reflectance):
-        raise ValueError(
-            f"reflectance must have an entry for each of materials 1 to {most} of the samples, "
-            f"got {len(reflectance)}"
-        )
+        each = f"each of materials 1 to {most} of the samples"
+        raise ValueError(f"reflectance must have an entry for {each}, got {len(reflectance)}")
     checked = tuple(None if value is None else _number_or_pair(value) for value in reflectance)
     for value, known in zip(reflectance, checked, strict=True):
         if value is not None and known is None:
-            raise ValueError(
-                f"reflectance must be None, positive, or (value, standard deviation), got {value}"
-            )
+            either = "None, positive, or (value, standard deviation)"
+            raise ValueError(f"reflectance must be {either}, got {value}")
     return checked
 
 
@@ -102,18 +97,15 @@ def _start(model: LightModel, albedo: float) -> tuple[LightUnknowns, float]:
     """
     samples = model.samples
     gamma = model.gamma if isinstance(model.gamma, float) else model.gamma[0] if model.gamma else FIRST_GAMMA
-    known = [1.0 if r is None else r[0] if isinstance(r, tuple) else r for r in model.reflectance]
-    log_reflectance = np.log([1.0, *known])
+    log_reflectance = model.known_log_reflectance
     loose = [m for m in model.loose_materials if model.reflectance[m - 1] is None]
     geometry, _ = model.geometry(LightUnknowns(0, 1, np.zeros(0), np.zeros(0), np.zeros(0)))
     good = geometry.valid & (samples.level > model.levels[0]) & (samples.level < model.levels[1])
     level = np.where(good, samples.level, 0.5)
     target = gamma * np.log(level) - geometry.falloff - log_reflectance[samples.material]
     free = np.arange(len(model.nodes)) != model.pinned
-    columns = [
-        geometry.log_cos_psi[:, None],
-        *((samples.material == m)[:, None].astype(float) for m in loose),
-    ]
+    loosely = ((samples.material == m)[:, None].astype(float) for m in loose)
+    columns = [geometry.log_cos_psi[:, None], *loosely]
     if len(model.nodes) > 1:
         columns.append(hats(model.nodes, geometry.theta)[:, free])
     matrix = np.concatenate(columns, axis=1)
@@ -184,10 +176,6 @@ def calibrate_light(
     max_iterations : int
         Steps after the start.
 
-    Returns
-    -------
-    PhotometricFit
-
     Raises
     ------
     NotIdentifiableError
@@ -209,9 +197,8 @@ def calibrate_light(
     if not 0 < paper_albedo <= 1:
         raise ValueError(f"paper_albedo must lie in (0, 1], got {paper_albedo}")
     known_gamma = _checked_gamma(gamma)
-    finite = (
-        np.isfinite(samples.level) & np.isfinite(samples.points).all(1) & np.isfinite(samples.normals).all(1)
-    )
+    numbers = np.column_stack([samples.level, samples.points, samples.normals])
+    finite = np.isfinite(numbers).all(axis=1)
     if not finite.all():
         raise ValueError(f"samples must be finite, got {np.sum(~finite)} that are not")
     if len(samples) < 10:
@@ -236,19 +223,15 @@ def _nodes(samples: Samples, count: int, levels: tuple[float, float]) -> tuple[F
     geometry = SampleGeometry.of(samples, np.zeros(5))
     good = geometry.valid & (samples.level > levels[0]) & (samples.level < levels[1])
     if good.sum() < 10:
-        raise ValueError(
-            f"samples must hold at least 10 that are lit and neither dark nor saturated, got {good.sum()}"
-        )
+        which = "that are lit and neither dark nor saturated"
+        raise ValueError(f"samples must hold at least 10 {which}, got {good.sum()}")
     theta = geometry.theta[good]
     chosen = np.zeros(1)
     if count > 1:
         if np.ptp(theta) < 1e-3:
-            raise NotIdentifiableError(
-                "brdf",
-                "the BRDF cannot be told from samples that all lie at one incidence angle, "
-                f"{np.rad2deg(theta[0]):.1f}°; "
-                'tilt the sheet, or assume that it is matt (brdf="lambertian")',
-            )
+            why = "the BRDF cannot be told from samples that all lie at one incidence angle"
+            ways = 'tilt the sheet, or assume that it is matt (brdf="lambertian")'
+            raise NotIdentifiableError("brdf", f"{why}, {np.rad2deg(theta[0]):.1f}°; {ways}")
         chosen = place_nodes(theta, count)
     light = samples.level[good] ** 2
     return chosen, int(np.argmax(hats(chosen, theta).T @ light))
@@ -258,17 +241,11 @@ def _check_bounds(model: LightModel, unknowns: LightUnknowns, spread: dict[str, 
     """Refuse a fit that has run away."""
     low, high = GAMMA_BOUNDS
     if unknowns.k < 0:
-        raise NotIdentifiableError(
-            "k",
-            f"k ran to {unknowns.k:.3f} ± {spread['k']:.3f}, below 0: these samples show no fall-off off "
-            "the axis",
-        )
+        ran = f"k ran to {unknowns.k:.3f} ± {spread['k']:.3f}, below 0"
+        raise NotIdentifiableError("k", f"{ran}: these samples show no fall-off off the axis")
     if not low < unknowns.gamma < high:
-        raise NotIdentifiableError(
-            "gamma",
-            f"gamma ran to {unknowns.gamma:.2f}, out of {low:g} to {high:g}; check the distances, or give "
-            "gamma",
-        )
+        ran = f"gamma ran to {unknowns.gamma:.2f}, out of {low:g} to {high:g}"
+        raise NotIdentifiableError("gamma", f"{ran}; check the distances, or give gamma")
     if not model.free_light:
         return
     place = max(spread[f"light {axis}"] for axis in "xyz")
@@ -315,12 +292,11 @@ def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], 
     f, gains = np.exp(unknowns.log_brdf), np.exp(unknowns.log_gain)
     gain_errors = gains * np.sqrt(found.covariance.own[:, 0, 0])
     locked = len(gains) == 1 and len(frames) > 1
-    tabulated = len(f) > 1
-    surface: BRDF = (
-        TabulatedBRDF(tuple(model.nodes), tuple(f)) if tabulated else Lambertian(float(np.pi * f[0]))
-    )
+    matt = len(f) == 1
+    surface: BRDF = Lambertian(float(np.pi * f[0])) if matt else TabulatedBRDF(tuple(model.nodes), tuple(f))
     place, tilt = unknowns.light[:3].tolist(), unknowns.light[3:].tolist()
     lights = (SpotLight(tuple(place), (*tilt, 1.0), unknowns.k),) if model.free_light else ()
+    k, gain = 0.0 if lights else unknowns.k, float(gains[0]) if locked else None
     ranges = {
         "alpha": _range(np.arccos(np.minimum(samples.cos_alpha[used], 1.0))),
         "theta": _range(model.geometry(unknowns)[0].theta[used]),
@@ -333,13 +309,7 @@ def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], 
         verdict.insert(0, f"The fit did not end as it should: {found.status.value}")
     residuals = last.residual[:, 0]
     return PhotometricFit(
-        photometry=Photometry(
-            0.0 if lights else unknowns.k,
-            unknowns.gamma,
-            float(gains[0]) if locked else None,
-            surface,
-            lights,
-        ),
+        photometry=Photometry(k, unknowns.gamma, gain, surface, lights),
         frames=frames,
         gains=np.repeat(gains, len(frames)) if locked else gains,
         gain_errors=np.repeat(gain_errors, len(frames)) if locked else gain_errors,
@@ -353,9 +323,7 @@ def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], 
         used=used,
         sigma=last.sigma,
         mean=float(residuals[used].mean()),
-        alpha_range=ranges["alpha"],
-        theta_range=ranges["theta"],
-        distance_range=ranges["distance"],
+        **{f"{name}_range": ends for name, ends in ranges.items()},
         verdict=verdict,
         status=found.status,
         history=found.history,

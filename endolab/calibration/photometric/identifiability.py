@@ -129,10 +129,8 @@ def strengths(model: LightModel, unknowns: LightUnknowns, sigma: float) -> dict[
 
     found = {"k": left(geometry.log_cos_psi)}
     if not isinstance(model.gamma, float):
-        expected = [known[0] if isinstance(known, tuple) else known for known in model.reflectance]
-        known_log = np.log([1.0] + [1.0 if value is None else value for value in expected])
         columns.append(geometry.log_cos_psi[:, None])
-        found["gamma"] = left(geometry.falloff + known_log[model.samples.material])
+        found["gamma"] = left(geometry.falloff + model.known_log_reflectance[model.samples.material])
     return found
 
 
@@ -154,12 +152,9 @@ def refuse(model: LightModel, found: dict[str, Strength]) -> None:
             'fall-off; take more frames, or assume that the sheet is matt (brdf="lambertian")',
         )
     if k.sd > LARGEST_ERROR["k"]:
-        raise NotIdentifiableError(
-            "k",
-            f"k cannot be told from these samples: its standard error would be {k.sd:.2g} with "
-            f"{len(normals)} samples of {frames} {'frame' if frames == 1 else 'frames'}; take more of them, "
-            "over a wider field",
-        )
+        have = f"{len(normals)} samples of {frames} frame{'' if frames == 1 else 's'}"
+        why = f"k cannot be told from these samples: its standard error would be {k.sd:.2g} with {have}"
+        raise NotIdentifiableError("k", f"{why}; take more of them, over a wider field")
     if model.gamma is not None:
         return
     gamma = found["gamma"]
@@ -234,70 +229,53 @@ def describe_verdict(
     lambertian = len(model.nodes) == 1
     locked = int(model.group[-1]) == 0 and len(np.unique(model.samples.frame)) > 1
     ratio = f"k/γ = {k / gamma:.4f} ± {errors['k/gamma']:.4f}"
-    found = []
+    found: list[str] = []
+    say = found.append
     if isinstance(model.gamma, float):
-        found.append(
-            f"{ratio} is determined by how the light falls off across the frames; γ = {gamma:g} was given, "
-            "not measured: where it is wrong by 1 %, k is wrong by 1 %."
-        )
-        found.append(f"k = {k:.4f} ± {errors['k']:.4f}, if γ is {gamma:g}.")
+        given = f"γ = {gamma:g} was given, not measured: where it is wrong by 1 %, k is wrong by 1 %"
+        say(f"{ratio} is determined by how the light falls off across the frames; {given}.")
+        say(f"k = {k:.4f} ± {errors['k']:.4f}, if γ is {gamma:g}.")
     elif model.gamma is None:
+        source = "the distance under a locked gain" if locked else "the distance within each frame"
         if any(known is not None for known in model.reflectance):
             source = "the reflectances that are known"
-        else:
-            source = "the distance under a locked gain" if locked else "the distance within each frame"
-        found.append(f"γ = {gamma:.4f} ± {errors['gamma']:.4f} is measured, by {source}.")
+        say(f"γ = {gamma:.4f} ± {errors['gamma']:.4f} is measured, by {source}.")
         bias = (2 * POSE_ERROR / expected["gamma"].signal) ** 2 * gamma
-        found.append(
-            f"Random errors of {100 * POSE_ERROR:g} % in the distances would raise γ by {bias:.2g}, "
-            "and k with it."
-        )
-        found.append(f"k = {k:.4f} ± {errors['k']:.4f} is measured; {ratio}.")
+        errs = f"Random errors of {100 * POSE_ERROR:g} % in the distances"
+        say(f"{errs} would raise γ by {bias:.2g}, and k with it.")
+        say(f"k = {k:.4f} ± {errors['k']:.4f} is measured; {ratio}.")
     else:
         mean, sd = model.gamma
         share = (errors["gamma"] / sd) ** 2
-        source = (
-            "the samples add nothing to that" if share > 0.9 else f"the samples leave ± {errors['gamma']:.4f}"
-        )
-        found.append(f"γ = {gamma:.4f}: {mean:g} ± {sd:g} was given, and {source}.")
-        found.append(f"k = {k:.4f} ± {errors['k']:.4f}; {ratio} is known better than either.")
+        source = "add nothing to that" if share > 0.9 else f"leave ± {errors['gamma']:.4f}"
+        say(f"γ = {gamma:.4f}: {mean:g} ± {sd:g} was given, and the samples {source}.")
+        say(f"k = {k:.4f} ± {errors['k']:.4f}; {ratio} is known better than either.")
     if lambertian:
-        found.append(
-            "The surface was taken to be matt (Lambertian): a sheen would show as wrong k"
-            + (" and γ." if not isinstance(model.gamma, float) else ".")
-        )
+        also = "" if isinstance(model.gamma, float) else " and γ"
+        say(f"The surface was taken to be matt (Lambertian): a sheen would show as wrong k{also}.")
     low, high = used_range["alpha"]
-    found.append(
-        f"The fall-off was seen from {_angle(low)} to {_angle(high)} off the axis; it is a guess beyond."
-    )
+    say(f"The fall-off was seen from {_angle(low)} to {_angle(high)} off the axis; it is a guess beyond.")
     if not lambertian:
         low, high = used_range["theta"]
-        found.append(
-            f"The BRDF was seen from {_angle(low)} to {_angle(high)} and is constant beyond; its scale "
-            "and that of the gains cannot be told apart."
-        )
+        seen = f"The BRDF was seen from {_angle(low)} to {_angle(high)} and is constant beyond"
+        say(f"{seen}; its scale and that of the gains cannot be told apart.")
     for material in model.loose_materials:
-        name = f"reflectance {material}"
-        value = np.exp(unknowns.log_reflectance[material])
-        found.append(
-            f"Material {material} reflects {value:.4f} ± {errors[name]:.4f} of what material 0 does."
-        )
+        value, error = np.exp(unknowns.log_reflectance[material]), errors[f"reflectance {material}"]
+        say(f"Material {material} reflects {value:.4f} ± {error:.4f} of what material 0 does.")
     if model.free_light:
-        place = ", ".join(
-            f"{v:.2f} ± {errors[f'light {a}']:.2f}" for v, a in zip(unknowns.light, "xyz", strict=False)
-        )
-        found.append(f"The virtual light is at ({place}) mm.")
+        place = [f"{v:.2f} ± {errors[f'light {a}']:.2f}" for v, a in zip(unknowns.light, "xyz", strict=False)]
+        say(f"The virtual light is at ({', '.join(place)}) mm.")
     room = GREY * min(model.levels[0], 1 - model.levels[1])
     if room < CLIPPED * sigma:
-        found.append(
+        say(
             f"The residuals, of {sigma:.1f} grey levels, reach out of the sensor's range from the levels "
             f"that were used, {GREY * model.levels[0]:.0f} to {GREY * model.levels[1]:.0f}, which biases "
             f"the result: keep {CLIPPED * sigma:.0f} inside 0 and 255."
         )
     if locked:
-        found.append("One gain was fitted for all frames.")
+        say("One gain was fitted for all frames.")
     if jumps:
         named = ", ".join(f"{frame} (×{jump:.2g})" for frame, jump in sorted(jumps[:JUMPS_NAMED]))
         more = f" and {len(jumps) - JUMPS_NAMED} more" if len(jumps) > JUMPS_NAMED else ""
-        found.append(f"The gain jumps at frame {named}{more}.")
+        say(f"The gain jumps at frame {named}{more}.")
     return found

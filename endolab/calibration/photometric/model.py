@@ -136,9 +136,11 @@ class LightModel:
         """Materials whose reflectance is fitted."""
         return [i for i, known in enumerate(self.reflectance, start=1) if not isinstance(known, float)]
 
-    @cached_property
-    def _free_nodes(self) -> IntArray:
-        return np.delete(np.arange(len(self.nodes)), self.pinned)
+    @property
+    def known_log_reflectance(self) -> FloatArray:
+        """Logarithms of the materials' reflectances, (materials,), as far as known; 0 where free."""
+        known = (r[0] if isinstance(r, tuple) else r for r in self.reflectance)
+        return np.log([1.0, *(1.0 if value is None else value for value in known)])
 
     def _seen_from(self, light: FloatArray) -> tuple[SampleGeometry, FloatArray]:
         geometry = SampleGeometry.of(self.samples, light)
@@ -253,7 +255,7 @@ class LightModel:
             return None
         last = column + len(self.nodes) - 1
         log_brdf, log_reflectance = unknowns.log_brdf.copy(), unknowns.log_reflectance.copy()
-        log_brdf[self._free_nodes] += common[column:last]
+        log_brdf[np.arange(len(log_brdf)) != self.pinned] += common[column:last]
         log_reflectance[self.loose_materials] += common[last : last + len(self.loose_materials)]
         return replace(
             unknowns,

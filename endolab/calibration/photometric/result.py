@@ -102,10 +102,8 @@ class PhotometricFit:
         weight = ((samples.level > levels[0]) & (samples.level < levels[1])).astype(float)
         for _ in range(10):
             total = grouped_sums(weight * shape**2, group, len(numbers))
-            factor = grouped_sums(weight * shape * measured, group, len(numbers)) / np.where(
-                total > 0, total, 1
-            )
-            predicted = factor[group] * shape
+            factor = grouped_sums(weight * shape * measured, group, len(numbers))
+            predicted = (factor / np.where(total > 0, total, 1))[group] * shape
             residual = measured - predicted
             inside = (predicted > GREY * levels[0]) & (predicted < GREY * levels[1])
             if not inside.any():

@@ -25,27 +25,13 @@ GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
 
 @dataclass(frozen=True)
 class Samples:
-    """Brightness at known places of a surface, in many frames.
+    """Brightness at known places of a surface, in many frames."""
 
-    Attributes
-    ----------
-    frame : (n,) int array
-        Number of the frame, ascending.
-    level : (n,) float array
-        Stored value, in [0, 1].
-    points : (n, 3) float array
-        Place on the surface in the camera frame, mm.
-    normals : (n, 3) float array
-        Unit normal there, towards the camera.
-    material : (n,) int array
-        0 for the white of the paper; grey patches, or other colour channels, count from 1.
-    """
-
-    frame: IntArray
-    level: FloatArray
-    points: FloatArray
-    normals: FloatArray
-    material: IntArray
+    frame: IntArray  # (n,), number of the frame, ascending
+    level: FloatArray  # (n,), stored value, in [0, 1]
+    points: FloatArray  # (n, 3), place on the surface in the camera frame, mm
+    normals: FloatArray  # (n, 3), unit normal there, towards the camera
+    material: IntArray  # (n,), 0 for the white of the paper; grey patches, or other channels, count from 1
 
     def __post_init__(self) -> None:
         n = len(self.frame)
@@ -140,19 +126,16 @@ def sample_sheet(
         area = axes[0, :, 0] * axes[1, :, 1] - axes[0, :, 1] * axes[1, :, 0]
         short = np.sqrt(np.maximum(square - np.sqrt(np.maximum(square**2 - area**2, 0)), 0))
         with np.errstate(invalid="ignore"):
-            nearest = np.round(pixel)
+            nearest, half = np.round(pixel), side // 2
             good = short >= RIM + np.sqrt(2) * side / 2
-            good &= np.all(
-                (nearest >= side // 2) & (nearest < [width - side // 2, height - side // 2]), axis=1
-            )
+            good &= np.all((nearest >= half) & (nearest < [width - half, height - half]), axis=1)
         column, row = nearest[good].astype(int).T
         light = linear[row, column].astype(np.float64)
         rays = camera.unproject(nearest[good])
         depth = (pose.translation @ pose.normal) / (rays @ pose.normal)
         frames, normals = np.full(good.sum(), frame), np.tile(pose.normal, (good.sum(), 1))
-        found.append(
-            Samples(frames, light ** (1 / gamma), rays * depth[:, None], normals, material[here][good])
-        )
+        level, points = light ** (1 / gamma), rays * depth[:, None]
+        found.append(Samples(frames, level, points, normals, material[here][good]))
     samples = Samples.concatenate(found)
     samples = samples[(samples.cos_theta > 0) & np.isfinite(samples.distance)]
     if len(samples) > most:
@@ -184,12 +167,11 @@ def sample_surface(
     channels = image[..., None] if image.ndim == 2 else image
     level, places, towards = (a[rows, columns].astype(np.float64) for a in (channels, points, normals))
     frames = np.full(len(rows), frame)
-    return Samples.concatenate(
-        [
-            Samples(frames, level[:, channel], places, towards, np.full(len(rows), channel))
-            for channel in range(channels.shape[-1])
-        ]
-    )
+    parts = [
+        Samples(frames, values, places, towards, np.full(len(rows), channel))
+        for channel, values in enumerate(level.T)
+    ]
+    return Samples.concatenate(parts)
 
 
 def sample_depth(
