@@ -17,12 +17,9 @@ from endolab.tuning.pictures import jpeg
 THIRD = w.Layout(width="32%", min_width="240px")
 
 
-def choice(label: str, options: Sequence[Any], value: Any = None) -> w.Dropdown:
-    """One of some options, the first one by default."""
-    first = options[0][1] if isinstance(options[0], tuple) else options[0]
-    return w.Dropdown(
-        options=options, value=first if value is None else value, description=label, layout=THIRD
-    )
+def choice(label: str, options: Sequence[Any], **value: Any) -> w.Dropdown:
+    """One of some options, the first one unless there is a `value`."""
+    return w.Dropdown(options=options, description=label, layout=THIRD, **value)
 
 
 def slider(label: str, value: float, low: float, high: float, step: float, tip: str) -> w.FloatSlider:
@@ -32,10 +29,8 @@ def slider(label: str, value: float, low: float, high: float, step: float, tip: 
 
 def log_slider(label: str, value: float, low: float, high: float, tip: str) -> w.FloatLogSlider:
     """A number between two powers of ten."""
-    return w.FloatLogSlider(
-        value, min=low, max=high, step=0.05, description=label, tooltip=tip,
-        readout_format=".2g", layout=THIRD,
-    )  # fmt: skip
+    how = {"description": label, "tooltip": tip, "readout_format": ".2g", "layout": THIRD}
+    return w.FloatLogSlider(value, min=low, max=high, step=0.05, **how)
 
 
 ALONE = {"flex": "0 1 1176px", "min_width": "0"}
@@ -112,12 +107,11 @@ class Pair(w.HBox):
 
     def _name(self) -> None:
         """Say what each is, and how they differ."""
-        now, kept = self.shown, self.kept
-        if now is None or kept is None:
-            self.picture.caption = ""
-            return
-        self.picture_kept.caption = f"A: {contrast(kept.settings, now.settings)} · {error_of(kept)}"
-        self.picture.caption = f"B (now): {contrast(now.settings, kept.settings)} · {error_of(now)}"
+        now, kept, caption = self.shown, self.kept, ""
+        if now is not None and kept is not None:
+            self.picture_kept.caption = f"A: {contrast(kept.settings, now.settings)} · {error_of(kept)}"
+            caption = f"B (now): {contrast(now.settings, kept.settings)} · {error_of(now)}"
+        self.picture.caption = caption
 
 
 # Lives in the page. Jupyter holds a change back while the kernel still works on the last one, and then

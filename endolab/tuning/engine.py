@@ -48,10 +48,10 @@ class Outcome:
     @property
     def label(self) -> str:
         """The stage, or the one of a reconstruction on its way to its solution."""
-        iterate = None if self.result is None else self.result.iterate
-        if iterate is None or iterate.stage in (SOLUTION, SCALED):
+        if self.result is None or self.result.iterate.stage in (SOLUTION, SCALED):
             return self.stage
-        return f"{iterate.stage}, round {iterate.round}" if iterate.round else iterate.stage
+        stage, round = self.result.iterate.stage, self.result.iterate.round
+        return f"{stage}, round {round}" if round else stage
 
     @cached_property
     def truth(self) -> FloatArray | None:
@@ -70,10 +70,9 @@ class Outcome:
     @cached_property
     def median_error(self) -> float | None:
         """Median of |d - d*|/d*, %; None if no truth is known."""
-        truth = self.truth
-        if truth is None or self.result is None:
+        if self.truth is None or self.result is None:
             return None
-        return float(100 * np.nanmedian(np.abs(self.result.distance / truth - 1)))
+        return float(100 * np.nanmedian(np.abs(self.result.distance / self.truth - 1)))
 
 
 class _Progress:
@@ -172,9 +171,7 @@ class Tuner:
         with self._changed:
             source = self._source
         subject = source.subject(settings)
-        result = self._solve(
-            subject.frame, _known(subject, settings), observers=observers, **settings.keywords()
-        )
+        result = self._result(subject, settings, observers=observers)
         return Outcome(self._serial, settings, "fine", time.perf_counter() - started, subject, result)
 
     def close(self) -> None:
@@ -184,6 +181,10 @@ class Tuner:
             self._changed.notify_all()
         if self._thread is not threading.current_thread():
             self._thread.join()
+
+    def _result(self, subject: Subject, settings: Settings, **options: Any) -> Result:
+        known = replace(subject.calibration, photometry=settings.believed(subject.calibration.photometry))
+        return self._solve(subject.frame, known, **options, **settings.keywords())
 
     # In the tuner's thread ---------------------------------------------------------------
 
@@ -251,11 +252,7 @@ class Tuner:
                 self._tell(Outcome(serial, settings, "refining", seconds, subject, sofar))
 
         options["observers"] = [_Progress(lambda: self._is_stale(serial), tell)]
-        result = self._solve(subject.frame, _known(subject, settings), **options, **settings.keywords())
+        result = self._result(subject, settings, **options)
         if not self._is_stale(serial):
             source.keep(grid, result)
         return subject, result
-
-
-def _known(subject: Subject, settings: Settings) -> Endoscope:
-    return replace(subject.calibration, photometry=settings.believed(subject.calibration.photometry))

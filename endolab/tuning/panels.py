@@ -70,8 +70,8 @@ def limits_of(outcome: Outcome) -> Shared:
 def _section(result: Result, distance: FloatArray, cut: Cut) -> tuple[FloatArray, FloatArray]:
     """z, and x of a row or y of a column."""
     index = cut.index(distance.shape)
-    rays, along = result.problem.field.rays, distance
-    rays, along = (rays[index], along[index]) if cut.is_row else (rays[:, index], along[:, index])
+    line = np.s_[index] if cut.is_row else np.s_[:, index]
+    rays, along = result.problem.field.rays[line], distance[line]
     return rays[:, 2] * along, rays[:, 0 if cut.is_row else 1] * along
 
 
@@ -116,14 +116,13 @@ def outcome_board(outcome: Outcome, cut: Cut, limits: Shared | None = None, colu
     result, truth = outcome.result, outcome.truth
     assert result is not None
     limits = limits or limits_of(outcome)
-    problem, shape, unit = result.problem, result.mask.shape, result.problem.unit
+    problem, shape = result.problem, result.mask.shape
     seen = problem.image if problem.picture is None else problem.picture
-    height, width = shape
-    frame = map_panel(f"Input, {width} x {height} px", grey_or_colour(seen))
+    frame = map_panel(f"Input, {shape[1]} x {shape[0]} px", grey_or_colour(seen))
     colours = coloured(result.distance, limits.depth)
-    depth = map_panel(f"Distance [{unit}], {outcome.label}", colours, limits.depth)
-    cut_panel(frame, shape, cut.index(shape), cut.is_row)
-    cut_panel(depth, shape, cut.index(shape), cut.is_row)
+    depth = map_panel(f"Distance [{problem.unit}], {outcome.label}", colours, limits.depth)
+    for panel in (frame, depth):
+        cut_panel(panel, shape, cut.index(shape), cut.is_row)
     normals = map_panel("Normals, (n + 1)/2", grey_or_colour((result.normals + 1) / 2))
     if truth is None:
         error = map_panel("Error: the truth is unknown", grey_or_colour(np.full(shape, np.nan)))

@@ -55,13 +55,7 @@ def _written(text: str, size: int) -> FloatArray:
 
 
 def write(
-    picture: Picture,
-    text: str,
-    x: int,
-    y: int,
-    size: int = 13,
-    align: float = 0.0,
-    colour: Sequence[int] = INK,
+    picture: Picture, text: str, x: int, y: int, size: int, align: float = 0.0, colour: Sequence[int] = INK
 ) -> None:
     """Write a line of text into a picture; column x is its left end, or its right one for `align` 1."""
     ink = _written(text, size)

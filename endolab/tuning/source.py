@@ -13,7 +13,7 @@ import cv2
 from endolab.depth.result import Result
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
-from endolab.preprocessing.frame import Frame
+from endolab.preprocessing.frame import Frame, check_size
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES, Scene
 
@@ -55,10 +55,9 @@ class Settings:
         return replace(photometry, **self._beliefs(photometry.gain))
 
     def _beliefs(self, gain: float | None) -> dict[str, Any]:
-        beliefs: dict[str, Any] = {
-            name: getattr(self, name) for name in ("k", "gamma") if getattr(self, name) is not None
-        }
-        return beliefs | ({} if gain is None or self.gain == 1 else {"gain": gain * self.gain})
+        beliefs = {"k": self.k, "gamma": self.gamma}
+        beliefs["gain"] = None if gain is None or self.gain == 1 else gain * self.gain
+        return {name: value for name, value in beliefs.items() if value is not None}
 
     def code(self, calibration: Endoscope) -> str:
         """Three lines of Python that make the same result from a cold start with the tuner's calibration.
@@ -66,7 +65,7 @@ class Settings:
         They need the names `el` (endolab), `replace` (of dataclasses), `calibration` and, if no
         scene is rendered, `frame`; they leave `result`.
         """
-        options = dict(self.keywords())
+        options = self.keywords()
         if self.scene is None:
             source, gain = "calibration", calibration.photometry.gain
             lines = ["known = calibration"]
@@ -91,8 +90,7 @@ class Settings:
 
 
 def _size(calibration: Endoscope, width: int) -> tuple[int, int]:
-    camera = calibration.camera
-    return width, max(1, round(camera.height * width / camera.width))
+    return width, max(1, round(calibration.camera.height * width / calibration.camera.width))
 
 
 @dataclass(frozen=True)
@@ -106,12 +104,9 @@ class Subject:
     def shrunk(self, width: int, gamma: float) -> Subject:
         """The same with fewer columns, light averaged by this γ."""
         size = _size(self.calibration, width)
-        camera = self.calibration.camera.resize(*size)
-        return Subject(
-            self.frame.resize(*size, gamma),
-            replace(self.calibration, camera=camera),
-            None if self.truth is None else shrunk_map(self.truth, size),
-        )
+        known = replace(self.calibration, camera=self.calibration.camera.resize(*size))
+        truth = None if self.truth is None else shrunk_map(self.truth, size)
+        return Subject(self.frame.resize(*size, gamma), known, truth)
 
 
 def shrunk_map(distance: FloatArray, size: tuple[int, ...]) -> FloatArray:
@@ -141,6 +136,13 @@ class _Seen:
         return self.scene.mesh(size)
 
 
+def _keep(memory: OrderedDict[Hashable, Any], key: Hashable, value: Any, most: int) -> None:
+    memory[key] = value
+    memory.move_to_end(key)
+    while len(memory) > most:
+        memory.popitem(last=False)
+
+
 class Source:
     """Where subjects come from, and the last results on each grid; remembers the last few.
 
@@ -151,12 +153,8 @@ class Source:
     def __init__(
         self, calibration: Endoscope, frame: Frame | None = None, truth: FloatArray | None = None
     ) -> None:
-        camera = calibration.camera
-        if frame is not None and (frame.width, frame.height) != (camera.width, camera.height):
-            raise ValueError(
-                f"{frame.name} is {frame.width}x{frame.height} px, "
-                f"but the calibration is for {camera.width}x{camera.height} px"
-            )
+        if frame is not None:
+            check_size(frame.name, (frame.width, frame.height), calibration.camera)
         if truth is not None and (frame is None or truth.shape != frame.mask.shape):
             size = "and there is no frame" if frame is None else f"the frame {frame.mask.shape}"
             raise ValueError(f"truth has shape {truth.shape}, {size}")
@@ -167,19 +165,12 @@ class Source:
 
     def keep(self, grid: Hashable, result: Result) -> None:
         """Remember the last result on a grid."""
-        self.last[grid] = result
-        self.last.move_to_end(grid)
-        while len(self.last) > KEPT:
-            self.last.popitem(last=False)
+        _keep(self.last, grid, result, KEPT)
 
     def _once(self, key: Hashable, make: Callable[[], T]) -> T:
         with self._lock:
-            if key not in self._memory:
-                self._memory[key] = make()
-                while len(self._memory) > 2 * KEPT:
-                    self._memory.popitem(last=False)
-            self._memory.move_to_end(key)
-            made: T = self._memory[key]
+            made: T = self._memory[key] if key in self._memory else make()
+            _keep(self._memory, key, made, 2 * KEPT)
             return made
 
     def subject(self, settings: Settings, gamma: float | None = None) -> Subject:

@@ -11,7 +11,8 @@ import html
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -82,12 +83,7 @@ class TunerBox(w.VBox):
     """
 
     def __init__(
-        self,
-        frame: Frame | None,
-        calibration: Calibration,
-        truth: FloatArray | None,
-        scene: str,
-        width: int,
+        self, frame: Frame | None, calibration: Calibration, truth: FloatArray | None, scene: str, width: int
     ) -> None:
         self.engine = Tuner(calibration, self._on_outcome, frame=frame, truth=truth)
         self._quiet = False
@@ -120,9 +116,9 @@ class TunerBox(w.VBox):
             "xi": choice("ξ", ["1/d", "1/z", "d"]),
             "regulariser": choice("order", ["second", "first"]),
             "solver": choice("solver", [(NAMES[name], name) for name in NAMES]),
-            "scene": choice("scene", self._scenes(), "" if self._frame is not None else scene),
+            "scene": choice("scene", self._scenes(), value="" if self._frame is not None else scene),
             "channel": choice("channel", channels),
-            "width": choice("width, px", sorted({*WIDTHS, width}), width),
+            "width": choice("width, px", sorted({*WIDTHS, width}), value=width),
             "section": slider("section", 50, 0, 100, 0.5, "where the cross-section lies, % of the picture"),
             "across": choice("along", ["column", "row"]),
         }
@@ -137,13 +133,19 @@ class TunerBox(w.VBox):
     def _reset_light(self) -> None:
         """Set k, γ and gain to what the calibration says."""
         light = self._calibration.photometry
-        self._quiet = True
-        try:
+        with self._unasked():
             for name, value in (("k", light.k), ("gamma", light.gamma)):
                 knob = self.knobs[name]
                 knob.min, knob.max = min(knob.min, value), max(knob.max, value)
                 knob.value = value
             self.knobs["gain"].value = 1.0
+
+    @contextmanager
+    def _unasked(self) -> Iterator[None]:
+        """Move knobs without asking the engine."""
+        self._quiet = True
+        try:
+            yield
         finally:
             self._quiet = False
 
@@ -195,15 +197,16 @@ class TunerBox(w.VBox):
             self._say(outcome.error or "there is no result", bad=True)
             return
         started = time.perf_counter()
+
+        def summarise() -> None:
+            if not self._answered:
+                self._say(summary(outcome, time.perf_counter() - started))
+
         try:
-            self.pair.show(outcome, lambda: self._summarise(outcome, time.perf_counter() - started))
+            self.pair.show(outcome, summarise)
         except Exception as error:
             self._say(sentence_of(error), bad=True)
             raise
-
-    def _summarise(self, outcome: Outcome, drawing: float) -> None:
-        if not self._answered:
-            self._say(summary(outcome, drawing))
 
     def _cut(self) -> Cut:
         return Cut(self.knobs["section"].value / 100, self.knobs["across"].value == "row")
@@ -222,13 +225,10 @@ class TunerBox(w.VBox):
             made.on_click(self._guarded(lambda _: action()))
             return made
 
-        self.keeper = button(
-            "keep as A", KEEP, lambda: self.keep() if self.pair.kept is None else self.drop()
-        )
+        self.keeper = button("keep as A", KEEP, lambda: (self.drop if self.pair.kept else self.keep)())
         self.folder = w.Text("tuned", description="into", layout=w.Layout(width="230px"))
-        self.upload = w.FileUpload(
-            accept=".png,.jpg,.jpeg,.tif,.tiff,.json", multiple=True, description="frame, endoscope.json"
-        )
+        accepted = ".png,.jpg,.jpeg,.tif,.tiff,.json"
+        self.upload = w.FileUpload(accept=accepted, multiple=True, description="frame, endoscope.json")
         self.upload.layout.width = "auto"
         self.upload.observe(self._guarded(lambda _: self._take_upload()), "value")
         self.buttons = w.HBox(
@@ -294,11 +294,8 @@ class TunerBox(w.VBox):
         if not folder:
             raise ValueError("name a folder to export into")
         self._answer(f"exporting into {folder} ...")
-
-        def work() -> None:
-            self._answer(f"exported into {self.export(folder).resolve()}")
-
-        threading.Thread(target=self._guarded(work), name="endolab export", daemon=True).start()
+        work = self._guarded(lambda: self._answer(f"exported into {self.export(folder).resolve()}"))
+        threading.Thread(target=work, name="endolab export", daemon=True).start()
 
     def _take_upload(self) -> None:
         if self.upload.value:
@@ -327,13 +324,10 @@ class TunerBox(w.VBox):
         self.engine.use(calibration, frame)
         self._calibration, self._frame = calibration, frame
         self._reset_light()
-        scenes, now = self._scenes(), self.knobs["scene"].value
-        self._quiet = True
-        try:
-            self.knobs["scene"].options = scenes
-            self.knobs["scene"].value = "" if frame is not None else now or "colon"
-        finally:
-            self._quiet = False
+        knob = self.knobs["scene"]
+        now = "" if frame is not None else knob.value or "colon"
+        with self._unasked():
+            knob.options, knob.value = self._scenes(), now
         self.ask()
 
     def close(self) -> None:
