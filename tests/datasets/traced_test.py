@@ -20,10 +20,9 @@ def test_layers_make_the_picture_and_the_truth_is_the_scene(name):
     sample, options = load_traced(name), CASES[name].options
     gamma, mask = sample.calibration.photometry.gamma, sample.frame.mask
     assert sample.calibration.photometry.gain > 0
-    assert_allclose(
-        sample.distance[mask], sample.scene.distance(sample.calibration.camera.field.rays)[mask], atol=0.002
-    )
-    facing = np.einsum("ij,ij->i", sample.normals[mask], sample.calibration.camera.field.rays[mask])
+    rays = sample.calibration.camera.field.rays
+    assert_allclose(sample.distance[mask], sample.scene.distance(rays)[mask], atol=0.002)
+    facing = np.einsum("ij,ij->i", sample.normals[mask], rays[mask])
     assert np.allclose(np.linalg.norm(sample.normals[mask], axis=-1), 1)
     assert np.mean(facing < 0) > 0.999
     linear = sample.direct + sample.indirect + sample.mirrored[..., None]
@@ -91,7 +90,6 @@ def test_the_generator_makes_such_a_frame(mitsuba, tmp_path, monkeypatch):
     sample = read(tmp_path / "small.npz")
     assert sample.frame.image.shape == (48, 64, 3)
     # Small and coarse, but of the same colon under the same lights as the frame that comes with endolab.
-    small, large = (
-        one.direct[..., 1] / one.calibration.photometry.gain for one in (sample, load_traced("wet-1"))
-    )
+    both = (sample, load_traced("wet-1"))
+    small, large = (one.direct[..., 1] / one.calibration.photometry.gain for one in both)
     assert np.median(small / large[2::5, 2::5]) == pytest.approx(1, rel=0.1)

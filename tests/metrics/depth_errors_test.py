@@ -18,18 +18,9 @@ def test_errors_by_hand():
     errors = asdict(compare(ESTIMATE, TRUTH, COSINE))
     assert np.isnan(errors.pop("mean_degrees"))
     assert np.isnan(errors.pop("median_degrees"))
-    assert errors == pytest.approx(
-        {
-            "pixels": 4,
-            "scale": 1.0,
-            "mean_mm": 7 / 4,
-            "median_mm": 1.5,
-            "rmse_mm": np.sqrt(21 / 4),
-            "mean_percent": 7.0,
-            "median_percent": 9.0,
-            "rmse_z_mm": np.sqrt((1 + 1 + 0 + 4) / 4),
-        }
-    )
+    expected = {"pixels": 4, "scale": 1.0, "mean_percent": 7.0, "median_percent": 9.0}
+    expected |= {"mean_mm": 7 / 4, "median_mm": 1.5, "rmse_mm": np.sqrt(21 / 4)}
+    assert errors == pytest.approx(expected | {"rmse_z_mm": np.sqrt((1 + 1 + 0 + 4) / 4)})
 
 
 def test_median_scale_undoes_a_factor_and_tolerates_outliers():
@@ -75,9 +66,6 @@ def test_angles_are_exact_however_small(degrees):
 def test_what_cannot_be_compared(estimate, options, message):
     with pytest.raises(ValueError, match=message):
         compare(estimate, TRUTH, COSINE, **options)
-
-
-# Contours ------------------------------------------------------------------------------
 
 
 def test_jumps_of_the_distance_are_cuts_to_the_right_and_downwards():

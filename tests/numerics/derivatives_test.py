@@ -129,11 +129,10 @@ def test_gradient_of_a_line_on_every_shape(shape):
 
 def test_forward_gradient_is_the_difference_of_two_pixels_of_the_mask(rng, mask):
     f = rng.normal(size=mask.shape)
-    f_u, f_v = forward_gradient(f, mask)
     expected = np.zeros((2, *mask.shape))
     expected[0, :, :-1] = np.where(mask[:, 1:] & mask[:, :-1], np.diff(f, axis=1), 0.0)
     expected[1, :-1] = np.where(mask[1:] & mask[:-1], np.diff(f, axis=0), 0.0)
-    assert_allclose([f_u, f_v], expected, rtol=0, atol=1e-15)
+    assert_allclose(forward_gradient(f, mask), expected, rtol=0, atol=1e-15)
 
 
 def test_hessian_of_a_quadratic(rng):
@@ -142,10 +141,8 @@ def test_hessian_of_a_quadratic(rng):
     assert_allclose(f_uu[:, 1:-1], 2 * c[3], rtol=0, atol=1e-11)
     assert_allclose(f_uv[:-1, :-1], np.sqrt(2) * c[4], rtol=0, atol=1e-11)
     assert_allclose(f_vv[1:-1], 2 * c[5], rtol=0, atol=1e-11)
-    assert np.all(f_uu[:, [0, -1]] == 0)
-    assert np.all(f_vv[[0, -1]] == 0)
-    assert np.all(f_uv[-1] == 0)
-    assert np.all(f_uv[:, -1] == 0)
+    for rim in (f_uu[:, [0, -1]], f_vv[[0, -1]], f_uv[-1], f_uv[:, -1]):
+        assert np.all(rim == 0)
 
 
 def test_hessian_needs_its_whole_stencil(rng):
@@ -173,14 +170,9 @@ def test_the_norm_of_the_hessian_is_the_frobenius_norm_and_does_not_know_rows_fr
 def test_operators_are_linear_and_leave_their_input_alone(rng, mask, operator):
     f, g = rng.normal(size=(2, *mask.shape))
     before = f.copy()
-    combined = np.asarray(operator(2 * f - 3 * g, mask))
-    assert_allclose(
-        combined, 2 * np.asarray(operator(f, mask)) - 3 * np.asarray(operator(g, mask)), rtol=0, atol=1e-13
-    )
+    of_f, of_g, combined = (np.asarray(operator(each, mask)) for each in (f, g, 2 * f - 3 * g))
+    assert_allclose(combined, 2 * of_f - 3 * of_g, rtol=0, atol=1e-13)
     assert_array_equal(f, before)
-
-
-# Two pixels at the rim -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("shape", [(2, 2), (2, 7), (5, 2), (9, 12)])
@@ -205,21 +197,12 @@ def test_two_pixels_give_the_slope_wherever_there_is_a_neighbour(rng, mask):
             assert derivative[row - 1, column - 1] == pytest.approx(expected, abs=1e-14)
 
 
-# Cuts ----------------------------------------------------------------------------------
-
-
 def test_links_join_neighbours_of_the_mask_that_are_not_cut_apart():
     mask = np.array([[True, True, False], [True, True, True]])
-    assert_array_equal(
-        links(mask),
-        [[[True, False, False], [True, True, False]], [[True, True, False], [False, False, False]]],
-    )
+    assert_array_equal(links(mask), np.array([[[1, 0, 0], [1, 1, 0]], [[1, 1, 0], [0, 0, 0]]]) > 0)
     cuts = np.zeros((2, 2, 3), dtype=bool)
     cuts[0, 1, 0] = cuts[1, 0, 1] = cuts[0, 0, 2] = cuts[1, 1, 1] = True  # the last two lead nowhere
-    assert_array_equal(
-        links(mask, cuts),
-        [[[True, False, False], [False, True, False]], [[True, False, False], [False, False, False]]],
-    )
+    assert_array_equal(links(mask, cuts), np.array([[[1, 0, 0], [0, 1, 0]], [[1, 0, 0], [0, 0, 0]]]) > 0)
 
 
 @pytest.mark.parametrize("operator", OPERATORS)
@@ -260,9 +243,6 @@ def test_one_cut_silences_the_stencils_that_take_its_step(rng):
     assert gradient(f, cuts=cuts)[0][3, 4] == pytest.approx(1.5 * f[3, 4] - 2 * f[3, 3] + 0.5 * f[3, 2])
 
 
-# Adjoints ------------------------------------------------------------------------------
-
-
 @every_pair
 @pytest.mark.parametrize("shape", ODD_SHAPES)
 @pytest.mark.parametrize("rubbish", [0.0, np.nan, np.inf])
@@ -282,15 +262,9 @@ def test_adjoints_are_adjoint(rng, operator, adjoint, shape, rubbish):
 
 
 @every_pair
-def test_adjoints_without_mask_and_cuts_take_everything(rng, operator, adjoint):
+def test_adjoints_without_mask_and_cuts_take_everything_and_leave_their_input_alone(rng, operator, adjoint):
     p = rng.normal(size=np.shape(operator(np.zeros((5, 7)))))
+    before = p.copy()
     whole = adjoint(p, np.ones((5, 7), dtype=bool), np.zeros((2, 5, 7), dtype=bool))
     assert_array_equal(adjoint(p), whole)
-
-
-@every_pair
-def test_adjoints_leave_their_input_alone(rng, mask, operator, adjoint):
-    p = rng.normal(size=np.shape(operator(np.zeros(mask.shape))))
-    before = p.copy()
-    adjoint(p, mask)
     assert_array_equal(p, before)

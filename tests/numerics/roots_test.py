@@ -22,19 +22,13 @@ def sampled_root(coefficients, limit):
 @pytest.mark.parametrize("seed", range(20))
 def test_smallest_positive_root_is_the_first_sign_change(seed):
     coefficients = np.random.default_rng(seed).normal(size=5)
-    assert smallest_positive_root(coefficients, 5.0) == pytest.approx(
-        sampled_root(coefficients, 5.0), abs=1e-9
-    )
+    expected = sampled_root(coefficients, 5.0)
+    assert smallest_positive_root(coefficients, 5.0) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize(
     ("roots", "limit", "expected"),
-    [
-        ([3.0, 0.5, -0.1], 10.0, 0.5),
-        ([-1.0, -2.0], 10.0, 10.0),
-        ([7.0], 4.0, 4.0),
-        ([1e-3, 50.0], 100.0, 1e-3),
-    ],
+    [([3.0, 0.5, -0.1], 10, 0.5), ([-1.0, -2.0], 10, 10), ([7.0], 4, 4), ([1e-3, 50.0], 100, 1e-3)],
 )
 def test_smallest_positive_root_of_known_roots(roots, limit, expected):
     assert smallest_positive_root(polynomial.polyfromroots(roots), limit) == pytest.approx(expected, rel=1e-9)

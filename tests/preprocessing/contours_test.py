@@ -7,9 +7,10 @@ from numpy.testing import assert_array_equal
 
 import endolab as el
 from endolab import datasets
-from endolab.metrics.depth_errors import compare, occlusion_cuts
+from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.preprocessing.contours import find_contours
 from endolab.reconstruction.problem_setup import make_problem
+from tests.tools.problems import percent_off
 
 
 def seen(scene, width=320, **options):
@@ -31,8 +32,7 @@ def within(lines, others, pixels):
 def test_folds_are_found_where_the_distance_jumps(width):
     rendered, _, _, problem = seen("colon", width, noise=1)
     edges, cuts = find_contours(problem.log_facing, problem.mask)
-    true = occlusion_cuts(rendered.distance).any(axis=0)
-    near = round(4 * width / 320)
+    true, near = occlusion_cuts(rendered.distance).any(axis=0), round(4 * width / 320)
     assert within(edges, true, near) > 0.65
     assert within(true, edges, near) > 0.8
     assert cuts.shape == (2, *edges.shape)
@@ -48,26 +48,16 @@ def test_smooth_walls_have_none(scene):
 
 def test_a_vessel_is_no_contour():
     problem = seen("curved")[3]
-    log_facing = problem.log_facing.copy()
-    cv2.polylines(
-        log_facing,
-        [np.array([[20, 60], [150, 130], [300, 90]])],
-        False,
-        float(np.median(log_facing)) + 0.2,
-        2,
-    )
+    log_facing, line = problem.log_facing.copy(), np.array([[20, 60], [150, 130], [300, 90]])
+    cv2.polylines(log_facing, [line], False, float(np.median(log_facing)) + 0.2, 2)
     assert not find_contours(log_facing, problem.mask)[0].any()
 
 
 def test_the_cuts_help_the_march():
     rendered, frame, known, problem = seen("colon", noise=1)
     cuts = find_contours(problem.log_facing, problem.mask)[1]
-    errors = []
-    for torn in (None, cuts):
-        result = el.reconstruct(frame, known, solver="fast_marching", cuts=torn)
-        cos_alpha = known.camera.field.cos_alpha
-        errors.append(compare(result.distance, rendered.distance, cos_alpha).mean_percent)
-    assert errors[1] < 0.9 * errors[0]
+    whole, torn = (el.reconstruct(frame, known, solver="fast_marching", cuts=each) for each in (None, cuts))
+    assert percent_off(torn, rendered) < 0.9 * percent_off(whole, rendered)
 
 
 def test_what_is_outside_the_mask_does_not_matter():

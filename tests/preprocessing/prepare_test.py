@@ -61,12 +61,12 @@ def test_text_is_found_and_little_else(colon, grey):
     picture, ink = written(image)
     found = overlay_text(picture, colon.mask)
     assert (found & ink).sum() > 0.9 * ink.sum()
-    assert (found & ~cv2.dilate(ink.astype(np.uint8), np.ones((13, 13))).astype(bool)).sum() == 0
-    assert not overlay_text(image, colon.mask).any()
+    assert not (found & ~cv2.dilate(ink.astype(np.uint8), np.ones((13, 13))).astype(bool)).any()
 
 
-def test_highlights_are_no_text(wet):
-    assert not overlay_text(wet.image, wet.mask).any()
+def test_a_wall_and_its_highlights_are_no_text(colon, wet):
+    for image, mask in ((colon.image, colon.mask), (colon.image[..., 1], colon.mask), (wet.image, wet.mask)):
+        assert not overlay_text(image, mask).any()
 
 
 def test_signs_in_the_black_are_found(colon):
@@ -196,21 +196,15 @@ def test_what_is_ignored_stays_so_on_other_grids(known, wet):
 def test_fields_text_and_undistortion_are_noted(known, colon):
     picture, ink = written(combed(colon.image))
     ready = prepare(el.Frame(picture, colon.mask), known, undistort=True)
-    assert ready.interlaced
-    assert ready.undistorted
-    assert ready.camera.model == "pinhole"
+    assert (ready.interlaced, ready.undistorted, ready.camera.model) == (True, True, "pinhole")
     assert ready.frame.mask.shape == (ready.camera.height, ready.camera.width)
     assert (ready.text & ink).sum() > 0.8 * ink.sum()
     assert len(ready.notes) >= 4
 
 
-def test_a_grey_frame_is_prepared(known, wet):
+def test_a_grey_and_a_saturated_frame_are_prepared_and_a_black_one_is_not(known, colon, wet):
     ready = prepare(el.Frame(wet.image[..., 1], wet.mask), known, highlights="inpaint")
-    assert ready.canonical.ndim == 2
-    assert ready.highlights.any()
-
-
-def test_a_saturated_frame_is_prepared_and_a_black_one_is_not(known, colon):
+    assert (ready.canonical.ndim, ready.highlights.any()) == (2, True)
     shape = colon.mask.shape
     ready = prepare(el.Frame(np.ones((*shape, 3)), np.ones(shape, bool)), known)
     for part in (ready.highlights, ready.text, ready.lumen):
@@ -221,15 +215,15 @@ def test_a_saturated_frame_is_prepared_and_a_black_one_is_not(known, colon):
 
 
 def test_what_does_not_fit_is_said(known, colon):
-    frame = el.Frame(colon.image, colon.mask)
-    with pytest.raises(ValueError, match="choose keep, ignore, inpaint"):
-        prepare(frame, known, highlights="paint")
-    with pytest.raises(ValueError, match="480x360 px, but the calibration is for 320x240 px"):
-        prepare(frame, known.resize(320, 240))
-    with pytest.raises(ValueError, match="between 0 and 170"):
-        undistorted(frame, known.camera, 180)
-    with pytest.raises(ValueError, match="but the camera is for 320x240"):
-        undistorted(frame, known.resize(320, 240).camera)
+    frame, other = el.Frame(colon.image, colon.mask), known.resize(320, 240)
+    for call, message in (
+        (lambda: prepare(frame, known, highlights="paint"), "choose keep, ignore, inpaint"),
+        (lambda: prepare(frame, other), "480x360 px, but the calibration is for 320x240 px"),
+        (lambda: undistorted(frame, known.camera, 180), "between 0 and 170"),
+        (lambda: undistorted(frame, other.camera), "but the camera is for 320x240"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
 
 
 @pytest.mark.parametrize("solved", [False, True])

@@ -27,9 +27,6 @@ def truth(frame):
     return (frame.distance[..., None] * frame.camera.field.rays)[frame.mask], frame.normals[frame.mask]
 
 
-# The clean frame -----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize(
     "photometry",
@@ -69,9 +66,8 @@ def test_a_fisheye_sees_to_its_side_but_no_light_falls_behind():
     assert 0.3 < frame.mask.mean() < 0.7
     assert_array_equal(frame.mask, WIDE.field.cos_alpha > 0)
     assert np.all(frame.image[~frame.mask] == 0)
-    assert np.isnan(frame.distance[~frame.mask]).all()
+    assert_array_equal(np.isfinite(frame.distance), frame.mask)
     assert np.isnan(frame.normals[~frame.mask]).all()
-    assert np.isfinite(frame.distance[frame.mask]).all()
     assert frame.image[frame.mask].min() > 0
 
 
@@ -81,9 +77,6 @@ def test_a_frame_of_nothing_in_part():
     frame = render(scene, CAMERA, GREY)
     assert 0.2 < frame.mask.mean() < 0.99
     assert_array_equal(frame.mask, np.isfinite(scene.distance(CAMERA.field.rays)))
-
-
-# Gain ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("brdf", [Lambertian(0.5), Lambertian((0.3, 0.75, 0.38))], ids=["grey", "colour"])
@@ -104,9 +97,6 @@ def test_a_bright_frame_saturates():
     frame = render(SCENE, CAMERA, replace(GREY, gain=1e5), noise=3.0)
     assert frame.image.max() == 1.0
     assert np.mean(frame.image == 1.0) > 0.3
-
-
-# Imperfections -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("noise", [1.0, 4.0])
@@ -180,9 +170,6 @@ def test_highlights_are_white_few_and_near_the_mirror_direction():
     twice = render(SCENE, CAMERA, COLOUR, highlights=0.04)
     both = unclipped & (twice.image.max(axis=-1) < 1)
     assert_allclose((twice.image**2.2 - clean.image**2.2)[both], 2 * added[both], rtol=1e-6, atol=1e-12)
-
-
-# Seeds ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
