@@ -5,16 +5,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from endolab.calibration.least_squares import (
-    CUT,
-    ROWS,
-    Arrow,
-    Linearised,
-    fit,
-    iterate_fit,
-    product,
-    robust_sigma,
-)
+from endolab.calibration import least_squares as module
+from endolab.calibration.least_squares import CUT, ROWS, Arrow, Linearised, fit, robust_sigma
 from endolab.numerics.iteration import Status
 
 GROUPS, EACH = 12, 25
@@ -75,6 +67,12 @@ class Decays:
         return Unknowns(np.array([0.3, 0.0]), np.ones((GROUPS, 2)))
 
 
+def fitted(*given, **how):
+    """A model and its fit."""
+    model = Decays(*given, **how)
+    return model, fit(model, model.start())
+
+
 def flat(u):
     return np.concatenate([u.common, u.own.ravel()])
 
@@ -107,8 +105,7 @@ def test_the_models_derivatives_are_right(rng):
 
 
 def test_a_fit_agrees_with_scipy(rng):
-    model = Decays(rng)
-    found = fit(model, model.start())
+    model, found = fitted(rng)
     assert found.status is Status.CONVERGED
     used = found.iterate.used
     oracle = least_squares(
@@ -121,8 +118,7 @@ def test_a_fit_agrees_with_scipy(rng):
 
 
 def test_covariance_is_the_dense_inverse(rng):
-    model = Decays(rng)
-    found = fit(model, model.start())
+    model, found = fitted(rng)
     _, jacobian = dense(model, found.iterate.unknowns)
     jacobian = jacobian.reshape(-1, 2, jacobian.shape[1])[found.iterate.used].reshape(-1, jacobian.shape[1])
     whole = np.linalg.inv(jacobian.T @ jacobian) * found.iterate.sigma**2
@@ -154,16 +150,14 @@ def test_a_step_solves_the_dense_normal_equations(rng, damping):
 def test_standard_errors_are_honest():
     pulls = []
     for seed in range(40):
-        model = Decays(np.random.default_rng(seed), outliers=0.05)
-        found = fit(model, model.start())
+        model, found = fitted(np.random.default_rng(seed), outliers=0.05)
         error = np.sqrt(np.diag(found.covariance.common))
         pulls.append((found.iterate.unknowns.common - model.truth.common) / error)
     assert 0.85 < np.sqrt(np.mean(np.square(pulls))) < 1.15
 
 
 def test_ten_percent_of_outliers_do_no_harm(rng):
-    model = Decays(rng, outliers=0.1)
-    found = fit(model, model.start())
+    model, found = fitted(rng, outliers=0.1)
     assert found.status is Status.CONVERGED
     assert not found.iterate.used[model.bad].any()
     assert found.iterate.used[~model.bad].mean() > 0.99
@@ -173,10 +167,8 @@ def test_ten_percent_of_outliers_do_no_harm(rng):
 
 
 def test_a_prior_counts_as_one_more_measurement(rng):
-    free = Decays(np.random.default_rng(1))
-    held = Decays(np.random.default_rng(1), prior=(1, 0.5, 1e-6))
-    assert abs(fit(free, free.start()).iterate.unknowns.common[1] - 0.3) < 0.02
-    found = fit(held, held.start())
+    assert abs(fitted(np.random.default_rng(1))[1].iterate.unknowns.common[1] - 0.3) < 0.02
+    _, found = fitted(np.random.default_rng(1), prior=(1, 0.5, 1e-6))
     assert found.iterate.unknowns.common[1] == pytest.approx(0.5, abs=1e-4)
     assert np.sqrt(found.covariance.common[1, 1]) == pytest.approx(1e-6, rel=1e-2)
 
@@ -225,14 +217,12 @@ def test_without_common_unknowns_each_group_is_fitted_alone(rng):
 
     model = Known(rng)
     found = fit(model, Unknowns(model.truth.common, model.start().own))
-    assert found.status is Status.CONVERGED
-    assert found.covariance.common.shape == (0, 0)
+    assert (found.status, found.covariance.common.shape) == (Status.CONVERGED, (0, 0))
     assert found.iterate.unknowns.own == pytest.approx(model.truth.own, abs=0.02)
 
 
 def test_exact_data_end_at_the_smallest_sigma(rng):
-    model = Decays(rng, noise=0)
-    found = fit(model, model.start())
+    model, found = fitted(rng, noise=0)
     assert found.status is Status.CONVERGED
     assert found.iterate.used.all()
     assert flat(found.iterate.unknowns) == pytest.approx(flat(model.truth), abs=1e-7)
@@ -240,7 +230,7 @@ def test_exact_data_end_at_the_smallest_sigma(rng):
 
 def test_costs_fall_within_a_round_and_the_stages_follow(rng):
     model = Decays(rng, outliers=0.05)
-    iterates = list(iterate_fit(model, model.start()))
+    iterates = list(module.iterate_fit(model, model.start()))
     assert [it.stage for it in iterates] == sorted((it.stage for it in iterates), reverse=True)
     assert iterates[0].k == 0
     assert np.isnan(iterates[0].change)
@@ -256,31 +246,24 @@ def test_costs_fall_within_a_round_and_the_stages_follow(rng):
         iterates[-1].residual[0] = 1
 
 
-def test_a_fit_that_runs_out_of_iterations_says_so(rng):
-    model = Decays(rng)
-    found = fit(model, model.start(), max_iterations=2)
-    assert found.status is Status.MAX_ITERATIONS
-    assert found.iterate.k == 2
-    assert [row["k"] for row in found.history] == [0, 1, 2]
-
-
-def test_an_observer_can_stop_a_fit_and_all_observers_see_it(rng):
-    model, seen = Decays(rng), []
-    found = fit(model, model.start(), observers=[lambda it: it.k == 1, lambda it: seen.append(it.k)])
-    assert found.status is Status.STOPPED
-    assert seen == [0, 1]
-    assert np.all(np.isfinite(found.covariance.common))
-
-
-def test_an_interrupted_fit_keeps_its_last_iterate(rng):
+def test_a_fit_that_runs_out_of_iterations_or_is_interrupted_keeps_its_last_iterate(rng):
     def interrupt(iterate):
         if iterate.k == 1:
             raise KeyboardInterrupt
 
     model = Decays(rng)
+    found = fit(model, model.start(), max_iterations=2)
+    assert (found.status, found.iterate.k) == (Status.MAX_ITERATIONS, 2)
+    assert [row["k"] for row in found.history] == [0, 1, 2]
     found = fit(model, model.start(), observers=[interrupt])
-    assert found.status is Status.STOPPED
-    assert found.iterate.k == 1
+    assert (found.status, found.iterate.k) == (Status.STOPPED, 1)
+
+
+def test_an_observer_can_stop_a_fit_and_all_observers_see_it(rng):
+    model, seen = Decays(rng), []
+    found = fit(model, model.start(), observers=[lambda it: it.k == 1, lambda it: seen.append(it.k)])
+    assert (found.status, seen) == (Status.STOPPED, [0, 1])
+    assert np.all(np.isfinite(found.covariance.common))
 
 
 def test_a_fit_that_cannot_move_has_stalled(rng):
@@ -336,9 +319,6 @@ def test_sigma_is_never_below_what_measurements_are_good_for(rng):
     assert coarse.iterate.used.all()
     ratio = np.sqrt(coarse.covariance.common / fine.covariance.common)
     assert ratio == pytest.approx(0.04 / fine.iterate.sigma, rel=0.03)
-
-
-def test_sigma_of_nothing_is_refused():
     with pytest.raises(ValueError, match="no measurement is left"):
         robust_sigma(np.zeros((3, 1)), np.zeros(3, bool), 0)
 
@@ -356,4 +336,4 @@ def test_a_measurement_on_the_border_does_not_keep_the_rounds_going():
 @pytest.mark.parametrize("columns", [0, 1, 5])
 def test_the_product_by_pieces_is_the_product(rng, rows, columns):
     a, b = rng.normal(size=(rows, columns)), rng.normal(size=(rows, 3))
-    np.testing.assert_allclose(product(a, b), a.T @ b, atol=1e-10)
+    np.testing.assert_allclose(module.product(a, b), a.T @ b, atol=1e-10)

@@ -5,26 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import endolab as el
 from endolab import datasets
 from endolab.calibration import session
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.session import (
-    calibrate,
-    channel_of,
-    choose_views,
-    describe_target,
-    detect_all,
-    locate,
-    sample_all,
-    score,
-)
+from endolab.calibration.session import calibrate, choose_views, detect_all, score
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples, simulate_video
-from endolab.calibration.targets import TARGETS
-from endolab.model.photometry import Photometry
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
-LIGHT = Photometry(2.5, 2.2, None, PAPER_SHEET)
-SHEET = TARGETS["vicalib_small"]
+SIZE = CAMERA.width, CAMERA.height
+LIGHT = el.Photometry(2.5, 2.2, None, PAPER_SHEET)
+SHEET = el.TARGETS["vicalib_small"]
 
 
 def seen(count):
@@ -38,7 +29,7 @@ def video():
     colour = np.array([1.0, 0.8, 0.6])  # of the sensor's channels, in linear light
     frames = [(f"{n}.png", f.image[..., None] * colour ** (1 / 2.2)) for n, f in enumerate(truth)]
     detections, size = detect_all(frames, SHEET)
-    assert size == (CAMERA.width, CAMERA.height)
+    assert size == SIZE
     return frames, truth, detections
 
 
@@ -46,15 +37,8 @@ def video():
 def done(video):
     frames, _, detections = video
     told = []
-    found = calibrate(
-        frames,
-        SHEET,
-        detections=detections,
-        size=(CAMERA.width, CAMERA.height),
-        channel="green",
-        progress=lambda *what: told.append(what),
-    )
-    return found, told
+    how = {"channel": "green", "progress": lambda *what: told.append(what)}
+    return calibrate(frames, SHEET, detections=detections, size=SIZE, **how), told
 
 
 def test_camera_poses_and_light_come_back(video, done):
@@ -71,37 +55,29 @@ def test_camera_poses_and_light_come_back(video, done):
     assert len(found.light.gains) == len(np.unique(found.samples.frame))
 
 
-def test_progress_tells_every_stage(done):
+def test_progress_tells_every_stage_and_every_frame_is_accounted_for(video, done):
     found, told = done
     assert list(dict.fromkeys(stage for stage, _, _ in told)) == ["locating", "sampling"]
     assert told[-1] == ("sampling", len(found.poses), len(found.poses))
-
-
-def test_every_frame_is_accounted_for(video, done):
-    _, _, detections = video
-    found, _ = done
-    assert set(found.poses) | set(found.dropped) == set(detections)
+    assert set(found.poses) | set(found.dropped) == set(video[2])
     assert not set(found.poses) & set(found.dropped)
 
 
 def test_a_known_camera_is_kept(video):
     frames, _, detections = video
     few = {name: detections[name] for name in list(detections)[:6]}
-    found = calibrate(frames, SHEET, camera=CAMERA, detections=few, size=(CAMERA.width, CAMERA.height))
+    found = calibrate(frames, SHEET, camera=CAMERA, detections=few, size=SIZE)
     assert found.geometry is None
     assert found.camera is CAMERA
     assert set(found.poses) | set(found.dropped) == set(few)
-    other = replace(CAMERA, width=500)
     with pytest.raises(ValueError, match="the camera is for 500x360 px, but the frames are 480x360 px"):
-        calibrate(frames, SHEET, camera=other, detections=few, size=(CAMERA.width, CAMERA.height))
+        calibrate(frames, SHEET, camera=replace(CAMERA, width=500), detections=few, size=SIZE)
 
 
 def test_the_light_that_cannot_be_told_is_refused_and_the_camera_kept(video):
     frames, _, detections = video
-    size = CAMERA.width, CAMERA.height
-    found = calibrate(frames, SHEET, detections=detections, size=size, gamma="free")
-    assert found.light is None
-    assert found.scores is None
+    found = calibrate(frames, SHEET, detections=detections, size=SIZE, gamma="free")
+    assert (found.light, found.scores) == (None, None)
     assert "gamma" in found.refused
     assert abs(found.camera.fx - CAMERA.fx) < 0.1
 
@@ -109,13 +85,11 @@ def test_the_light_that_cannot_be_told_is_refused_and_the_camera_kept(video):
 def test_pictures_that_cannot_be_read_are_named(video):
     frames, _, _ = video
     found, size = detect_all([("a.png", None), frames[0], ("b.png", None)], SHEET)
-    assert found["a.png"].reason == "it cannot be read"
-    assert len(found["a.png"].ids) == 0
-    assert size == (CAMERA.width, CAMERA.height)
+    assert (found["a.png"].reason, len(found["a.png"].ids)) == ("it cannot be read", 0)
+    assert size == SIZE
     assert detect_all([("a.png", None)], SHEET)[1] is None
-    with pytest.raises(
-        ValueError, match=r"in none of 1 frames; looked for 19 x 10 dots .* it cannot be read in 1"
-    ):
+    said = r"in none of 1 frames; looked for 19 x 10 dots .* it cannot be read in 1"
+    with pytest.raises(ValueError, match=said):
         calibrate([("a.png", None)], SHEET)
 
 
@@ -131,27 +105,20 @@ def test_frames_of_another_size_are_named(video):
 def test_what_is_found_is_told_at_once(video):
     frames, _, _ = video
     kept, told = [], []
-    found, _ = detect_all(
-        frames[:2],
-        SHEET,
-        count=2,
-        found=lambda *what: kept.append(what),
-        progress=lambda *what: told.append(what),
-    )
+    tell = {"found": lambda *what: kept.append(what), "progress": lambda *what: told.append(what)}
+    found, _ = detect_all(frames[:2], SHEET, count=2, **tell)
     assert [(name, size) for name, _, size in kept] == [("0.png", (480, 360)), ("1.png", (480, 360))]
     assert kept[1][1] is found["1.png"]
     assert told == [("detecting", 1, 2), ("detecting", 2, 2)]
 
 
 def test_the_geometry_takes_the_best_of_every_few_frames():
+    """A short video is not thinned, and blind frames are left out."""
     many = {str(number): seen(number % 7 * 10) for number in range(400)}
     chosen = choose_views(many, 20)
     assert len(chosen) == 20
     assert all(len(many[name].ids) == 60 for name in chosen)
     assert [int(name) // 20 for name in chosen] == list(range(20))
-
-
-def test_a_short_video_is_not_thinned_and_blind_frames_are_left_out():
     few = {str(number): seen(50 if number % 3 else 0) for number in range(24)}
     assert choose_views(few, 20) == [name for name in few if len(few[name].ids)]
     assert choose_views({"0": seen(0)}, 20) == []
@@ -160,20 +127,21 @@ def test_a_short_video_is_not_thinned_and_blind_frames_are_left_out():
 def test_frames_without_a_pose_have_a_reason(video):
     _, _, detections = video
     strange = {"blind": seen(0), "few": seen(5), "good": next(d for d in detections.values() if len(d.ids))}
-    poses, dropped = locate(strange, SHEET, CAMERA)
+    poses, dropped = session.locate(strange, SHEET, CAMERA)
     assert list(poses) == ["good"]
     assert dropped == {"blind": "no dots", "few": "too few points"}
 
 
 def test_channels_and_grey(rng, video):
     image = rng.random((4, 5, 3))
-    np.testing.assert_array_equal(channel_of(image, "blue"), image[..., 2])
-    np.testing.assert_allclose(channel_of(image, "grey"), image @ [0.299, 0.587, 0.114])
+    np.testing.assert_array_equal(session.channel_of(image, "blue"), image[..., 2])
+    np.testing.assert_allclose(session.channel_of(image, "grey"), image @ [0.299, 0.587, 0.114])
     grey = image[..., 0]
-    assert channel_of(grey, "green") is grey
+    assert session.channel_of(grey, "green") is grey
     frames, truth, _ = video
     poses = {frames[0][0]: truth[0].poses}
-    red, blue = (sample_all(frames[:1], SHEET, poses, CAMERA, channel=name) for name in ("red", "blue"))
+    levels = [session.sample_all(frames[:1], SHEET, poses, CAMERA, channel=name) for name in ("red", "blue")]
+    red, blue = levels
     np.testing.assert_allclose(blue.level, red.level * 0.6 ** (1 / 2.2), rtol=1e-6)
 
 
@@ -183,8 +151,7 @@ def test_scores_need_enough_frames():
     assert np.count_nonzero(scores.used) < 60 / 10 * 100 + 1
     seen_often = scores.count > 50
     assert np.all(np.abs(scores.error[seen_often]) < 0.02)
-    assert score(samples[samples.frame < 10]) is None
-    assert score(samples, gamma="free") is None
+    assert (score(samples[samples.frame < 10]), score(samples, gamma="free")) == (None, None)
 
 
 @pytest.mark.parametrize(
@@ -197,7 +164,7 @@ def test_scores_need_enough_frames():
     ],
 )
 def test_a_target_in_words(name, words):
-    assert describe_target(TARGETS[name]) == words
+    assert session.describe_target(el.TARGETS[name]) == words
 
 
 @pytest.mark.parametrize(

@@ -6,17 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from endolab.calibration.targets import (
-    TARGETS,
-    Charuco,
-    Chessboard,
-    CircleGrid,
-    DotGrid,
-    Ink,
-    Target,
-    darkness,
-    rows_of,
-)
+from endolab.calibration import targets
+from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid, DotGrid, darkness
 
 BIG, SMALL, FOLDED = (TARGETS[f"vicalib_{name}"] for name in ("big", "small", "folded"))
 GOOD = {
@@ -35,21 +26,15 @@ def flat(target, dots=10):
     return np.round(255 * (1 - dark)).astype(np.uint8), lambda pixel: (pixel + 0.5) / dots + [left, top]
 
 
-# Vicalib's sheets -----------------------------------------------------------------------
-
-
-def test_the_code_is_vicalibs():
+def test_the_code_is_vicalibs_the_top_bit_of_a_mersenne_twister():
     first = [0, 1, 0, 0, 1, 1, 0, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 0, 0]
     assert BIG.code.shape == (10, 19)
     np.testing.assert_array_equal(BIG.code[0], first)
-    for target in (SMALL, FOLDED, TARGETS["vicalib_grey"]):
-        np.testing.assert_array_equal(target.code, BIG.code)
-
-
-def test_the_code_is_the_top_bit_of_a_mersenne_twister():
     generator = np.random.MT19937()
     generator._legacy_seeding(71)
     np.testing.assert_array_equal(BIG.code.ravel(), generator.random_raw(190) >> 31)
+    for target in (SMALL, FOLDED, TARGETS["vicalib_grey"]):
+        np.testing.assert_array_equal(target.code, BIG.code)
 
 
 def test_the_sheets_have_the_published_sizes():
@@ -63,13 +48,10 @@ def test_the_sheets_have_the_published_sizes():
 
 def test_windows_of_the_code_differ():
     for side, least in ((5, 2), (6, 5)):
-        windows = []
-        for turn in range(4):
-            code = np.rot90(BIG.code, turn)
-            views = np.lib.stride_tricks.sliding_window_view(code, (side, side))
-            windows.append(views.reshape(-1, side * side))
-        every = np.concatenate(windows)
-        upright = windows[0]
+        turns = (np.rot90(BIG.code, turn) for turn in range(4))
+        windows = [np.lib.stride_tricks.sliding_window_view(code, (side, side)) for code in turns]
+        every = np.concatenate([views.reshape(-1, side * side) for views in windows])
+        upright = every[: len(every) // 4]
         apart = np.count_nonzero(upright[:, None] != every[None], axis=-1)
         apart[np.arange(len(upright)), np.arange(len(upright))] = 99
         assert apart.min() >= least
@@ -83,9 +65,6 @@ def test_features_lie_row_by_row_from_the_origin(name):
     assert points[1, 0] > 0
     assert np.all(np.diff(points[:, 1]) >= 0)
     assert len(np.unique(points, axis=0)) == len(points) == len(TARGETS[name].radii)
-
-
-# Ink ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("target", [*TARGETS.values(), Charuco(9, 6, 5.0, fold=4, marker=3.7)])
@@ -103,7 +82,7 @@ def test_the_raster_is_the_reflectance_averaged(target):
 
 def test_touching_rectangles_leave_no_seam():
     boxes = [(0.0, 0.0, 0.33, 1.0), (0.33, 0.0, 0.67, 1.0), (5.0, 5.0, 1.0, 1.0)]
-    ink = Ink(rows_of([], 3), rows_of(boxes, 4), rows_of([], 4))
+    ink = targets.Ink(*(targets.rows_of(rows, n) for rows, n in (([], 3), (boxes, 4), ([], 4))))
     np.testing.assert_allclose(darkness(ink, (0, 0), (10, 10), 0.1), 1, atol=1e-6)
     assert darkness(ink, (2, 2), (10, 10), 0.1).max() == 0
 
@@ -126,9 +105,6 @@ def test_grey_discs_touch_neither_dots_nor_the_fold():
     assert len(target.ink.greys) >= 20
 
 
-# Bare paper -----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "target", [*TARGETS.values(), DotGrid(9, 8, 1.0, fold=4, small=0.2, large=0.3, greys=0.4)]
 )
@@ -147,18 +123,14 @@ def test_white_places_are_bare_and_apart(target):
     assert np.all((places[:, :2] >= low - 1e-9) & (places[:, :2] <= high + 1e-9))
 
 
-# OpenCV's order -------------------------------------------------------------------------
-
-
 def test_charuco_ids_are_opencvs():
     for target in (TARGETS["charuco"], Charuco(7, 5, 8.0, marker=6.0, dictionary="DICT_4X4_50")):
         image, to_mm = flat(target)
         corners, ids, _, _ = cv2.aruco.CharucoDetector(target.board).detectBoard(image)
         assert sorted(ids.ravel()) == list(range(len(target.points)))
         np.testing.assert_allclose(to_mm(corners.reshape(-1, 2)), target.points[ids.ravel(), :2], atol=0.05)
-        np.testing.assert_allclose(
-            target.board.getChessboardCorners()[:, :2] - target.spacing, target.points[:, :2], atol=1e-5
-        )
+        corners = target.board.getChessboardCorners()[:, :2] - target.spacing
+        np.testing.assert_allclose(corners, target.points[:, :2], atol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["chessboard", "circles"])
@@ -178,31 +150,21 @@ def test_corners_and_circles_are_in_opencvs_order(name):
     np.testing.assert_allclose(places, target.points[:, :2], atol=0.05)
 
 
-# Panels ---------------------------------------------------------------------------------
-
-
-def test_a_fold_runs_between_columns():
-    assert FOLDED.panels == 2
-    assert FOLDED.fold_x == 8.5 * FOLDED.spacing
+def test_a_fold_runs_between_columns_and_along_the_squares_of_a_board():
+    assert (FOLDED.panels, FOLDED.fold_x) == (2, 8.5 * FOLDED.spacing)
     np.testing.assert_array_equal(FOLDED.panel_of(FOLDED.points).reshape(10, 19)[0], [0] * 9 + [1] * 10)
     assert (SMALL.panels, SMALL.fold_x) == (1, None)
     assert not SMALL.panel_of(SMALL.points).any()
-
-
-def test_a_board_is_folded_along_its_squares():
     target = Charuco(12, 8, 7.0, fold=6, marker=5.2)
     for x, y, width, height in target.ink.rectangles:
         sides = target.panel_of([[x + 1e-6, y], [x + width - 1e-6, y + height]])
         assert sides[0] == sides[1]
 
 
-# Wrong values ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("make", GOOD)
 def test_the_least_targets_work(make):
     target = make(**GOOD[make])
-    assert isinstance(target, Target)
+    assert isinstance(target, targets.Target)
     assert target.kind in ("dots", "circles", "chessboard", "charuco")
     smallest = make(**(GOOD[make] | {"columns": make.least, "rows": make.least}))
     assert smallest.white_places().shape[1] == 3
@@ -225,14 +187,11 @@ def test_the_least_targets_work(make):
         (DotGrid, "small", 0.0, "0 < small < large < spacing / 2, got small 0.0"),
         (DotGrid, "small", 2.0, "0 < small < large"),
         (DotGrid, "large", 2.6, "0 < small < large"),
-        (DotGrid, "seed", -1, "seed must be a whole number from 0"),
-        (DotGrid, "seed", 2**32, "seed must be a whole number from 0"),
-        (DotGrid, "seed", 1.5, "seed must be a whole number from 0"),
-        (DotGrid, "greys", 0.0, "greys must lie between 0 and 1, got 0"),
-        (DotGrid, "greys", 1.0, "greys must lie between 0 and 1, got 1"),
+        *((DotGrid, "seed", value, "seed must be a whole number from 0") for value in (-1, 2**32, 1.5)),
+        *((DotGrid, "greys", x, f"greys must lie between 0 and 1, got {x:g}") for x in (0.0, 1.0)),
         (DotGrid, "fold", 1, "fold must leave two columns of features on each side, got 1 of 6"),
-        (DotGrid, "fold", 5, "fold must leave two columns"),
-        (DotGrid, "fold", -3, "fold must leave two columns"),
+        *((DotGrid, "fold", value, "fold must leave two columns") for value in (5, -3)),
+        (Charuco, "fold", 7, "fold must leave two columns"),
         (DotGrid, "fold", 2.5, "fold must be a whole number"),
         (CircleGrid, "radius", 3.6, "radius must be positive and below spacing"),
         (CircleGrid, "radius", 0.0, "radius must be positive"),
@@ -241,10 +200,8 @@ def test_the_least_targets_work(make):
         (Chessboard, "fold", 3, "a chessboard cannot be folded"),
         (Charuco, "marker", 5.0, "marker must be positive and below spacing"),
         (Charuco, "marker", np.nan, "marker must be positive"),
-        (Charuco, "dictionary", "DICT_9X9_1", "dictionary must be one of OpenCV's"),
-        (Charuco, "dictionary", "CharucoBoard", "dictionary must be one of OpenCV's"),
+        *((Charuco, "dictionary", x, "must be one of OpenCV's") for x in ("DICT_9X9_1", "CharucoBoard")),
         (Charuco, "columns", 100, "has 250 markers, the board needs 300"),
-        (Charuco, "fold", 7, "fold must leave two columns"),
     ],
 )
 def test_wrong_values_are_named(make, key, value, complaint):

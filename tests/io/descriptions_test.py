@@ -5,29 +5,12 @@ import re
 
 import pytest
 
-from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid, DotGrid
+from endolab.calibration.targets import TARGETS, DotGrid
 from endolab.io.descriptions import read_target, write_target
+from tests.tools.sheet_views import OTHER_TARGETS as OTHERS
 
 DOTS = {"endolab_target": 1, "kind": "dots", "columns": 5, "rows": 4, "spacing": 6, "small": 1, "large": 2}
 CHARUCO = {"kind": "charuco", "small": None, "large": None, "marker": 4}  # what makes one of it
-OTHERS = [
-    DotGrid(7, 5, 3.25, margin=4.5, fold=3, small=0.5, large=0.9, seed=5, greys=0.25),
-    CircleGrid(3, 7, 4.0, radius=1.5),
-    Chessboard(9, 6, 5.5),
-    Charuco(9, 6, 5.5, fold=4, marker=4.0, dictionary="DICT_4X4_50"),
-]
-
-
-def written(tmp_path, **changes):
-    """A description with some of its keys changed, or left out for None."""
-    content = {key: value for key, value in (DOTS | changes).items() if value is not None}
-    path = tmp_path / "sheet.json"
-    path.write_text(json.dumps(content), encoding="utf-8")
-    return path
-
-
-def test_known_names_need_no_file():
-    assert read_target("vicalib_big") is TARGETS["vicalib_big"]
 
 
 @pytest.mark.parametrize("target", [*TARGETS.values(), *OTHERS])
@@ -37,14 +20,21 @@ def test_a_written_target_comes_back(target, tmp_path):
     assert read_target(path) == read_target(str(path)) == target
 
 
-def test_the_least_description_takes_the_defaults(tmp_path):
-    assert read_target(written(tmp_path)) == DotGrid(5, 4, 6.0, small=1.0, large=2.0)
-
-
-def test_null_means_absent(tmp_path):
-    path = tmp_path / "sheet.json"
+def test_the_least_description_takes_the_defaults_null_means_absent_and_known_names_need_no_file(tmp_path):
+    least = DotGrid(5, 4, 6.0, small=1.0, large=2.0)
+    path = written(tmp_path)
+    assert read_target(path) == least
     path.write_text(json.dumps(DOTS | {"fold": None, "greys": None}), encoding="utf-8")
-    assert read_target(path) == read_target(written(tmp_path))
+    assert read_target(path) == least
+    assert read_target("vicalib_big") is TARGETS["vicalib_big"]
+
+
+def written(tmp_path, **changes):
+    """A description with some of its keys changed, or left out for None."""
+    content = {key: value for key, value in (DOTS | changes).items() if value is not None}
+    path = tmp_path / "sheet.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
 
 
 @pytest.mark.parametrize(

@@ -39,16 +39,19 @@ def random_stored(rng, bits, channels):
     return stored
 
 
-# Reading pictures ------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("channels", [(), (3,), (4,)], ids=["grey", "rgb", "rgba"])
-def test_a_png_is_read_exactly(tmp_path, rng, bits, channels):
+def test_a_png_and_a_tiff_are_read_exactly(tmp_path, rng, bits, channels):
     stored = random_stored(rng, bits, channels)
+    options = {"photometric": "rgb"} if channels else {}
     png(tmp_path / "a.png", stored, bits)
     expected = stored[..., :3] if channels else stored
     np.testing.assert_array_equal(read_image(tmp_path / "a.png"), expected / (2**bits - 1))
+    if channels == (4,):
+        stored[..., 3] = 2**bits - 1
+        options["extrasamples"] = ["unassalpha"]
+    tifffile.imwrite(tmp_path / "a.tiff", stored, **options)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tiff"), expected / (2**bits - 1))
 
 
 @pytest.mark.parametrize("bits", [8, 16])
@@ -58,19 +61,6 @@ def test_a_grey_png_with_alpha_is_grey(tmp_path, rng, bits):
     image = read_image(tmp_path / "a.png")
     for channel in np.moveaxis(image, -1, 0) if image.ndim == 3 else [image]:
         np.testing.assert_array_equal(channel, stored[..., 0] / (2**bits - 1))
-
-
-@pytest.mark.parametrize("bits", [8, 16])
-@pytest.mark.parametrize("channels", [(), (3,), (4,)], ids=["grey", "rgb", "rgba"])
-def test_a_tiff_is_read_exactly(tmp_path, rng, bits, channels):
-    stored = random_stored(rng, bits, channels)
-    options = {"photometric": "rgb"} if channels else {}
-    if channels == (4,):
-        stored[..., 3] = 2**bits - 1
-        options["extrasamples"] = ["unassalpha"]
-    tifffile.imwrite(tmp_path / "a.tiff", stored, **options)
-    expected = stored[..., :3] if channels else stored
-    np.testing.assert_array_equal(read_image(tmp_path / "a.tiff"), expected / (2**bits - 1))
 
 
 @pytest.mark.parametrize("mode", ["L", "RGB"])
@@ -97,9 +87,6 @@ def test_what_is_not_a_picture_is_said_once(tmp_path, capfd, content):
     with pytest.raises(ValueError, match=r"a\.png: not a picture that can be read"):
         read_image(tmp_path / "a.png")
     assert capfd.readouterr() == ("", "")
-
-
-def test_a_missing_file_and_a_folder(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none\.png: there is no such file"):
         read_image(tmp_path / "none.png")
     with pytest.raises(OSError, match="cannot be read: Is a directory"):
@@ -116,9 +103,6 @@ def test_a_written_picture_reads_back(tmp_path, rng, bits, channels):
     np.testing.assert_array_equal(read_image(tmp_path / "b.png"), stored > 9)
     if bits == 8:
         np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), stored)
-
-
-# Frames and masks ------------------------------------------------------------------------
 
 
 def test_a_mask_is_where_it_is_bright(tmp_path):

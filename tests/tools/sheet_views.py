@@ -5,11 +5,18 @@ from scipy.spatial.transform import Rotation
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.reprojection import View
+from endolab.calibration.targets import Charuco, Chessboard, CircleGrid, DotGrid
 from endolab.datasets import load_calibration
 from endolab.model.cameras import KannalaBrandt
 
 PAPER = load_calibration("paper").camera
 WIDE = KannalaBrandt(1280, 1024, 400.0, 401.0, 645.0, 505.0, (-0.02, 0.004, -0.002, 0.0003))  # 190° and more
+OTHER_TARGETS = [  # than those with a name
+    DotGrid(7, 5, 3.25, margin=4.5, fold=3, small=0.5, large=0.9, seed=5, greys=0.25),
+    CircleGrid(3, 7, 4.0, radius=1.5),
+    Chessboard(9, 6, 5.5),
+    Charuco(9, 6, 5.5, fold=4, marker=4.0, dictionary="DICT_4X4_50"),
+]
 
 
 def exact_centroids(camera, pose, points, radii, rings=8, spokes=32):
@@ -35,7 +42,7 @@ def exact_centroids(camera, pose, points, radii, rings=8, spokes=32):
 def random_pose(camera, target, rng, near=25.0, far=100.0, tilt=60.0):
     """Pose of a sheet whose middle is seen in the inner part of the picture, facing the camera."""
     size = np.array([camera.width, camera.height])
-    while True:
+    for _ in range(1000):
         ray = camera.unproject(rng.uniform(0.2 * size, 0.8 * size))
         lean, about, spin = np.radians(tilt) * np.sqrt(rng.random()), *rng.uniform(0, 2 * np.pi, 2)
         leaning = Rotation.from_rotvec(lean * np.array([np.cos(about), np.sin(about), 0.0]))
@@ -44,6 +51,7 @@ def random_pose(camera, target, rng, near=25.0, far=100.0, tilt=60.0):
         pose = Pose(rotation, ray * distance - rotation @ target.points.mean(axis=0))
         if rotation[:, 2] @ pose.translation > 5:
             return pose
+    raise RuntimeError("none of 1000 poses faces the camera")
 
 
 def view_of(camera, target, pose, rng, name="frame", noise=0.08, wrong=0.01):
@@ -64,13 +72,15 @@ def make_views(camera, target, count, rng, least=20, **options):
     """Views of `least` points or more, and their true poses."""
     kept = {key: options.pop(key) for key in ("noise", "wrong") if key in options}
     views, poses = [], []
-    while len(views) < count:
+    for _ in range(100 * count):
         pose = random_pose(camera, target, rng, **options)
         view = view_of(camera, target, pose, rng, f"frame_{len(views):03d}", **kept)
         if len(view.ids) >= least:
             views.append(view)
             poses.append(pose)
-    return views, poses
+        if len(views) == count:
+            return views, poses
+    raise RuntimeError(f"only {len(views)} of {count} views have {least} points")
 
 
 def map_error(found, camera, angle):

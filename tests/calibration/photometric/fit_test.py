@@ -5,28 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import endolab as el
 from endolab import datasets
-from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.photometric.model import GREY, LightModel, LightUnknowns, hats, place_nodes
 from endolab.calibration.photometric.samples import Samples, sample_depth, sample_surface
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
-from endolab.calibration.targets import TARGETS
-from endolab.model.brdf import Lambertian, TabulatedBRDF
-from endolab.model.lights import SpotLight
-from endolab.model.photometry import Photometry
 from endolab.model.surface import normals, points
-from endolab.numerics.iteration import Status
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
-TRUTH = Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
+TRUTH = el.Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
+
+WALL = {"gamma": "free", "brdf": "lambertian", "reflectance": (None, None)}  # in three colours
 
 
 def video(target="vicalib_big", count=100, light=TRUTH, **how):
     """Samples and gains of a simulated video."""
-    return simulate_samples(TARGETS[target], CAMERA, light, count, **how)
-
-
-# Model ---------------------------------------------------------------------------------
+    return simulate_samples(el.TARGETS[target], CAMERA, light, count, **how)
 
 
 def everything_free(rng):
@@ -36,15 +30,9 @@ def everything_free(rng):
     model = LightModel(
         samples, samples.frame, place_nodes(theta, 5), 2, (2.0, 0.2), ((0.5, 0.1),), True, (0.05, 0.9)
     )
-    unknowns = LightUnknowns(
-        2.1,
-        1.9,
-        rng.normal(-1.0, 0.3, len(model.nodes)),
-        np.array([0.0, -0.6]),
-        rng.normal(8, 0.3, 6),
-        np.array([1.0, -2.0, 0.5, 0.1, -0.05]),
-    )
-    return model, unknowns
+    brdf, gain = rng.normal(-1.0, 0.3, len(model.nodes)), rng.normal(8, 0.3, 6)
+    light = np.array([1.0, -2.0, 0.5, 0.1, -0.05])
+    return model, LightUnknowns(2.1, 1.9, brdf, np.array([0.0, -0.6]), gain, light)
 
 
 def test_every_derivative_agrees_with_finite_differences(rng):
@@ -74,9 +62,9 @@ def test_every_derivative_agrees_with_finite_differences(rng):
 
 def test_the_model_is_that_of_photometry(rng):
     model, unknowns = everything_free(rng)
-    light = SpotLight(tuple(unknowns.light[:3]), (*unknowns.light[3:], 1.0), unknowns.k)
-    surface = TabulatedBRDF(tuple(model.nodes), tuple(np.exp(unknowns.log_brdf)))
-    photometry = Photometry(0.0, unknowns.gamma, 1.0, surface, (light,))
+    light = el.SpotLight(tuple(unknowns.light[:3]), (*unknowns.light[3:], 1.0), unknowns.k)
+    surface = el.TabulatedBRDF(tuple(model.nodes), tuple(np.exp(unknowns.log_brdf)))
+    photometry = el.Photometry(0.0, unknowns.gamma, 1.0, surface, (light,))
     samples = model.samples
     factor = np.exp(unknowns.log_gain[samples.frame] + unknowns.log_reflectance[samples.material])
     level = photometry.intensity(samples.points, samples.normals) * factor ** (1 / unknowns.gamma)
@@ -96,13 +84,10 @@ def test_no_node_lies_where_there_are_no_samples(rng):
     assert np.all(np.histogram(theta, nodes)[0] >= 40)
 
 
-# Recovery ------------------------------------------------------------------------------
-
-
 def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
     samples, gains = video(count=200, seed=3)
-    fit = calibrate_light(samples)
-    assert fit.status is Status.CONVERGED
+    fit = el.calibrate_light(samples)
+    assert fit.status is el.Status.CONVERGED
     assert abs(fit.k - 2.5) < 0.01
     assert fit.ratio == fit.k / 2.2
     assert abs(fit.sigma - np.hypot(3, 12**-0.5)) < 0.05
@@ -117,7 +102,7 @@ def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
 
 def test_a_folded_sheet_gives_gamma_too():
     samples, _ = video("vicalib_folded", 200, fold=np.deg2rad(30), seed=1)
-    fit = calibrate_light(samples, gamma="free")
+    fit = el.calibrate_light(samples, gamma="free")
     assert abs(fit.photometry.gamma - 2.2) < 0.02
     assert abs(fit.k - 2.5) < 0.03
     assert abs(fit.ratio - 2.5 / 2.2) < 0.006
@@ -126,16 +111,16 @@ def test_a_folded_sheet_gives_gamma_too():
 @pytest.mark.parametrize("gamma", [1.0, 3.2])
 def test_a_gamma_far_from_the_usual_one_is_found(gamma):
     samples, _ = video("vicalib_folded", 80, replace(TRUTH, gamma=gamma), fold=np.deg2rad(60), seed=2)
-    fit = calibrate_light(samples, gamma="free")
+    fit = el.calibrate_light(samples, gamma="free")
     assert abs(fit.photometry.gamma / gamma - 1) < 0.02
     assert abs(fit.k - 2.5) < 0.06
 
 
 def test_without_noise_nothing_is_left():
-    matt = replace(TRUTH, brdf=Lambertian(0.7))
+    matt = replace(TRUTH, brdf=el.Lambertian(0.7))
     samples, _ = video("vicalib_folded", 30, matt, fold=0.5, noise=0.0, bits=16, outliers=0.0)
     for options in ({}, {"gamma": "free"}, {"brdf": "lambertian", "gamma": "free"}):
-        fit = calibrate_light(samples, **options)
+        fit = el.calibrate_light(samples, **options)
         assert abs(fit.k - 2.5) < 1e-3
         assert abs(fit.photometry.gamma - 2.2) < 1e-3
         assert fit.sigma < 0.01
@@ -145,15 +130,9 @@ def test_standard_errors_are_honest():
     draws = []
     for seed in range(30):
         samples, _ = video("vicalib_folded", 30, fold=np.deg2rad(40), seed=seed)
-        fit = calibrate_light(samples, gamma="free", nodes=8)
-        errors = fit.standard_errors
-        draws.append(
-            [
-                (fit.k - 2.5) / errors["k"],
-                (fit.photometry.gamma - 2.2) / errors["gamma"],
-                (fit.ratio - 2.5 / 2.2) / errors["k/gamma"],
-            ]
-        )
+        fit = el.calibrate_light(samples, gamma="free", nodes=8)
+        off = {"k": fit.k - 2.5, "gamma": fit.photometry.gamma - 2.2, "k/gamma": fit.ratio - 2.5 / 2.2}
+        draws.append([value / fit.standard_errors[name] for name, value in off.items()])
     pulls = np.sqrt(np.mean(np.square(draws), axis=0))
     assert np.all((pulls > 0.65) & (pulls < 1.4)), pulls  # 30 draws: ± 13 %
 
@@ -162,7 +141,7 @@ def test_outliers_change_next_to_nothing():
     clean, _ = video(count=60, outliers=0.0)
     wild = np.random.default_rng(5).random(len(clean)) < 0.1
     level = np.where(wild, np.random.default_rng(6).random(len(clean)), clean.level)
-    fits = [calibrate_light(replace(clean, level=level)), calibrate_light(clean)]
+    fits = [el.calibrate_light(replace(clean, level=level)), el.calibrate_light(clean)]
     assert abs(fits[0].k - fits[1].k) < 2 * fits[1].standard_errors["k"]
     assert abs(fits[0].sigma / fits[1].sigma - 1) < 0.03
     assert not fits[0].used[wild & (np.abs(level - clean.level) > 0.1)].any()
@@ -173,19 +152,12 @@ def test_saturation_is_told_by_the_predicted_level():
     for seed in range(4):
         samples, _ = video("vicalib_folded", fold=0.7, outliers=0.0, noise=6.0, seed=seed)
         measured = samples[(samples.level > levels[0]) & (samples.level < levels[1])]
-        fits = [
-            calibrate_light(samples, levels=levels),
-            calibrate_light(measured, levels=(1e-3, 2.0)),
-            calibrate_light(samples, levels=(1e-3, 2.0)),
-        ]
-        errors.append([fit.k - 2.5 for fit in fits])
+        ways = (samples, levels), (measured, (1e-3, 2.0)), (samples, (1e-3, 2.0))
+        errors.append([el.calibrate_light(chosen, levels=ends).k - 2.5 for chosen, ends in ways])
     by_predicted, by_measured, by_none = np.mean(errors, axis=0)
     assert abs(by_predicted) < 0.006
     assert by_measured < -0.009
     assert by_none < -0.03
-
-
-# Gauges and invariances ----------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -195,21 +167,20 @@ def flat():
 
 @pytest.fixture(scope="module")
 def flat_fit(flat):
-    return calibrate_light(flat)
+    return el.calibrate_light(flat)
 
 
 def test_units_of_length_only_scale_the_gains(flat, flat_fit):
-    fit = calibrate_light(replace(flat, points=flat.points / 1000))
+    fit = el.calibrate_light(replace(flat, points=flat.points / 1000))
     np.testing.assert_allclose(fit.gains, flat_fit.gains / 1e6, rtol=1e-6)
     np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
 
 
 def test_the_paper_albedo_sets_the_scale_of_brdf_and_gains(flat, flat_fit):
-    fit = calibrate_light(flat, paper_albedo=0.5)
+    fit = el.calibrate_light(flat, paper_albedo=0.5)
     np.testing.assert_allclose(fit.gains, 2 * flat_fit.gains, rtol=1e-6)
-    np.testing.assert_allclose(
-        fit.photometry.brdf.values, np.array(flat_fit.photometry.brdf.values) / 2, rtol=1e-6
-    )
+    values = np.array(flat_fit.photometry.brdf.values)
+    np.testing.assert_allclose(fit.photometry.brdf.values, values / 2, rtol=1e-6)
     pinned = [j for j in range(15) if fit.standard_errors.get(f"brdf {j}") == 0]
     assert len(pinned) == 1
     np.testing.assert_allclose(fit.photometry.brdf.values[pinned[0]], 0.5 / np.pi)
@@ -217,20 +188,16 @@ def test_the_paper_albedo_sets_the_scale_of_brdf_and_gains(flat, flat_fit):
 
 
 def test_numbers_and_order_of_frames_play_no_part(flat, flat_fit):
-    other = Samples(
-        (1000 - 7 * flat.frame)[::-1],
-        *(getattr(flat, name)[::-1] for name in ("level", "points", "normals", "material")),
-    )
-    fit = calibrate_light(other)
+    others = (getattr(flat, name)[::-1] for name in ("level", "points", "normals", "material"))
+    fit = el.calibrate_light(Samples((1000 - 7 * flat.frame)[::-1], *others))
     np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
     np.testing.assert_allclose(fit.gains[::-1], flat_fit.gains, rtol=1e-6)
     np.testing.assert_array_equal(fit.frames[::-1], 1000 - 7 * flat_fit.frames)
 
 
 def test_prediction_and_residuals_belong_together(flat, flat_fit):
-    np.testing.assert_allclose(
-        GREY * (flat.level - flat_fit.predict(flat)), flat_fit.residuals, rtol=0, atol=1e-9
-    )
+    residuals = GREY * (flat.level - flat_fit.predict(flat))
+    np.testing.assert_allclose(residuals, flat_fit.residuals, rtol=0, atol=1e-9)
     assert np.all(np.isnan(flat_fit.predict(replace(flat, frame=flat.frame + 10_000))))
 
 
@@ -249,20 +216,17 @@ def test_the_evidence_is_in_order(flat, flat_fit):
 
 def test_the_calibration_serves_another_material(flat_fit):
     """Gains are relative to paper_albedo, so tissue needs only its own BRDF in 1/sr."""
-    tissue = replace(flat_fit.photometry, gain=float(flat_fit.gains[0]), brdf=Lambertian(0.3))
+    tissue = replace(flat_fit.photometry, gain=float(flat_fit.gains[0]), brdf=el.Lambertian(0.3))
     place, normal = np.array([0.0, 0.0, 50.0]), np.array([0.0, 0.0, -1.0])
     expected = (flat_fit.gains[0] * 0.3 / np.pi / 2500) ** (1 / 2.2)
     np.testing.assert_allclose(tissue.intensity(place, normal), expected)
-
-
-# Options -------------------------------------------------------------------------------
 
 
 def test_gain_jumps_are_followed_and_named():
     samples, _ = video(count=300, per_frame=40, seed=4)
     samples = samples[samples.frame < 60]
     dimmed = replace(samples, level=samples.level * np.where(samples.frame >= 30, 0.5, 1.0) ** (1 / 2.2))
-    fit, before = calibrate_light(dimmed), calibrate_light(samples)
+    fit, before = el.calibrate_light(dimmed), el.calibrate_light(samples)
     np.testing.assert_allclose(fit.gains[30:] / before.gains[30:], 0.5, rtol=0.1)
     assert [sentence for sentence in fit.verdict if "jumps" in sentence] == [
         f"The gain jumps at frame 30 (×{fit.gains[30] / fit.gains[29]:.2g})."
@@ -272,7 +236,7 @@ def test_gain_jumps_are_followed_and_named():
 
 def test_a_locked_gain_is_one_number_and_gives_gamma():
     samples, _ = video(count=80, locked=True)
-    fit = calibrate_light(samples, gamma="free", gain="locked")
+    fit = el.calibrate_light(samples, gamma="free", gain="locked")
     assert abs(fit.photometry.gamma - 2.2) < 0.01
     assert abs(fit.k - 2.5) < 0.02
     np.testing.assert_array_equal(fit.gains, np.full(len(fit.frames), fit.photometry.gain))
@@ -280,31 +244,26 @@ def test_a_locked_gain_is_one_number_and_gives_gamma():
     assert "One gain was fitted for all frames." in fit.verdict
 
 
-def test_grey_patches_of_known_ratio_give_gamma():
+def test_grey_patches_of_known_ratio_give_gamma_and_a_given_gamma_measures_them():
     samples, _ = video("vicalib_grey", 150)
-    fit = calibrate_light(samples, gamma="free", reflectance=(0.5,))
+    fit = el.calibrate_light(samples, gamma="free", reflectance=(0.5,))
     assert abs(fit.photometry.gamma - 2.2) < 0.015
     np.testing.assert_allclose(GREY * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9)
-
-
-def test_a_given_gamma_measures_the_patches():
     samples, _ = video("vicalib_grey", 60)
     for known in (None, (0.51, 0.01)):
-        fit = calibrate_light(samples, reflectance=(known,))
-        assert abs(fit.reflectance[1] - 0.5) < 0.003
-        assert abs(fit.reflectance[1] - 0.5) < 4 * fit.standard_errors["reflectance 1"]
+        fit = el.calibrate_light(samples, reflectance=(known,))
+        assert abs(fit.reflectance[1] - 0.5) < min(0.003, 4 * fit.standard_errors["reflectance 1"])
 
 
 def test_a_light_beside_the_camera_is_found():
-    light = SpotLight((4.0, -2.0, -1.0), (0.08, 0.03, 1.0), 2.5)
+    light = el.SpotLight((4.0, -2.0, -1.0), (0.08, 0.03, 1.0), 2.5)
     theta = np.linspace(0, np.pi / 2, 500)  # of the incidence alone, which the half angle here is not
-    sheet = TabulatedBRDF(theta, PAPER_SHEET.value(np.cos(theta), np.cos(theta)))
-    samples, _ = video(count=150, light=Photometry(0.0, 2.2, 1.0, sheet, (light,)))
-    centred, free = calibrate_light(samples), calibrate_light(samples, light="free")
+    sheet = el.TabulatedBRDF(theta, PAPER_SHEET.value(np.cos(theta), np.cos(theta)))
+    samples, _ = video(count=150, light=el.Photometry(0.0, 2.2, 1.0, sheet, (light,)))
+    centred, free = el.calibrate_light(samples), el.calibrate_light(samples, light="free")
     assert free.sigma < 3.1 < centred.sigma
     (found,) = free.photometry.lights
-    assert free.photometry.k == 0
-    assert free.k == found.exponent
+    assert (free.photometry.k, free.k) == (0, found.exponent)
     assert abs(free.k - 2.5) < 0.05
     np.testing.assert_allclose(found.position, light.position, atol=0.3)
     np.testing.assert_allclose(found.direction, light.direction, atol=0.01)
@@ -314,23 +273,21 @@ def test_a_light_beside_the_camera_is_found():
 
 
 def test_three_lights_look_much_like_one():
-    lights = tuple(
-        SpotLight((3.5 * np.cos(a) + 1.0, 3.5 * np.sin(a), 0.0), exponent=1.0)
-        for a in np.deg2rad([90, 210, 330])
-    )
-    samples, _ = video(count=100, light=Photometry(1.5, 2.2, 1.0, PAPER_SHEET, lights))
-    centred, free = calibrate_light(samples), calibrate_light(samples, light="free")
+    around = 3.5 * np.exp(1j * np.deg2rad([90, 210, 330])) + 1.0
+    lights = tuple(el.SpotLight((place.real, place.imag, 0.0), exponent=1.0) for place in around)
+    samples, _ = video(count=100, light=el.Photometry(1.5, 2.2, 1.0, PAPER_SHEET, lights))
+    centred, free = el.calibrate_light(samples), el.calibrate_light(samples, light="free")
     assert free.sigma < centred.sigma < 4.5
     assert abs(centred.k - 2.5) < 0.1
 
 
 def test_a_matt_fit_of_a_sheet_with_sheen_is_biased():
     samples, _ = video(count=100, tilt=np.deg2rad(20))
-    assert abs(calibrate_light(samples).k - 2.5) < 0.03
-    matt = calibrate_light(samples, brdf="lambertian")
+    assert abs(el.calibrate_light(samples).k - 2.5) < 0.03
+    matt = el.calibrate_light(samples, brdf="lambertian")
     assert matt.k > 2.6
     assert matt.sigma > 3.3
-    assert matt.photometry.brdf == Lambertian(1.0)
+    assert matt.photometry.brdf == el.Lambertian(1.0)
 
 
 def test_held_out_frames_are_predicted(flat_fit):
@@ -351,14 +308,14 @@ def test_held_out_frames_are_predicted(flat_fit):
 
 def test_observers_see_the_unknowns_and_may_stop(flat):
     seen = []
-    fit = calibrate_light(flat, observers=[lambda step: seen.append(step) or step.k == 1])
-    assert fit.status is Status.STOPPED
+    fit = el.calibrate_light(flat, observers=[lambda step: seen.append(step) or step.k == 1])
+    assert fit.status is el.Status.STOPPED
     assert [step.k for step in seen] == [0, 1]
     unknowns = seen[-1].unknowns
     assert (unknowns.k, unknowns.gamma) == (fit.k, 2.2)
     np.testing.assert_array_equal(np.exp(unknowns.log_brdf), fit.photometry.brdf.values)
     np.testing.assert_array_equal(np.exp(unknowns.log_gain), fit.gains)
-    assert calibrate_light(flat, max_iterations=1).status is Status.MAX_ITERATIONS
+    assert el.calibrate_light(flat, max_iterations=1).status is el.Status.MAX_ITERATIONS
 
 
 @pytest.mark.parametrize(
@@ -378,7 +335,7 @@ def test_observers_see_the_unknowns_and_may_stop(flat):
 )
 def test_bad_options_are_refused(flat, options, message):
     with pytest.raises(ValueError, match=message):
-        calibrate_light(flat, **options)
+        el.calibrate_light(flat, **options)
 
 
 def test_bad_samples_are_refused(flat):
@@ -392,24 +349,21 @@ def test_bad_samples_are_refused(flat):
         (greys, "reflectance must be None", {"reflectance": (-1.0,)}),
     ):
         with pytest.raises(ValueError, match=message):
-            calibrate_light(samples, **options)
+            el.calibrate_light(samples, **options)
 
 
 def test_a_frame_without_usable_samples_has_a_gain_of_no_weight(flat, flat_fit):
     level = np.where(flat.frame == 7, 1.0, flat.level)
-    fit = calibrate_light(replace(flat, level=level))
+    fit = el.calibrate_light(replace(flat, level=level))
     np.testing.assert_array_equal(np.isinf(fit.gain_errors), fit.frames == 7)
     assert abs(fit.k - flat_fit.k) < 3 * flat_fit.standard_errors["k"]
-
-
-# Known geometry ------------------------------------------------------------------------
 
 
 def test_a_known_surface_gives_everything_by_the_same_call(rng):
     """A wavy wall, seen twice; three colours."""
     field = datasets.load_calibration("simple", width=160).camera.field
     parts, albedo = [], np.array([0.7, 0.4, 0.3])
-    true = replace(TRUTH, brdf=Lambertian(1.0))
+    true = replace(TRUTH, brdf=el.Lambertian(1.0))
     for frame, gain in enumerate((2500.0, 4000.0)):
         row, column = np.indices(field.cos_alpha.shape)
         v = np.log(45 + 12 * np.sin(column / 23 + frame) + 10 * np.cos(row / 17))
@@ -417,13 +371,7 @@ def test_a_known_surface_gives_everything_by_the_same_call(rng):
         level = replace(true, gain=gain).intensity(x, n)[..., None] * albedo ** (1 / 2.2)
         image = np.clip(level + rng.normal(0, 3 / 255, level.shape), 0, 1)
         parts.append(sample_surface(image, x, n, np.ones(v.shape, bool), frame=frame, most=3000))
-    fit = calibrate_light(
-        Samples.concatenate(parts),
-        gamma="free",
-        brdf="lambertian",
-        reflectance=(None, None),
-        paper_albedo=0.7,
-    )
+    fit = el.calibrate_light(Samples.concatenate(parts), **WALL, paper_albedo=0.7)
     assert abs(fit.photometry.gamma - 2.2) < 0.02
     assert abs(fit.k - 2.5) < 0.04
     np.testing.assert_allclose(fit.reflectance, albedo / 0.7, rtol=0.01)
@@ -437,15 +385,7 @@ def test_the_phantom_frames_agree_on_gain_and_response(data):
         field = shot.calibration.camera.field
         mask = shot.frame.mask & (field.cos_alpha > np.cos(np.deg2rad(55)))
         samples = sample_depth(shot.frame.image, shot.distance, field, mask)
-        fits.append(
-            calibrate_light(
-                samples,
-                gamma="free",
-                brdf="lambertian",
-                reflectance=(None, None),
-                levels=(45 / 255, 210 / 255),
-            )
-        )
+        fits.append(el.calibrate_light(samples, **WALL, levels=(45 / 255, 210 / 255)))
     for fit in fits:
         assert 2.6 < fit.photometry.gamma < 3.6
         assert 0.2 < fit.k < 1.2

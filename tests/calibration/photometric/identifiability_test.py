@@ -5,27 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import endolab as el
 from endolab import datasets
 from endolab.calibration.photometric import fit as photometric
-from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.photometric.identifiability import (
     NotIdentifiableError,
     gain_jumps,
     regress,
     strengths,
 )
-from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
-from endolab.calibration.targets import TARGETS
-from endolab.model.brdf import Lambertian
-from endolab.model.photometry import Photometry
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
-TRUTH = Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
+TRUTH = el.Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
 
 
 def video(target="vicalib_big", count=100, light=TRUTH, **how):
-    return simulate_samples(TARGETS[target], CAMERA, light, count, **how)[0]
+    return simulate_samples(el.TARGETS[target], CAMERA, light, count, **how)[0]
 
 
 def disturbed(samples, seed, distance=0.003, degrees=0.1):
@@ -40,14 +36,11 @@ def disturbed(samples, seed, distance=0.003, degrees=0.1):
 def refused(unknown, samples, *words, **options):
     """Check that this unknown is refused, for a reason that has these words."""
     with pytest.raises(NotIdentifiableError) as caught:
-        calibrate_light(samples, **options)
+        el.calibrate_light(samples, **options)
     assert isinstance(caught.value, ValueError)
     assert caught.value.unknown == unknown
     for part in words:
         assert part in str(caught.value)
-
-
-# γ -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -60,12 +53,12 @@ def test_one_flat_sheet_never_gives_gamma(seed):
 @pytest.mark.parametrize(("fold", "seed"), [(3, 0), (5, 1), (5, 2), (10, 3)])
 def test_a_folded_sheet_gives_gamma(fold, seed):
     samples = video("vicalib_folded", 300, fold=np.deg2rad(fold), seed=seed)
-    fit = calibrate_light(samples, gamma="free")
+    fit = el.calibrate_light(samples, gamma="free")
     assert abs(fit.photometry.gamma - 2.2) < 3.5 * fit.standard_errors["gamma"]
     assert fit.verdict[0].startswith("γ = ")
     assert "measured, by the distance within each frame" in fit.verdict[0]
     # Disturbed places raise γ, about as the verdict says for 0.1 %.
-    wrong = calibrate_light(disturbed(samples, seed, 0.001, 0.0), gamma="free")
+    wrong = el.calibrate_light(disturbed(samples, seed, 0.001, 0.0), gamma="free")
     said = float(fit.verdict[1].split("raise γ by ")[1].split(",")[0])
     rise = wrong.photometry.gamma - fit.photometry.gamma
     assert abs(rise - said) < said + 0.5 * fit.standard_errors["gamma"]
@@ -75,7 +68,7 @@ def test_patches_of_unknown_ratio_do_not_give_gamma():
     samples = video("vicalib_grey", 100)
     for ratio in (None, (0.5, 0.3)):
         refused("gamma", samples, gamma="free", reflectance=(ratio,))
-    fit = calibrate_light(samples, gamma="free", reflectance=(0.5,))
+    fit = el.calibrate_light(samples, gamma="free", reflectance=(0.5,))
     assert "the reflectances that are known" in fit.verdict[0]
 
 
@@ -83,7 +76,7 @@ def test_patches_of_roughly_known_ratio_leave_gamma_as_uncertain():
     """The ratio's error of 2 % is one of log 1.02 / log 0.5 in γ, and nothing else may hide it."""
     samples = video("vicalib_grey", 100)
     for ratio in (0.5, 0.51):
-        fit = calibrate_light(samples, gamma="free", reflectance=((ratio, 0.01),))
+        fit = el.calibrate_light(samples, gamma="free", reflectance=((ratio, 0.01),))
         expected = fit.photometry.gamma * 0.01 / ratio / abs(np.log(ratio))
         assert abs(fit.standard_errors["gamma"] / expected - 1) < 0.05
         assert abs(fit.photometry.gamma - 2.2) < 1.5 * fit.standard_errors["gamma"]
@@ -93,8 +86,8 @@ def test_patches_of_roughly_known_ratio_leave_gamma_as_uncertain():
 
 def test_a_prior_on_gamma_stays_as_wide_where_the_samples_know_nothing():
     samples = video()
-    given = calibrate_light(samples, gamma=2.1)
-    fit = calibrate_light(samples, gamma=(2.1, 0.1))
+    given = el.calibrate_light(samples, gamma=2.1)
+    fit = el.calibrate_light(samples, gamma=(2.1, 0.1))
     assert abs(fit.photometry.gamma - 2.1) < 1e-3
     np.testing.assert_allclose(fit.standard_errors["gamma"], 0.1, rtol=1e-3)
     np.testing.assert_allclose(fit.standard_errors["k"], 0.1 * given.ratio, rtol=0.02)
@@ -105,9 +98,9 @@ def test_a_prior_on_gamma_stays_as_wide_where_the_samples_know_nothing():
 
 def test_a_prior_on_gamma_joins_what_the_samples_know():
     samples = video("vicalib_folded", 100, fold=np.deg2rad(20))
-    free = calibrate_light(samples, gamma="free")
+    free = el.calibrate_light(samples, gamma="free")
     own = free.standard_errors["gamma"]
-    fit = calibrate_light(samples, gamma=(2.2, own))
+    fit = el.calibrate_light(samples, gamma=(2.2, own))
     np.testing.assert_allclose(fit.standard_errors["gamma"], own / np.sqrt(2), rtol=0.03)
     np.testing.assert_allclose(fit.photometry.gamma, (free.photometry.gamma + 2.2) / 2, atol=0.1 * own)
 
@@ -115,40 +108,34 @@ def test_a_prior_on_gamma_joins_what_the_samples_know():
 def test_a_locked_gain_needs_distances_that_differ():
     samples = video(locked=True, distance=(50.0, 50.0), tilt=0.0, reach=0.0)
     refused("k", samples, gain="locked", gamma="free", brdf="tabulated")
-    fit = calibrate_light(video(locked=True), gain="locked", gamma="free")
+    fit = el.calibrate_light(video(locked=True), gain="locked", gamma="free")
     assert "by the distance under a locked gain" in fit.verdict[0]
 
 
 def test_a_matt_sheet_is_an_assumption_and_said_so():
-    samples = video(light=replace(TRUTH, brdf=Lambertian(0.8)))
-    fit = calibrate_light(samples, gamma="free", brdf="lambertian")
+    samples = video(light=replace(TRUTH, brdf=el.Lambertian(0.8)))
+    fit = el.calibrate_light(samples, gamma="free", brdf="lambertian")
     assert abs(fit.photometry.gamma - 2.2) < 0.02
     assert any("taken to be matt" in sentence and "γ" in sentence for sentence in fit.verdict)
-
-
-# k -------------------------------------------------------------------------------------
 
 
 def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt():
     samples = video(tilt=0.0)
     refused("k", samples, "tilt the sheet")
     refused("k", video(tilt=np.deg2rad(1)))
-    fit = calibrate_light(samples, brdf="lambertian")
+    fit = el.calibrate_light(samples, brdf="lambertian")
     assert any("taken to be matt" in sentence for sentence in fit.verdict)
-    assert calibrate_light(video(count=300, tilt=np.deg2rad(5))).standard_errors["k"] < 0.04
+    assert el.calibrate_light(video(count=300, tilt=np.deg2rad(5))).standard_errors["k"] < 0.04
 
 
 def test_one_distance_is_enough_for_k():
-    fit = calibrate_light(video(distance=(50.0, 50.0)))
+    fit = el.calibrate_light(video(distance=(50.0, 50.0)))
     assert abs(fit.photometry.k - 2.5) < 4 * fit.standard_errors["k"] < 0.03
 
 
-def test_a_single_frame_is_refused_by_name():
+def test_a_single_frame_and_too_few_samples_are_refused_by_name():
     samples = video()
     refused("k", samples[samples.frame == 10], "single frame")
-
-
-def test_too_few_samples_are_refused():
     refused("k", video(count=3, per_frame=12, seed=1), "36 samples of 3 frames", nodes=4)
 
 
@@ -156,7 +143,7 @@ def test_one_incidence_angle_does_not_give_a_brdf(rng):
     rays = rng.normal(size=(300, 3)) * [0.4, 0.4, 0.0] + [0, 0, 1]
     points = 40 * rays / np.linalg.norm(rays, axis=1, keepdims=True)
     level = TRUTH.intensity(points, -points / 40) * 3000 ** (1 / 2.2)
-    samples = Samples(np.repeat(np.arange(3), 100), level, points, -points / 40, np.zeros(300, int))
+    samples = el.Samples(np.repeat(np.arange(3), 100), level, points, -points / 40, np.zeros(300, int))
     refused("brdf", samples)
 
 
@@ -174,9 +161,6 @@ def test_a_light_that_nothing_tells_is_refused():
     refused("light", samples, "centred", light="free", brdf="lambertian")
 
 
-# Measures ------------------------------------------------------------------------------
-
-
 def test_the_expected_errors_are_those_of_the_fit(monkeypatch):
     """Two independent routes: a regression before the fit, the covariance after it."""
     seen = {}
@@ -187,10 +171,10 @@ def test_the_expected_errors_are_those_of_the_fit(monkeypatch):
 
     monkeypatch.setattr(photometric, "strengths", spy)
     samples = video("vicalib_folded", 300, fold=np.deg2rad(40))
-    given = calibrate_light(samples)
+    given = el.calibrate_light(samples)
     assert set(seen) == {"k"}
     np.testing.assert_allclose(seen["k"].sd, given.standard_errors["k"], rtol=0.1)
-    free = calibrate_light(samples, gamma="free")
+    free = el.calibrate_light(samples, gamma="free")
     expected = seen["gamma"].sd * free.photometry.gamma
     np.testing.assert_allclose(expected, free.standard_errors["gamma"], rtol=0.2)
 
@@ -221,7 +205,7 @@ def test_jumps_stand_out_from_fast_but_smooth_motion():
 
 
 def test_the_verdict_names_ranges_and_what_was_given():
-    fit = calibrate_light(video())
+    fit = el.calibrate_light(video())
     assert "k/γ = " in fit.verdict[0]
     assert "γ = 2.2 was given, not measured" in fit.verdict[0]
     degrees = f"{np.rad2deg(fit.alpha_range[1]):.0f}°"
@@ -230,7 +214,7 @@ def test_the_verdict_names_ranges_and_what_was_given():
 
 
 def test_noise_that_the_sensor_clips_is_named():
-    fit = calibrate_light(video(noise=8.0))
+    fit = el.calibrate_light(video(noise=8.0))
     assert any("out of the sensor's range" in sentence for sentence in fit.verdict)
-    narrow = calibrate_light(video(noise=8.0), levels=(32 / 255, 223 / 255))
+    narrow = el.calibrate_light(video(noise=8.0), levels=(32 / 255, 223 / 255))
     assert not any("out of the sensor's range" in sentence for sentence in narrow.verdict)

@@ -5,25 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from endolab.calibration.photometric.samples import (
-    Samples,
-    sample_depth,
-    sample_places,
-    sample_sheet,
-    sample_surface,
-)
+import endolab as el
+from endolab.calibration.photometric import samples as module
+from endolab.calibration.photometric.samples import Samples, sample_depth, sample_sheet, sample_surface
 from endolab.calibration.simulation.sheet_image import render_sheet
 from endolab.calibration.simulation.trajectory import trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET
-from endolab.calibration.targets import TARGETS
-from endolab.datasets import load_calibration
-from endolab.model.brdf import Lambertian
-from endolab.model.photometry import Photometry
-from endolab.synthetic.rendering import render
-from endolab.synthetic.scenes import SCENES
 
-CAMERA = load_calibration("paper", 720).camera
-PAPER = Photometry(k=2.5, gamma=2.2, brdf=PAPER_SHEET)
+CAMERA = el.load_calibration("paper", 720).camera
+PAPER = el.Photometry(k=2.5, gamma=2.2, brdf=PAPER_SHEET)
 
 
 def some(count, seed=0):
@@ -39,22 +29,11 @@ def some(count, seed=0):
     )
 
 
-# Sheets ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "fold"),
-    [
-        ("vicalib_small", 0.0),
-        ("vicalib_folded", 0.5),
-        ("vicalib_grey", 0.0),
-        ("charuco", 0.0),
-        ("circles", 0.0),
-    ],
-)
-def test_a_clean_frame_gives_the_models_levels(name, fold):
-    target, fair_ones = TARGETS[name], 0
-    for number, poses in enumerate(trajectory(target, CAMERA, 6, fold=fold, distance=(25.0, 60.0), tilt=0.8)):
+@pytest.mark.parametrize("name", ["vicalib_small", "vicalib_folded", "vicalib_grey", "charuco", "circles"])
+def test_a_clean_frame_gives_the_models_levels(name):
+    target, fair_ones = el.TARGETS[name], 0
+    how = {"fold": 0.5 if target.fold else 0.0, "distance": (25.0, 60.0), "tilt": 0.8}
+    for number, poses in enumerate(trajectory(target, CAMERA, 6, **how)):
         frame = render_sheet(target, poses, CAMERA, PAPER, noise=0.0, bits=16)
         samples = sample_sheet(frame.image, target, poses, CAMERA, frame=number, most=500)
         known = replace(PAPER, gain=frame.gain)
@@ -77,19 +56,18 @@ def test_a_clean_frame_gives_the_models_levels(name, fold):
 
 @pytest.mark.parametrize("window", [None, 1, 3, 5])
 def test_all_samples_have_the_noise_of_one_window(window):
-    target = TARGETS["vicalib_big"]
+    target = el.TARGETS["vicalib_big"]
     poses = trajectory(target, CAMERA, 1, distance=(30.0, 30.0), tilt=0.0, reach=0.0)[0]
     clean, noisy = (render_sheet(target, poses, CAMERA, PAPER, noise=n, bits=16) for n in (0.0, 3.0))
-    a, b = (
-        sample_sheet(frame.image, target, poses, CAMERA, most=500, window=window) for frame in (clean, noisy)
-    )
+    how = {"most": 500, "window": window}
+    a, b = (sample_sheet(frame.image, target, poses, CAMERA, **how) for frame in (clean, noisy))
     inner = a.level < 0.9
     assert np.count_nonzero(inner) > 100
     assert np.std(255 * (b.level - a.level)[inner]) == pytest.approx(3 / (window or 1), rel=0.15)
 
 
 def test_most_samples_and_given_places():
-    target = TARGETS["vicalib_small"]
+    target = el.TARGETS["vicalib_small"]
     poses = trajectory(target, CAMERA, 1, distance=(40.0, 40.0), tilt=0.2, reach=0.1)[0]
     image = render_sheet(target, poses, CAMERA, PAPER, noise=0.0).image
     few = sample_sheet(image, target, poses, CAMERA, most=17, frame=3)
@@ -101,7 +79,7 @@ def test_most_samples_and_given_places():
 
 
 def test_panels_that_were_not_found_give_nothing():
-    target = TARGETS["vicalib_folded"]
+    target = el.TARGETS["vicalib_folded"]
     poses = trajectory(target, CAMERA, 1, fold=0.4, distance=(40.0, 40.0), tilt=0.0, reach=0.0)[0]
     image = render_sheet(target, poses, CAMERA, PAPER, noise=0.0).image
     whole = sample_sheet(image, target, poses, CAMERA, most=999)
@@ -112,7 +90,7 @@ def test_panels_that_were_not_found_give_nothing():
 
 
 def test_a_sheet_out_of_the_picture_gives_nothing():
-    target = TARGETS["vicalib_small"]
+    target = el.TARGETS["vicalib_small"]
     pose = trajectory(target, CAMERA, 1, distance=(40.0, 40.0), tilt=0.0, reach=0.0)[0][0]
     for shift in ([500.0, 0.0, 0.0], [0.0, 0.0, -80.0]):
         moved = pose.moved([0, 0, 0, *shift])
@@ -120,8 +98,8 @@ def test_a_sheet_out_of_the_picture_gives_nothing():
 
 
 def test_places_have_their_reflectance():
-    target = TARGETS["vicalib_grey"]
-    places, material = sample_places(target)
+    target = el.TARGETS["vicalib_grey"]
+    places, material = module.sample_places(target)
     np.testing.assert_array_equal(target.reflectance(places[:, :2]), places[:, 3])
     np.testing.assert_array_equal(material, places[:, 3] == 0.5)
     angle = np.linspace(0, 2 * np.pi, 25)
@@ -129,13 +107,10 @@ def test_places_have_their_reflectance():
     np.testing.assert_array_equal(target.reflectance(ring), np.repeat(places[:, 3:], 25, axis=1))
 
 
-# Surfaces -------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("albedo", [0.6, (0.75, 0.38, 0.30)], ids=["grey", "colour"])
 def test_a_rendered_scene_gives_the_models_levels(albedo):
-    light = Photometry(k=2.0, gamma=2.2, brdf=Lambertian(albedo))
-    frame = render(SCENES["curved"], CAMERA.resize(180, 135), light)
+    light = el.Photometry(k=2.0, gamma=2.2, brdf=el.Lambertian(albedo))
+    frame = el.render(el.SCENES["curved"], CAMERA.resize(180, 135), light)
     points = frame.distance[..., None] * frame.camera.field.rays
     samples = sample_surface(frame.image, points, frame.normals, frame.mask, frame=4, most=300)
     channels = 3 if isinstance(albedo, tuple) else 1
@@ -163,9 +138,6 @@ def test_only_what_faces_the_camera_and_is_known_is_sampled():
     np.testing.assert_array_equal(samples.cos_theta, 1)
 
 
-# The table itself -----------------------------------------------------------------------
-
-
 def test_samples_are_chosen_and_joined():
     one, two = some(50), some(30, seed=1)
     joined = Samples.concatenate([one, two])
@@ -187,22 +159,18 @@ def test_angles_are_those_of_the_geometry():
     np.testing.assert_allclose(samples.cos_theta, np.sum(to_camera * samples.normals, axis=1))
 
 
-@pytest.mark.parametrize("name", ["level", "points", "normals", "material"])
-def test_columns_of_the_wrong_shape_are_named(name):
+def test_columns_of_the_wrong_shape_and_frames_that_do_not_ascend_are_named():
     good = some(10)
-    with pytest.raises(ValueError, match=f"{name} must be of shape"):
-        replace(good, **{name: getattr(good, name)[:-1]})
-
-
-def test_frames_must_ascend():
-    good = some(10)
+    for name in ("level", "points", "normals", "material"):
+        with pytest.raises(ValueError, match=f"{name} must be of shape"):
+            replace(good, **{name: getattr(good, name)[:-1]})
     with pytest.raises(ValueError, match="frame must be in ascending order"):
         replace(good, frame=good.frame[::-1].copy() + np.arange(10)[::-1])
 
 
 def test_a_depth_map_gives_points_and_normals_away_from_its_edges():
     camera = CAMERA.resize(240, 180)
-    frame = render(SCENES["colon"], camera, Photometry(k=2.0, gamma=2.2, brdf=Lambertian(0.6)))
+    frame = el.render(el.SCENES["colon"], camera, el.Photometry(k=2.0, gamma=2.2, brdf=el.Lambertian(0.6)))
     stored = np.round(frame.distance / 0.002) * 0.002
     mask = frame.mask & (np.arange(240) > 60)
     samples = sample_depth(frame.image, stored, camera.field, mask, smooth=1.0, most=10**6)
