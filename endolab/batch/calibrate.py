@@ -8,13 +8,12 @@ from typing import Any
 
 from endolab._extras import need
 from endolab.calibration.least_squares import FitIterate
-from endolab.calibration.session import EVERY, Progress, Session, calibrate, silent
+from endolab.calibration.session import Progress, Session, calibrate, silent
 from endolab.calibration.targets import Target
 from endolab.io.atomic import PathLike
 from endolab.io.descriptions import make_calibration
 from endolab.io.detection_cache import detect_cached
 from endolab.io.video import Frames
-from endolab.model.cameras import KannalaBrandt
 from endolab.reports.calibration_page import write_report
 
 
@@ -31,20 +30,19 @@ def calibrate_to_files(
     target: Target,
     out: PathLike,
     *,
-    camera: KannalaBrandt | None = None,
-    every: int = EVERY,
     channel: str = "grey",
     record: bool = False,
     progress: Progress = silent,
     say: Callable[[str], None] | None = None,
-    **light: Any,
+    **options: Any,
 ) -> Session:
     """Calibrate an endoscope from frames of a target; write its file and a folder with the report.
 
     `out` is `endoscope.json`, not written if the light was refused. Beside it, in `report_folder`, are
     what was detected (kept between calls), the page, `camera.json` and, with `record`, a recording for
-    the Rerun viewer. `say` is told, in a sentence, what an earlier call had done; the rest is as for
-    `calibrate`. Raises `MissingPackage` at once if a recording is wanted and cannot be written.
+    the Rerun viewer. `say` is told, in a sentence, what an earlier call had done; the rest, camera, every
+    and the light's options, is as for `calibrate`. Raises `MissingPackage` at once if a recording is
+    wanted and cannot be written.
     """
     if record:
         need("rerun")
@@ -55,18 +53,8 @@ def calibrate_to_files(
         raise OSError(f"cannot write to the folder {folder}: {error.strerror or error}") from error
     detections, size = detect_cached(frames, target, folder / "detections.jsonl", progress=progress, say=say)
     steps: list[FitIterate] = []
-    session = calibrate(
-        frames,
-        target,
-        camera=camera,
-        detections=detections,
-        size=size,
-        every=every,
-        channel=channel,
-        progress=progress,
-        light_observers=[steps.append] if record else [],
-        **light,
-    )
+    options |= {"detections": detections, "size": size, "light_observers": [steps.append] if record else []}
+    session = calibrate(frames, target, channel=channel, progress=progress, **options)
     write_report(session, frames, folder, channel)
     if record:
         from endolab.recording.calibration import record_calibration

@@ -6,6 +6,7 @@ import csv
 import io
 import itertools
 import math
+import os
 import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -194,20 +195,14 @@ def _solved(
 
 
 def _errors(result: Result, truth: Truth) -> Row:
-    if isinstance(truth, tuple):
-        distance, normals = truth
-    elif isinstance(truth, np.ndarray):
-        distance, normals = truth, None
-    else:
-        known = read_depth(truth, ("distance",))
-        distance, normals = known["distance"], known.get("normals")
+    if isinstance(truth, str | os.PathLike):
+        maps = read_depth(truth, ("distance",))
+        truth = maps["distance"], maps.get("normals")
+    distance, normals = truth if isinstance(truth, tuple) else (truth, None)
+    distance, cos_alpha = distance.astype(np.float64), result.problem.field.cos_alpha
+    scale = "none" if result.metric else "median"
     found = compare(
-        result.distance,
-        distance.astype(np.float64),
-        result.problem.field.cos_alpha,
-        normals=result.normals,
-        true_normals=normals,
-        scale="none" if result.metric else "median",
+        result.distance, distance, cos_alpha, normals=result.normals, true_normals=normals, scale=scale
     )
     return {name: getattr(found, name) for name in ERRORS}
 

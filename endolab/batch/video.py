@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,9 +124,8 @@ def reconstruct_video(
             recording.close()
         said = str(failure) or ("interrupted" if isinstance(failure, KeyboardInterrupt) else "out of memory")
         kind = OSError if isinstance(failure, OSError) else type(failure)
-        raise kind(
-            f"{said}; {count} of {len(wanted)} frames are done and stay, the same command goes on"
-        ) from failure
+        stay = f"{count} of {len(wanted)} frames are done and stay"
+        raise kind(f"{said}; {stay}, the same command goes on") from failure
     rows = [folder.rows[name] for name in wanted]
     if all(row["error"] for row in rows):
         raise ValueError(f"no frame could be reconstructed; the first: {rows[0]['error']}")
@@ -163,10 +163,8 @@ class SequenceFolder:
             self.meaning = list(report.get("meaning", ()))
             text = table.read_text(encoding="utf-8") if table.exists() else ""  # stopped just before it
             for cells in csv.DictReader(io.StringIO(text)):
-                numbers = read_numbers(cells, NUMBERS) | {
-                    name: int(cells[name]) for name in ("index", "warm")
-                }
-                self.rows[cells["frame"]] = {**cells, **numbers}
+                places = {name: int(cells[name]) for name in ("index", "warm")}
+                self.rows[cells["frame"]] = {**cells, **read_numbers(cells, NUMBERS), **places}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"{self.folder} holds other results; choose another folder") from error
         if source != self.source:
@@ -175,9 +173,8 @@ class SequenceFolder:
             old, new = settings.get(name), self.settings.get(name)
             if old != new:
                 told = "" if isinstance(old, dict) or isinstance(new, dict) else f" ({old}, not {new})"
-                raise ValueError(
-                    f"{self.folder} holds frames made with another {name}{told}; choose another folder"
-                )
+                other = f"another {name}{told}"
+                raise ValueError(f"{self.folder} holds frames made with {other}; choose another folder")
 
     def depth(self, name: str) -> Path:
         """Where a frame's depth map is."""
@@ -189,18 +186,13 @@ class SequenceFolder:
 
     def gaps(self, wanted: list[str]) -> Iterator[tuple[str | None, list[str]]]:
         """Give each row of frames that are still to do, and a neighbour whose scale they take up."""
-        there = [self.done(name) for name in wanted]  # now: they are done while one goes through this
-        before = next((name for name, done in zip(wanted, there, strict=True) if done), None)
-        gap: list[str] = []
-        for name, done in zip(wanted, there, strict=True):
-            if not done:
-                gap.append(name)
-                continue
-            if gap:
-                yield before, gap
-            before, gap = name, []
-        if gap:
-            yield before, gap
+        there = [name for name in wanted if self.done(name)]  # now: they are done while one goes through this
+        before = there[0] if there else None
+        for done, names in groupby(wanted, key=set(there).__contains__):
+            if done:
+                before = list(names)[-1]
+            else:
+                yield before, list(names)
 
     def surface(self, name: str) -> Surface:
         """Read what a frame that is done came to."""

@@ -19,6 +19,7 @@ from endolab.numerics.arrays import FloatArray, IntArray
 
 AGREEMENT = 0.85  # share of points that must fit the camera, or the report warns
 LISTED = 8  # names of frames that a line holds
+LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a word
 
 
 # Facts ----------------------------------------------------------------------------------
@@ -86,24 +87,21 @@ def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[
     nothing but "refused" if the samples could not tell it. `source`: where the frames came from.
     """
     target, light = session.target, session.light
-    found = [name for name, detection in session.detections.items() if len(detection.ids)]
-    kept: dict[str, Any] = _plain(
+    found = sum(len(detection.ids) > 0 for detection in session.detections.values())
+    return _plain(
         {
             "source": source,
             "target": {"description": describe_target(target), "kind": target.kind} | asdict(target),
-            "camera": None if session.geometry is None else _camera_facts(session.geometry),
-            "photometry": {"refused": session.refused}
-            if light is None
-            else _light_facts(light, session, channel),
+            "camera": session.geometry and _camera_facts(session.geometry),
+            "photometry": _light_facts(light, session, channel) if light else {"refused": session.refused},
             "frames": {
                 "searched": len(session.detections),
-                "found": len(found),
+                "found": found,
                 "used": list(session.poses),
                 "dropped": session.dropped,
             },
         }
     )
-    return kept
 
 
 # In words -------------------------------------------------------------------------------
@@ -164,7 +162,6 @@ def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
 
 
 def _held_out(scores: HeldOut) -> str:
-    """Say how far the light of frames that were held out is from the model's."""
     known = scores.count >= LEAST_SCORED
     if not known.any():
         return "frames held out: too few samples for a score"
@@ -186,10 +183,8 @@ def _camera_lines(session: Session) -> list[str]:
         f"seen to {facts['max_angle_deg']:.0f}° off the axis",
     ]
     if geometry.agreement < AGREEMENT:
-        lines.append(
-            f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: "
-            "the lens is of another kind, or the sheet was not flat"
-        )
+        why = "the lens is of another kind, or the sheet was not flat"
+        lines.append(f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: {why}")
     if geometry.dropped:
         lines.append(f"left out of the camera: {counted(len(geometry.dropped), 'view')}")
         lines += [f"  {line}" for line in by_reason(geometry.dropped)]
@@ -220,10 +215,8 @@ def _light_lines(session: Session) -> list[str]:
 def account(session: Session) -> list[str]:
     """Sum a calibration up, in lines to print."""
     found = sum(len(detection.ids) > 0 for detection in session.detections.values())
-    lines = [
-        f"{counted(len(session.detections), 'frame')}: the target was found in {found} "
-        f"and located in {len(session.poses)}; {len(session.dropped)} dropped"
-    ]
+    located = f"located in {len(session.poses)}; {len(session.dropped)} dropped"
+    lines = [f"{counted(len(session.detections), 'frame')}: the target was found in {found} and {located}"]
     lines += [f"  {line}" for line in by_reason(session.dropped)]
     return lines + _camera_lines(session) + _light_lines(session)
 
@@ -234,9 +227,6 @@ def mean_distances(samples: Samples, frames: IntArray) -> FloatArray:
     total = np.bincount(samples.frame, samples.distance, size)
     count = np.bincount(samples.frame, minlength=size)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)[frames]
-
-
-LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a word
 
 
 def counted(number: int, what: str) -> str:

@@ -102,19 +102,11 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     camera = None if arguments.camera is None else read_camera(arguments.camera)
     if not isinstance(camera, KannalaBrandt | None):
         raise ValueError(f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}")
-    light = _light_options(arguments, target)
+    options = _light_options(arguments, target)
+    options |= {name: getattr(arguments, name) for name in ("every", "channel", "record")}
     with closing(_Bar()) as bar:
         session = calibrate_to_files(
-            frames,
-            target,
-            arguments.out,
-            camera=camera,
-            every=arguments.every,
-            channel=arguments.channel,
-            record=arguments.record,
-            progress=bar,
-            say=print,
-            **light,
+            frames, target, arguments.out, camera=camera, progress=bar, say=print, **options
         )
     print("\n".join(account(session)))
     pageless = lacking("jinja2")

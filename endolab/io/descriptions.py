@@ -38,12 +38,7 @@ class Calibration(Endoscope):
 
     @classmethod
     def load(cls, path: PathLike) -> Self:
-        """Read `endoscope.json`; ValueError names the key if something in it is missing, misspelt or wrong.
-
-        Parameters
-        ----------
-        path : path
-        """
+        """Read `endoscope.json`; ValueError names the key of what in it is missing, misspelt or wrong."""
         return cls.from_dict(read_json(path, "calibration file"), str(Path(path)))
 
     def save(self, path: PathLike) -> None:
@@ -54,20 +49,8 @@ class Calibration(Endoscope):
 def make_calibration(session: Session, source: str = "", channel: str = "grey") -> Calibration:
     """Make what `endoscope.json` holds: camera, light and the evidence for them.
 
-    Parameters
-    ----------
-    session, source, channel
-        As for `evidence`.
-
-    Returns
-    -------
-    Calibration
-        Its BRDF is that of the sheet; its gain is None unless one was fitted to all frames.
-
-    Raises
-    ------
-    ValueError
-        If the light was refused.
+    Parameters as of `evidence`. The BRDF is that of the sheet; the gain is None unless one was fitted to
+    all frames. ValueError if the light was refused.
     """
     if session.light is None:
         raise ValueError(f"session has no light to save: {session.refused}")
@@ -112,8 +95,7 @@ def read_target(name_or_path: PathLike) -> Target:
         values["dictionary"] = top.take("dictionary", Charuco.dictionary)
         if not isinstance(values["dictionary"], str):
             raise top.error("dictionary", f"expected a name in quotes, found {values['dictionary']}")
-    target: Target = top.build(KINDS[kind], **values)
-    return target
+    return top.build(KINDS[kind], **values)
 
 
 def write_target(target: Target, path: PathLike) -> None:

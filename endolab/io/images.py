@@ -11,7 +11,7 @@ import numpy as np
 
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.preprocessing.frame import Frame
+from endolab.preprocessing.frame import Frame, check_size
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -92,10 +92,6 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     mask : path, optional
         A picture of the frame's size, bright where the frame is to be used.
 
-    Returns
-    -------
-    Frame
-
     Raises
     ------
     OSError, ValueError
@@ -103,11 +99,7 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     """
     image = read_image(path)
     if calibration is not None:
-        camera = calibration.camera
-        if (camera.height, camera.width) != image.shape[:2]:
-            raise ValueError(
-                f"{path} is {_size(image)}, but the calibration is for {camera.width}x{camera.height} px"
-            )
+        check_size(str(path), (image.shape[1], image.shape[0]), calibration.camera)
     inside = np.ones(image.shape[:2], dtype=bool) if mask is None else read_mask(mask)
     if inside.shape != image.shape[:2]:
         raise ValueError(f"the mask {mask} is {_size(inside)}, the frame {_size(image)}")

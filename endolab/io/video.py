@@ -106,10 +106,6 @@ def open_frames(path: PathLike) -> Frames:
         A folder with PNG, JPEG, TIFF or BMP files, taken in the order of the numbers in their
         names; or a video that OpenCV can read.
 
-    Returns
-    -------
-    Frames
-
     Raises
     ------
     FileNotFoundError, ValueError

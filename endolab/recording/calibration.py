@@ -192,7 +192,7 @@ class _Recording:
             self.sink.log(f"world/sheet/{panel}", rr.Mesh3D.from_fields(vertex_positions=corners))
 
     def _log_reprojection(self, name: str) -> None:
-        parts = [(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, bool))]
+        parts: list[tuple[NDArray, ...]] = [(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, bool))]
         geometry = self.session.geometry
         if geometry is not None:
             views = zip(geometry.views, geometry.residuals, geometry.inliers, strict=True)
@@ -202,8 +202,10 @@ class _Recording:
         length = np.linalg.norm(vector, axis=1, keepdims=True)
         vector = vector * np.minimum(1, 4 * self.sigma / np.maximum(length, 1e-12))
         colours = np.where(good[:, None], NOW, OUTLIER).astype(np.uint8)
-        how = {"origins": self._places(pixels), "colors": colours, "radii": rr.Radius.ui_points(1.0)}
-        self.sink.log("picture/reprojection", rr.Arrows2D(vectors=vector * self.magnify / self.step, **how))
+        origins, vector = self._places(pixels), vector * self.magnify / self.step
+        radius = rr.Radius.ui_points(1.0)
+        arrows = rr.Arrows2D(vectors=vector, origins=origins, colors=colours, radii=radius)
+        self.sink.log("picture/reprojection", arrows)
 
     def _log_samples(self, name: str) -> None:
         session, light = self.session, self.session.light

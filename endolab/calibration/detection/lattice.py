@@ -187,18 +187,18 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
     return pieces
 
 
-def local_fit(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[FloatArray, FloatArray]:
-    """Tell how far each dot lies from where its neighbours place it, and how large its cell is.
+def _nearby(grid: FloatArray) -> FloatArray:
+    """Return the places within two steps of each of a lattice, (h, w, c), as (h w, 25, c); nan if unknown."""
+    row, column = np.indices(grid.shape[:2]).reshape(2, -1)
+    return _windows(grid, row, column)[:, 1:-1, 1:-1].reshape(len(row), 25, -1)
 
-    A quadratic is fitted, robustly, to the dots of the same panel within two steps. `grid`, (h, w, 2), px,
-    is nan where a dot is not seen. Returns, (h, w) each, the miss in lattice steps, infinite where fewer
-    than `least` neighbours are known, and the cell's area, px².
+
+def _local_fit(grid: FloatArray, panel: IntArray, least: int) -> tuple[FloatArray, FloatArray]:
+    """Tell how far each feature lies from where its neighbours place it, in steps, and its cell's area, px².
+
+    A quadratic is fitted, robustly, to those of the same panel within two steps; inf if they are too few.
     """
-    row, column = np.indices(panel.shape).reshape(2, -1)
-    spots, same = (
-        _windows(a, row, column)[:, 1:-1, 1:-1].reshape(len(row), 25, -1)
-        for a in (grid, panel[..., None].astype(np.float64))
-    )
+    spots, same = _nearby(grid), _nearby(panel[..., None].astype(np.float64))
     i, j = (a[1:-1, 1:-1].ravel() for a in (_ROW, _COLUMN))
     design = np.column_stack([np.ones(25), i, j, i * i, i * j, j * j])
     products = design[:, :, None] * design[:, None]
@@ -208,9 +208,7 @@ def local_fit(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[FloatA
     miss = np.zeros(panel.shape)
     for _ in range(4):
         trust = 1 / (1 + (np.where(np.isfinite(miss), miss, 0) / 0.05) ** 2)
-        weight = nearness * np.nan_to_num(
-            _windows(trust[..., None], row, column)[:, 1:-1, 1:-1].reshape(-1, 25)
-        )
+        weight = nearness * np.nan_to_num(_nearby(trust[..., None])[..., 0])
         normal = np.tensordot(weight, products, 1) + np.diag([1e-9] * 3 + [1e-3] * 3)
         fit = np.linalg.solve(normal, design.T @ (weight[..., None] * spots))
         fit = fit.reshape(*panel.shape, 6, 2)
@@ -221,15 +219,13 @@ def local_fit(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[FloatA
 
 
 def fitting(grid: FloatArray, panel: IntArray, least: int = 6) -> tuple[BoolArray, FloatArray]:
-    """Tell which features of a sheet lie where their neighbours place them; parameters as of `local_fit`.
+    """Tell which features of a sheet lie where their neighbours place them: `least` at least, of one panel.
 
-    Returns, (h, w) each: False for those that lie off by much more than is usual nearby; the area of the
-    lattice's cell, px².
+    `grid`, (h, w, 2), px, is nan where a feature is not seen. Returns, (h, w) each: False for those that
+    lie off by much more than is usual nearby; the area of the lattice's cell, px².
     """
-    miss, cell = local_fit(grid, panel, least)
-    row, column = np.indices(panel.shape).reshape(2, -1)
-    known = np.where(np.isfinite(miss), miss, np.nan)[..., None]
-    nearby = _windows(known, row, column)[:, 1:-1, 1:-1].reshape(len(row), -1)
+    miss, cell = _local_fit(grid, panel, least)
+    nearby = _nearby(np.where(np.isfinite(miss), miss, np.nan)[..., None])[..., 0]
     nearby[~np.isfinite(nearby).any(axis=1)] = 0.0
     usual = np.nanmedian(nearby, axis=1).reshape(panel.shape)
     with np.errstate(invalid="ignore", divide="ignore"):

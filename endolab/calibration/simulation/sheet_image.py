@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import accumulate
 from typing import Any
 
 import cv2
@@ -84,10 +85,8 @@ def automatic_gain(
     half = np.log(GAIN_RANGE) / 2
     wanted = np.clip(wanted, middle - half, middle + half)
     lag = max(LAG * len(wanted), 1.0)
-    for index in range(1, len(wanted)):
-        wanted[index] = wanted[index - 1] + (wanted[index] - wanted[index - 1]) / lag
-    gains: FloatArray = np.exp(wanted)
-    return gains
+    slow = accumulate(wanted.tolist(), lambda last, now: last + (now - last) / lag)
+    return np.exp(list(slow))
 
 
 def stored(
@@ -264,8 +263,6 @@ def _streak(length: float, rng: np.random.Generator) -> Float32Array:
     for along in np.linspace(-half, half, 8 * size + 1):
         x, y = size + along * np.cos(angle), size + along * np.sin(angle)
         column, row = int(x), int(y)
-        kernel[row : row + 2, column : column + 2] += np.outer(
-            [1 - y + row, y - row], [1 - x + column, x - column]
-        )
-    kernel /= kernel.sum()
-    return kernel
+        shares = np.outer([1 - y + row, y - row], [1 - x + column, x - column])
+        kernel[row : row + 2, column : column + 2] += shares
+    return kernel / kernel.sum()

@@ -26,11 +26,8 @@ def folded(target: Target, pose: Pose, fold: float) -> tuple[Pose, ...]:
     if target.fold_x is None:
         return (pose,)
     ridge = np.array([target.fold_x, 0.0, 0.0])
-    poses = []
-    for half in (-fold / 2, fold / 2):
-        turn = Rotation.from_euler("y", -half).as_matrix()
-        poses.append(Pose(pose.rotation @ turn, pose.transform(ridge - turn @ ridge)))
-    return tuple(poses)
+    turns = (Rotation.from_euler("y", half).as_matrix() for half in (fold / 2, -fold / 2))
+    return tuple(Pose(pose.rotation @ turn, pose.transform(ridge - turn @ ridge)) for turn in turns)
 
 
 def _wander(count: int, columns: int, rng: np.random.Generator) -> FloatArray:
@@ -39,8 +36,7 @@ def _wander(count: int, columns: int, rng: np.random.Generator) -> FloatArray:
     slow, fast = rng.uniform(1.5, 3.5, columns), rng.uniform(2.0, 5.0, columns)
     start, other = rng.uniform(0, 2 * np.pi, (2, columns))
     phase = 2 * np.pi * slow * time + start + 0.6 * np.sin(2 * np.pi * fast * time + other)
-    wave: FloatArray = np.arcsin(0.99 * np.sin(phase)) / np.arcsin(0.99)  # a triangle wave with round corners
-    return wave
+    return np.arcsin(0.99 * np.sin(phase)) / np.arcsin(0.99)  # a triangle wave with round corners
 
 
 def _disc(square: FloatArray) -> FloatArray:
@@ -122,10 +118,8 @@ def trajectory(
         angle = np.linalg.norm(side, axis=1, keepdims=True)
         z = depth[which] * (far / depth[which]) ** np.clip(pull - 1, 0, 1)
         away = np.column_stack([side * np.tan(angle) / np.where(angle > 0, angle, 1), np.ones(len(which))])
-        poses = []
-        for rotation, centre in zip(turns[which].as_matrix(), away * z[:, None], strict=True):
-            poses.append(folded(target, Pose(rotation, centre - rotation @ middle), fold))
-        return poses
+        flat = zip(turns[which].as_matrix(), away * z[:, None], strict=True)
+        return [folded(target, Pose(turn, centre - turn @ middle), fold) for turn, centre in flat]
 
     def settle(pull: FloatArray) -> FloatArray:
         """Pull the frames that show too little, step by step."""
