@@ -15,22 +15,8 @@ PACKAGE = ROOT / "endolab"
 
 # From the bottom up: a folder imports only folders that stand before it. README.md shows the same list.
 ORDER = [
-    "numerics",
-    "model",
-    "preprocessing",
-    "synthetic",
-    "depth",
-    "calibration",
-    "metrics",
-    "reconstruction",
-    "io",
-    "datasets",
-    "plots",
-    "reports",
-    "recording",
-    "batch",
-    "tuning",
-    "cli",
+    *("numerics", "model", "preprocessing", "synthetic", "depth", "calibration", "metrics", "reconstruction"),
+    *("io", "datasets", "plots", "reports", "recording", "batch", "tuning", "cli"),
 ]
 CORE = ORDER[: ORDER.index("io")]
 BESIDE = {"_deprecated", "_extras", "__main__"}  # files at the top
@@ -98,10 +84,9 @@ def test_no_test_imports_another_test():
     """What two of them need is in tests/tools, or beside them in a file that is no test."""
     for path in (ROOT / "tests").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = (
-                [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
-            )
-            names.append(getattr(node, "module", None) or "")
+            names = [getattr(node, "module", None) or ""]
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                names += [alias.name for alias in node.names]
             assert not any(part.endswith("_test") for name in names for part in name.split(".")), path
 
 
@@ -172,8 +157,6 @@ def test_the_readme_shows_the_same_order_and_every_file():
 
 def test_importing_the_package_loads_nothing_slow():
     code = f"import sys, endolab; print([m for m in {SLOW_TO_IMPORT} if m in sys.modules])"
-    result = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60
-    )
-    assert result.returncode == 0, result.stderr
-    assert result.stdout.strip() == "[]"
+    command = [sys.executable, "-c", code]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert (result.returncode, result.stdout.strip()) == (0, "[]"), result.stderr

@@ -5,13 +5,8 @@ many simulated videos each row is measured on (20). With OPENBLAS_NUM_THREADS=1 
 a busy machine.
 """
 
-from __future__ import annotations
-
 import sys
-import time
-from collections.abc import Iterable
 from dataclasses import dataclass, field
-from statistics import median
 
 import numpy as np
 
@@ -24,13 +19,14 @@ from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 from endolab.calibration.targets import TARGETS
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from tests.benchmarks.report import table
+from tests.benchmarks.report import seconds_of, table
 
 K, GAMMA = 2.5, 2.2
 CAMERA = datasets.load_calibration("paper").camera
 TRUTH = Photometry(K, GAMMA, 1.0, PAPER_SHEET)
 EDGES = np.deg2rad([0, 5, 15, 25, 35, 45, 55, 65])  # of held-out errors
 SEEDS = 20
+PATCHES = {"exact": 0.5, "± 2 %": (0.5, 0.01), "2 % too light": 0.51, "unknown": None}
 PHANTOM_LEVELS = (45 / 255, 210 / 255)  # its texture is ± 13 grey levels
 
 
@@ -38,12 +34,12 @@ PHANTOM_LEVELS = (45 / 255, 210 / 255)  # its texture is ± 13 grey levels
 class Outcomes:
     """What the fits of one set-up came to, an entry each."""
 
-    fits: list[PhotometricFit] = field(default_factory=list)
-    gains: list[np.ndarray] = field(default_factory=list)  # the true ones
-    held_out: list[np.ndarray] = field(default_factory=list)
-    refused: list[str] = field(default_factory=list)
+    fits: list = field(default_factory=list)
+    gains: list = field(default_factory=list)  # the true ones
+    held_out: list = field(default_factory=list)
+    refused: list = field(default_factory=list)
 
-    def of(self, name: str) -> np.ndarray:
+    def of(self, name):
         """Error of k, gamma or k/gamma."""
         found = [(f.k, f.photometry.gamma, f.ratio) for f in self.fits]
         true = np.array([K, GAMMA, K / GAMMA])
@@ -54,11 +50,9 @@ class Outcomes:
         return self.of(name) / [f.standard_errors[name] for f in self.fits]
 
 
-def take(
-    target: str, seed: int, count: int = 300, light: Photometry = TRUTH, **how: object
-) -> tuple[Samples, np.ndarray]:
+def take(target, seed, count=300, light=TRUTH, **how):
     """Samples of a video and its gains."""
-    return simulate_samples(TARGETS[target], CAMERA, light, count, seed=seed, **how)  # type: ignore[arg-type]
+    return simulate_samples(TARGETS[target], CAMERA, light, count, seed=seed, **how)
 
 
 def sheen(fit: PhotometricFit) -> tuple[float, np.ndarray]:
@@ -81,15 +75,13 @@ def gain_errors(fit: PhotometricFit, true: np.ndarray) -> np.ndarray:
     return fit.gains / (true[fit.frames] * PAPER_SHEET.value(cosine, cosine) / values[pinned]) - 1
 
 
-def repeat(
-    target: str, how: dict[str, object], fit: dict[str, object], score: bool = False, count: int = 300
-) -> Outcomes:
+def repeat(target, how, fit, score=False, count=300):
     """Fit a set-up on many simulated videos."""
     out = Outcomes()
     for seed in range(SEEDS):
         samples, gains = take(target, seed, count, **how)
         try:
-            found = calibrate_light(samples, **fit)  # type: ignore[arg-type]
+            found = calibrate_light(samples, **fit)
         except NotIdentifiableError as error:
             out.refused.append(error.unknown)
             continue
@@ -105,9 +97,14 @@ def spread(errors: np.ndarray, digits: int = 4) -> str:
     return f"{errors.mean():+.{digits}f} ± {errors.std():.{digits}f}, {np.abs(errors).max():.{digits}f}"
 
 
-def folded(degrees: float) -> dict[str, object]:
-    """How to simulate a folded sheet."""
-    return {"fold": np.deg2rad(degrees)}
+def folded(degrees):
+    """A folded sheet whose γ is sought: its target, how to simulate and how to fit it."""
+    return "vicalib_folded", {"fold": np.deg2rad(degrees)}, {"gamma": "free"}
+
+
+def grey(reflectance):
+    """The sheet with grey patches of that reflectance, γ sought: its target, and how to fit it."""
+    return "vicalib_grey", {}, {"gamma": "free", "reflectance": (reflectance,)}
 
 
 def recovery() -> None:
@@ -115,9 +112,9 @@ def recovery() -> None:
     rows, curves = [], []
     for name, target, how, options in (
         ("flat, γ given", "vicalib_big", {}, {}),
-        ("folded 10°, γ free", "vicalib_folded", folded(10), {"gamma": "free"}),
-        ("folded 30°, γ free", "vicalib_folded", folded(30), {"gamma": "free"}),
-        ("folded 30°, γ given", "vicalib_folded", folded(30), {}),
+        ("folded 10°, γ free", *folded(10)),
+        ("folded 30°, γ free", *folded(30)),
+        ("folded 30°, γ given", *folded(30)[:2], {}),
     ):
         out = repeat(target, how, options, score=True)
         rms, nodes = zip(*map(sheen, out.fits), strict=True)
@@ -152,18 +149,12 @@ def recovery() -> None:
 
 def ways() -> None:
     """Ways to γ, and what a wrong γ does."""
-    setups: list[tuple[str, str, dict, dict]] = [
+    setups = [
         ("flat, γ given as 2.0", "vicalib_big", {}, {"gamma": 2.0}),
         ("flat, γ 2.2 ± 0.1 given", "vicalib_big", {}, {"gamma": (2.2, 0.1)}),
         ("flat, γ free", "vicalib_big", {}, {"gamma": "free"}),
-        *(
-            (f"folded {angle}°", "vicalib_folded", folded(angle), {"gamma": "free"})
-            for angle in (1, 3, 5, 10, 30)
-        ),
-        ("grey patches, exact", "vicalib_grey", {}, {"gamma": "free", "reflectance": (0.5,)}),
-        ("grey patches, ± 2 %", "vicalib_grey", {}, {"gamma": "free", "reflectance": ((0.5, 0.01),)}),
-        ("grey patches, 2 % too light", "vicalib_grey", {}, {"gamma": "free", "reflectance": (0.51,)}),
-        ("grey patches, unknown", "vicalib_grey", {}, {"gamma": "free", "reflectance": (None,)}),
+        *((f"folded {angle}°", *folded(angle)) for angle in (1, 3, 5, 10, 30)),
+        *((f"grey patches, {said}", *grey(known)) for said, known in PATCHES.items()),
         ("gain locked", "vicalib_big", {"locked": True}, {"gamma": "free", "gain": "locked"}),
     ]
     rows = []
@@ -229,20 +220,14 @@ def lights() -> None:
 def speed() -> None:
     """Seconds of a fit against the number of frames."""
     rows = []
-    for name, target, how, options in (
-        ("flat, γ given", "vicalib_big", {}, {}),
-        ("folded 30°, γ free", "vicalib_folded", folded(30), {"gamma": "free"}),
-    ):
+    setups = ("flat, γ given", "vicalib_big", {}, {}), ("folded 30°, γ free", *folded(30))
+    for name, target, how, options in setups:
         for count in (75, 150, 300, 600, 1200):
             samples, _ = take(target, 0, count, **how)
-            seconds = []
-            for _ in range(7):
-                started = time.perf_counter()
-                found = calibrate_light(samples, **options)  # type: ignore[arg-type]
-                seconds.append(time.perf_counter() - started)
-            cells = [f"{1e3 * median(seconds):.0f}", f"{1e3 * min(seconds):.0f}"]
-            rows.append([name, str(count), str(len(samples)), *cells, str(found.history[-1]["k"])])
-    table("Speed", ("set-up", "frames", "samples", "ms, median of 7", "least", "steps"), rows)
+            seconds = seconds_of(lambda given=samples, how=options: calibrate_light(given, **how), 7)
+            steps = str(calibrate_light(samples, **options).history[-1]["k"])
+            rows.append([name, str(count), str(len(samples)), f"{1e3 * seconds:.0f}", steps])
+    table("Speed", ("set-up", "frames", "samples", "ms, median of 7", "steps"), rows)
 
 
 def phantom() -> None:
@@ -273,15 +258,9 @@ def phantom() -> None:
 TABLES = {one.__name__: one for one in (recovery, ways, lambertian, frames, lights, speed, phantom)}
 
 
-def main(arguments: Iterable[str]) -> None:
-    """Print the tables that are named, or all."""
-    global SEEDS
-    names = list(arguments)
+if __name__ == "__main__":
+    names = sys.argv[1:]
     if names[:1] == ["--seeds"]:
         SEEDS, names = int(names[1]), names[2:]
     for name in names or TABLES:
         TABLES[name]()
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

@@ -3,8 +3,6 @@
 Not a test: it asserts nothing. `python -m tests.benchmarks.highlights` looks at the path-traced frames.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from typing import Any

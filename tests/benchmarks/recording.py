@@ -3,8 +3,6 @@
 Not a test: it asserts nothing and depends on the machine.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

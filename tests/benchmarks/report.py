@@ -1,7 +1,5 @@
 """What the tables share: how they are printed, times, the memory's speed, errors of frames with truth."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Iterable

@@ -3,8 +3,6 @@
 Not a test: it asserts nothing and depends on the machine.
 """
 
-from __future__ import annotations
-
 import resource
 import subprocess
 import sys
@@ -30,13 +28,12 @@ def shots(name: str, width: int) -> tuple[list[tuple[str, np.ndarray]], el.Calib
     """A video of the colon, 1 mm a frame, and its calibration of unknown gain."""
     calibration = datasets.load_calibration(name, width)
     photometry = calibration.photometry
-    first = el.render(moved_colon(0), calibration.camera, photometry)
-    seen = [
-        el.render(moved_colon(t), calibration.camera, first.photometry, noise=1, bits=8, seed=t)
-        for t in range(FRAMES[width])
-    ]
-    known = el.Calibration(calibration.camera, replace(photometry, gain=None))
-    return [(str(t), one.image) for t, one in enumerate(seen)], known
+    camera, lit = calibration.camera, el.render(moved_colon(0), calibration.camera, photometry).photometry
+    times = range(FRAMES[width])
+    seen = (el.render(moved_colon(t), camera, lit, noise=1, bits=8, seed=t).image for t in times)
+    return list(zip(map(str, times), seen, strict=True)), el.Calibration(
+        camera, replace(photometry, gain=None)
+    )
 
 
 def peak() -> float:

@@ -3,8 +3,6 @@
 Not a test: it asserts nothing and depends on the machine; 300 frames take some minutes a video.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from statistics import median
@@ -14,7 +12,7 @@ import numpy as np
 from endolab import datasets
 from endolab.calibration.detection.detect import Detection, detect
 from endolab.calibration.geometric.projection import predict_view
-from endolab.calibration.session import Session, calibrate
+from endolab.calibration.session import calibrate
 from endolab.calibration.simulation.sheet_image import SheetFrame
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.calibration.targets import TARGETS, Target
@@ -55,7 +53,7 @@ def run(name: str, fold: float, count: int, seed: int, **options: object) -> lis
         shares.append(share)
         wrong += bad
     size = CAMERA.width, CAMERA.height
-    session: Session = calibrate(stored, target, detections=detections, size=size, **options)  # type: ignore[arg-type]
+    session = calibrate(stored, target, detections=detections, size=size, **options)
     light, geometry = session.light, session.geometry
     assert light is not None, session.refused
     assert geometry is not None
@@ -69,22 +67,13 @@ def run(name: str, fold: float, count: int, seed: int, **options: object) -> lis
     shape = light.photometry.brdf.value(np.cos(theta), np.cos(theta)) / known
     true = np.array(gains)[[int(list(session.poses)[frame]) for frame in light.frames]]
     ratio = light.gains / true * np.mean(shape)
-    return [
-        name,
-        f"{sum(share > 0 for share in shares)}/{count}",
-        f"{np.median(shares):.3f}",
-        str(wrong),
-        f"{1e3 * median(seconds):.0f}",
-        f"{geometry.rmse:.3f}",
-        f"{worst:.3f}",
-        f"{drift:.3f}",
-        f"{light.k - 2.5:+.4f} ± {light.standard_errors['k']:.4f}",
-        f"{light.photometry.gamma - 2.2:+.4f} ± {light.standard_errors['gamma']:.4f}",
-        f"{light.ratio - 2.5 / 2.2:+.4f}",
-        f"{100 * np.std(shape / np.mean(shape)):.2f}",
-        f"{100 * np.std(np.log(ratio)):.2f}",
-        f"{light.sigma:.2f}",
-    ]
+    row = [name, f"{sum(share > 0 for share in shares)}/{count}", f"{np.median(shares):.3f}", str(wrong)]
+    row.append(f"{1e3 * median(seconds):.0f}")
+    row += [f"{geometry.rmse:.3f}", f"{worst:.3f}", f"{drift:.3f}"]
+    row.append(f"{light.k - 2.5:+.4f} ± {light.standard_errors['k']:.4f}")
+    row.append(f"{light.photometry.gamma - 2.2:+.4f} ± {light.standard_errors['gamma']:.4f}")
+    row += [f"{light.ratio - 2.5 / 2.2:+.4f}", f"{100 * np.std(shape / np.mean(shape)):.2f}"]
+    return [*row, f"{100 * np.std(np.log(ratio)):.2f}", f"{light.sigma:.2f}"]
 
 
 def main(arguments: list[str]) -> None:
@@ -94,14 +83,9 @@ def main(arguments: list[str]) -> None:
     for seed in range(seeds):
         rows.append(run("vicalib_small", 0.0, count, seed))
         rows.append(run("vicalib_folded", np.deg2rad(30), count, seed, gamma="free"))
-    table(
-        f"From {count} rendered pictures of 1440x1080, noise 3 grey levels",
-        (
-            *("target", "frames found", "dots found", "wrong names", "ms to detect", "RMSE px", "f, c px"),
-            *("map to 68° px", "Δk", "Δγ", "Δ(k/γ)", "BRDF % rms", "gain % sd", "σ grey"),
-        ),
-        rows,
-    )
+    heads = ["target", "frames found", "dots found", "wrong names", "ms to detect", "RMSE px", "f, c px"]
+    heads += ["map to 68° px", "Δk", "Δγ", "Δ(k/γ)", "BRDF % rms", "gain % sd", "σ grey"]
+    table(f"From {count} rendered pictures of 1440x1080, noise 3 grey levels", heads, rows)
 
 
 if __name__ == "__main__":

@@ -1,23 +1,18 @@
-"""Accuracy and speed as tables: `make bench`.
+"""Accuracy and the time of imports as tables: `make bench`.
 
 Not a test: it asserts nothing and depends on the machine.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
-import time
 from statistics import median
 
 import numpy as np
 
 import endolab as el
 from endolab import datasets
-from endolab.depth.fast_marching import March
-from endolab.depth.problem import Problem
 from endolab.metrics.depth_errors import compare
-from tests.benchmarks.report import bandwidth, both, ended, seconds_of, table
+from tests.benchmarks.report import both, ended, table
 from tests.tools.problems import Shot
 
 SOLVERS = ("facing", "fast_marching", "gauss_newton")
@@ -61,35 +56,6 @@ def published() -> None:
     table("Published frames, k 2.5, γ 2.2, median-scaled, within 55° of the axis", heads, rows)
 
 
-def speed() -> None:
-    """Time of a march per pixel, beside the time it takes to touch its arrays once."""
-    # Per pixel: d₀² and three of the metric read (32 B); d², heap, place read and written (32 B), fixed.
-    bound = 65 / bandwidth()
-    rows = []
-    for width in (160, 320, 640, 1280, 1440):
-        calibration = datasets.load_calibration("simple", width)
-        shot = Shot("colon", calibration, calibration.photometry.channel("green"))
-        problem = Problem(shot.truth.image, shot.truth.mask, shot.truth.camera, shot.truth.photometry)
-        given = problem.log_facing, problem.mask, problem.field.inverse_metric, None
-        seconds = seconds_of(lambda given=given: March.seeded(*given).advance(given[1].size), 5)
-        started = time.perf_counter()
-        shot.reconstruct(solver="fast_marching")
-        whole, pixels = time.perf_counter() - started, int(problem.mask.sum())
-        rows.append(
-            [
-                f"{width}x{problem.camera.height}",
-                f"{1e3 * seconds:.1f}",
-                f"{1e6 * seconds / pixels:.3f}",
-                f"{1e9 * seconds / (pixels * np.log2(pixels)):.1f}",
-                f"{1e6 * bound:.4f}",
-                f"{1e3 * whole:.0f}",
-            ]
-        )
-    heads = ("size", "march [ms]", "µs/pixel", "ns/(pixel·log₂ n)", "bandwidth bound µs/pixel")
-    heads += ("reconstruct [ms]",)
-    table("Fast marching, colon, after compilation (median of 5)", heads, rows)
-
-
 def imports() -> None:
     """Seconds to import endolab, and to have its main call ready, in a fresh interpreter."""
     rows = []
@@ -106,5 +72,4 @@ def imports() -> None:
 if __name__ == "__main__":
     scenes()
     published()
-    speed()
     imports()

@@ -3,8 +3,6 @@
 Not a test: it asserts nothing. The pictures are looked for as the tests do.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2
@@ -33,10 +31,9 @@ def theirs(views: list[View], target: Target, size: tuple[int, int]) -> str:
     objects = [target.points[view.ids].reshape(1, -1, 3) for view in views]
     pixels = [view.pixels.reshape(1, -1, 2) for view in views]
     flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
+    how = {"flags": flags, "criteria": (3, 200, 1e-9)}
     try:
-        found = cv2.fisheye.calibrate(  # type: ignore[call-overload]
-            objects, pixels, size, np.eye(3), np.zeros((4, 1)), flags=flags, criteria=(3, 200, 1e-9)
-        )
+        found = cv2.fisheye.calibrate(objects, pixels, size, np.eye(3), np.zeros((4, 1)), **how)
     except cv2.error:
         return "fails"
     return f"{found[0]:.3f}"
@@ -51,7 +48,7 @@ def row(name: str, files: list[Path], target: Target, oracle: bool = True, **opt
         seen += len(found.ids) > 0
         views += views_of(file.name, found, target)
     size = image.shape[1], image.shape[0]
-    fit = calibrate_camera(views, target, *size, **options)  # type: ignore[arg-type]
+    fit = calibrate_camera(views, target, *size, **options)
     everything = np.concatenate(fit.residuals)
     counts = f"{seen}/{len(files)}", f"{sum(int(good.sum()) for good in fit.inliers)}/{len(everything)}"
     rmse = f"{fit.rmse:.3f}", f"{np.sqrt(np.mean(np.sum(everything**2, axis=1))):.3f}"

@@ -4,9 +4,6 @@ Not a test: it asserts nothing and depends on the machine. JupyterLab runs on a 
 temporary folder.
 """
 
-from __future__ import annotations
-
-import json
 import os
 import random
 import re
@@ -22,6 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import nbformat
 import numpy as np
 import psutil
 
@@ -42,6 +40,7 @@ WATCH = """() => {
     }).observe(image, {attributes: true, attributeFilter: ['src']});
     document.addEventListener('keydown', () => { window.pressed = performance.now() }, true);
 }"""
+FINE = "() => document.querySelector('.endolab-status')?.innerText.includes('fine')"
 FINAL = "() => window.seen.some(one => one.at > window.pressed && one.said.includes('fine'))"
 
 
@@ -49,11 +48,11 @@ FINAL = "() => window.seen.some(one => one.at > window.pressed && one.said.inclu
 def lab() -> Iterator[tuple[str, int]]:
     """Give the address of a JupyterLab and its process id."""
     with tempfile.TemporaryDirectory() as folder, socket.socket() as free:
-        cell = {"cell_type": "code", "id": "a", "metadata": {}, "source": CELL, "outputs": []}
         kernel = {"display_name": "endolab", "language": "python", "name": "endolab"}
-        book = {"nbformat": 4, "nbformat_minor": 5, "metadata": {"kernelspec": kernel}}
-        book["cells"] = [cell | {"execution_count": None}]
-        (Path(folder) / "bench.ipynb").write_text(json.dumps(book))
+        book = nbformat.v4.new_notebook(
+            cells=[nbformat.v4.new_code_cell(CELL)], metadata={"kernelspec": kernel}
+        )
+        nbformat.write(book, Path(folder) / "bench.ipynb")
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
         free.close()
@@ -62,8 +61,7 @@ def lab() -> Iterator[tuple[str, int]]:
         server = subprocess.Popen(
             [sys.executable, "-m", "jupyterlab", *options],
             env=os.environ | {"PYTHONPATH": str(ROOT)},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            **dict.fromkeys(("stdout", "stderr"), subprocess.DEVNULL),
         )
         try:
             for _ in range(240):
@@ -119,25 +117,17 @@ def burst(page: Any, count: int, kernel: psutil.Process) -> list[str]:
         if i % (count // 4 or 1) == 0:
             memory.append(kernel.memory_info().rss / 1e6)
         page.wait_for_timeout(max(0, 1e3 * (started + 60 * (i + 1) / count - time.monotonic())))
-    page.wait_for_function(
-        "() => document.querySelector('.endolab-status').innerText.includes('fine')", timeout=90_000
-    )
+    page.wait_for_function(FINE, timeout=90_000)
     page.wait_for_timeout(3000)
     memory.append(kernel.memory_info().rss / 1e6)
     # The reading beside the first slider is λ, and the status line says what the picture shows.
     line = page.locator(".endolab-status").inner_text()
     wished = float(page.locator(".endolab-tuner .widget-readout").first.inner_text())
-    shown = float(re.search(r"λ = ([\d.e+-]+)", line)[1])  # type: ignore[index]
+    shown = float(re.search(r"λ = ([\d.e+-]+)", line)[1])
     bad = page.locator('[data-mime-type$=".stderr"], [data-mime-type$=".error"]').count()
     fresh = "yes" if abs(shown / wished - 1) < 0.07 else f"NO: {wished} wished, {shown} shown"
     flat = " ".join(f"{one:.0f}" for one in memory)
     return [str(count), f"{time.monotonic() - started:.0f}", str(bad), fresh, flat, line]
-
-
-def kernel_of(server: int) -> psutil.Process:
-    """The kernel's process."""
-    children = psutil.Process(server).children(recursive=True)
-    return next(one for one in children if "ipykernel_launcher" in " ".join(one.cmdline()))
 
 
 def main(arguments: list[str]) -> None:
@@ -152,15 +142,15 @@ def main(arguments: list[str]) -> None:
         page.goto(f"{address}/lab/workspaces/bench/tree/bench.ipynb?reset")
         page.wait_for_function(READY, timeout=90_000)
         page.evaluate("() => { window.jupyterapp.commands.execute('notebook:run-all-cells') }")
-        page.wait_for_function(
-            "() => document.querySelector('.endolab-status')?.innerText.includes('fine')", timeout=90_000
-        )
+        page.wait_for_function(FINE, timeout=90_000)
         page.wait_for_timeout(1000)
         page.evaluate(WATCH)
         head = ("picture", "median", "95th pc", "solve", "draw + encode", "decode + paint")
         table(f"{count} moves of λ, colon 320x240, ms from key to pixels", head, moves(page, count))
         head = ("moves", "s", "errors", "last one shown", "kernel MB", "status")
-        table("Random moves of six sliders", head, [burst(page, random_moves, kernel_of(server))])
+        children = psutil.Process(server).children(recursive=True)
+        kernel = next(one for one in children if "ipykernel_launcher" in " ".join(one.cmdline()))
+        table("Random moves of six sliders", head, [burst(page, random_moves, kernel)])
         browser.close()
 
 

@@ -4,15 +4,11 @@
 says what a file holds.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from io import BytesIO
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +19,6 @@ from endolab.io.descriptions import Calibration
 from endolab.model.brdf import Lambertian
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from endolab.numerics.arrays import FloatArray
 from endolab.synthetic.path_tracing import Traced, trace
 from endolab.synthetic.scenes import Colon
 
@@ -31,15 +26,9 @@ SAMPLES = 256  # paths a pixel: leaves less than a grey level of their noise
 
 _TISSUE = Lambertian((0.75, 0.38, 0.30))
 _ONE = Photometry(k=2.5, gamma=2.2, brdf=_TISSUE)
-_THREE = Photometry(
-    k=0.0,
-    gamma=2.2,
-    brdf=_TISSUE,
-    lights=tuple(
-        SpotLight((3.5 * np.cos(angle), 3.5 * np.sin(angle), 0.0), exponent=2.5, weight=1 / 3)
-        for angle in np.deg2rad([90, 210, 330])
-    ),
-)
+_AROUND = [(3.5 * np.cos(angle), 3.5 * np.sin(angle), 0.0) for angle in np.deg2rad([90, 210, 330])]
+_LIGHTS = tuple(SpotLight(place, exponent=2.5, weight=1 / 3) for place in _AROUND)
+_THREE = Photometry(k=0.0, gamma=2.2, brdf=_TISSUE, lights=_LIGHTS)
 _COLONS = (
     Colon(),
     Colon(radius=26, fold_height=0.3, fold_spacing=33, sharpness=5, winding=-9, length=190),
@@ -76,28 +65,18 @@ def write(path: PathLike, traced: Traced, case: Case, samples: int) -> None:
     far = float(np.nanmax(traced.distance))
     if far > 255:
         raise ValueError(f"the file holds distances up to 255 mm, got {far:.0f} mm")
-    facts = {
-        "scene": asdict(case.scene),
-        "calibration": Calibration(traced.camera, traced.photometry).to_dict(),
-        "options": case.options | {"samples": samples},
-    }
-    layers: dict[str, FloatArray] = {"distance": np.nan_to_num(traced.distance) / DISTANCE_STEP}
-    for name in LAYERS:
-        layers[name] = GREY_STEPS * getattr(traced, name) ** (1 / traced.photometry.gamma)
-    arrays: dict[str, Any] = {
-        "image": np.round(255 * traced.image).astype(np.uint8),
-        "facts": np.array(json.dumps(facts, allow_nan=False)),
-    }
+    facts = {"scene": asdict(case.scene), "options": case.options | {"samples": samples}}
+    facts["calibration"] = Calibration(traced.camera, traced.photometry).to_dict()
+    layers = {name: GREY_STEPS * getattr(traced, name) ** (1 / traced.photometry.gamma) for name in LAYERS}
+    layers["distance"] = np.nan_to_num(traced.distance) / DISTANCE_STEP
+    arrays = {"facts": np.array(json.dumps(facts, allow_nan=False))}
+    arrays["image"] = np.round(255 * traced.image).astype(np.uint8)
     for name, layer in layers.items():
         code = np.clip(np.round(layer), 0, 65535).astype(np.uint16)
         arrays[name] = np.diff(code, axis=1, prepend=np.uint16(0))
     packed = BytesIO()
     np.savez_compressed(packed, **arrays)
     write_atomically(path, packed.getvalue())
-
-
-def _show(bar: Any, share: float) -> None:
-    bar.update(100 * share - bar.n)
 
 
 def make(folder: PathLike, names: Sequence[str] = (), *, samples: int = SAMPLES) -> None:
@@ -109,17 +88,10 @@ def make(folder: PathLike, names: Sequence[str] = (), *, samples: int = SAMPLES)
         raise ValueError(f"unknown frame {unknown[0]!r}; choose {', '.join(CASES)}")
     for name in names or CASES:
         case = CASES[name]
-        width = 320 if case.camera == "paper" else None
+        camera = load_calibration(case.camera, 320 if case.camera == "paper" else None).camera
         with tqdm(total=100, unit="%", desc=name, bar_format="{desc} {percentage:3.0f} % {elapsed}") as bar:
-            traced = trace(
-                case.scene,
-                load_calibration(case.camera, width).camera,
-                case.photometry,
-                bits=8,
-                samples=samples,
-                progress=partial(_show, bar),
-                **case.options,  # type: ignore[arg-type]
-            )
+            how = {"bits": 8, "samples": samples, "progress": lambda share: bar.update(100 * share - bar.n)}
+            traced = trace(case.scene, camera, case.photometry, **how, **case.options)
         with staged_folder(folder) as staging:
             write(staging / f"{name}.npz", traced, case, samples)
 

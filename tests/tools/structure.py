@@ -5,8 +5,6 @@ this checkout's. Imports are read from the code, those inside functions and unde
 included; nothing is run.
 """
 
-from __future__ import annotations
-
 import ast
 import sys
 from collections.abc import Iterable, Mapping
@@ -69,31 +67,17 @@ def by_folder(graph: Graph) -> dict[str, set[str]]:
 
 
 def circles(graph: Graph) -> list[list[str]]:
-    """Groups that import one another, directly or not (Tarjan's strongly connected components)."""
-    number: dict[str, int] = {}
-    low: dict[str, int] = {}
-    stack: list[str] = []
-    found: list[list[str]] = []
-
-    def visit(node: str) -> None:
-        number[node] = low[node] = len(number)
-        stack.append(node)
-        for other in sorted(graph.get(node, ())):
-            if other not in number:
-                visit(other)
-                low[node] = min(low[node], low[other])
-            elif other in stack:
-                low[node] = min(low[node], number[other])
-        if low[node] == number[node]:
-            group = stack[stack.index(node) :]
-            del stack[stack.index(node) :]
-            if len(group) > 1:
-                found.append(sorted(group))
-
-    for node in sorted(graph):
-        if node not in number:
-            visit(node)
-    return found
+    """Groups that import one another, directly or not."""
+    beyond: dict[str, set[str]] = {}
+    for node in graph:
+        seen, ahead = set(), [node]
+        while ahead:
+            new = set(graph.get(ahead.pop(), ())) - seen
+            seen |= new
+            ahead += new
+        beyond[node] = seen
+    found = {tuple(sorted(b for b in beyond[a] if a in beyond.get(b, ()))) for a in graph if a in beyond[a]}
+    return sorted(map(list, found))
 
 
 def levels(graph: Graph) -> dict[str, int]:
