@@ -22,45 +22,22 @@ from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.iteration import Status, closing, drive
 
 SOLUTION, SCALED = "solution", "scaled"  # the stage whose answer counts, and the same in a known unit
+NOTHING = "the solver produced no depth map that is finite"
 
 
 @dataclass(frozen=True)
 class Iterate:
-    """One step of a solver.
+    """One step of a solver."""
 
-    Attributes
-    ----------
-    problem : Problem
-        What is being solved.
-    k : int
-        Counts from 0, the start.
-    log_distance : (H, W) float array
-        v = log d; nan outside the mask; read-only.
-    energy : float
-        Sum of the terms.
-    terms : mapping of str to float
-        "data" and "regulariser".
-    change : float
-        Root mean square change of v since the last iterate; nan at the start.
-    maps : mapping of str to (H, W) array
-        Whatever else the solver has to show.
-    scalars : mapping of str to float
-        Likewise: step, damping, inner iterations.
-    stage : str
-        Of a reconstruction: "bounced light", "contours", "solution", "scaled".
-    round : int
-        Of that stage, from 1 where there are several.
-    """
-
-    problem: Problem
-    k: int
-    log_distance: FloatArray
-    terms: Mapping[str, float]
-    change: float = float("nan")
-    maps: Mapping[str, np.ndarray] = field(default_factory=dict)
-    scalars: Mapping[str, float] = field(default_factory=dict)
-    stage: str = SOLUTION
-    round: int = 0
+    problem: Problem  # what is being solved
+    k: int  # counts from 0, the start
+    log_distance: FloatArray  # (H, W), v = log d; nan outside the mask; read-only
+    terms: Mapping[str, float]  # of the energy: "data" and "regulariser"
+    change: float = float("nan")  # root mean square change of v since the last iterate; nan at the start
+    maps: Mapping[str, np.ndarray] = field(default_factory=dict)  # (H, W), whatever else there is to show
+    scalars: Mapping[str, float] = field(default_factory=dict)  # likewise: step, damping, inner iterations
+    stage: str = SOLUTION  # of a reconstruction: "bounced light", "contours", "solution", "scaled"
+    round: int = 0  # of that stage, from 1 where there are several
 
     @classmethod
     def of(
@@ -132,28 +109,16 @@ class Result:
     """What a run found.
 
     `distance`, `z`, `normals`, `points` and `mask` are those of the iterate that is the answer:
-    the last one of a run that converged, else the one of least energy.
-
-    Attributes
-    ----------
-    iterate : Iterate
-        The answer.
-    status : Status
-        Why the run ended.
-    history : list of dict
-        Per iterate of the last stage that solved: k, energy, its terms, change, seconds and the
-        solver's scalars.
-    seconds : float
-        What all stages took, observers apart.
-    stages : tuple of Stage
-        All stages, in order.
+    the last one of a run that converged, else the one of least energy. The
+    history has a row per iterate of the last stage that solved: k, energy, its terms, change, seconds and
+    the solver's scalars.
     """
 
-    iterate: Iterate
-    status: Status
+    iterate: Iterate  # the answer
+    status: Status  # why the run ended
     history: list[dict[str, float]]
-    seconds: float
-    stages: tuple[Stage, ...] = ()
+    seconds: float  # what all stages took, observers apart
+    stages: tuple[Stage, ...] = ()  # all, in order
 
     @property
     def problem(self) -> Problem:
@@ -218,7 +183,11 @@ class _Kept:
         return self.last if status is Status.CONVERGED else self.best
 
 
-def _bounded(steps: Solver, max_iterations: int | None) -> Solver:
+def _bounded(
+    steps: Solver,
+    max_iterations: int | None = None,
+    passed: Callable[[Iterate], Iterate] = lambda iterate: iterate,
+) -> Solver:
     """Pass iterates on as long as they are finite and not too many."""
     try:
         while True:
@@ -229,7 +198,7 @@ def _bounded(steps: Solver, max_iterations: int | None) -> Solver:
                 return status
             if not np.all(np.isfinite(iterate.log_distance[iterate.mask])):
                 return Status.NON_FINITE
-            yield iterate
+            yield passed(iterate)
             if max_iterations is not None and iterate.stage == SOLUTION and iterate.k >= max_iterations:
                 return Status.MAX_ITERATIONS
     finally:
@@ -238,21 +207,19 @@ def _bounded(steps: Solver, max_iterations: int | None) -> Solver:
 
 def staged(steps: Solver, stage: str, round: int = 0) -> Generator[Iterate, None, Iterate]:
     """Pass a solver's iterates on as those of a stage, and return the answer."""
-    kept: _Kept | None = None
-    steps = _bounded(steps, None)
-    try:
-        while True:
-            try:
-                iterate = replace(next(steps), stage=stage, round=round)
-            except StopIteration as end:
-                if kept is None:
-                    raise ValueError("the solver produced no depth map that is finite") from None
-                return kept.answer(end.value)
-            kept = _Kept(iterate) if kept is None else kept
-            kept.add(iterate, 0.0)
-            yield iterate
-    finally:
-        steps.close()
+    kept: list[_Kept] = []
+
+    def keep(iterate: Iterate) -> Iterate:
+        named = replace(iterate, stage=stage, round=round)
+        if not kept:
+            kept.append(_Kept(named))
+        kept[0].add(named, 0.0)
+        return named
+
+    status = yield from _bounded(steps, passed=keep)
+    if not kept:
+        raise ValueError(NOTHING)
+    return kept[0].answer(status)
 
 
 def run(
@@ -292,7 +259,7 @@ def run(
     with closing(watching):
         status = drive(_bounded(iterates, max_iterations), watching, keep)
         if not kept:
-            raise ValueError("the solver produced no depth map that is finite")
+            raise ValueError(NOTHING)
         before = 0.0
         for one in kept:
             shown, after = one.last, one.history[-1]["seconds"]

@@ -79,10 +79,6 @@ def compare(
     scale : {"none", "median"}
         "median" multiplies the estimate by the median of d*/d, for results up to scale.
 
-    Returns
-    -------
-    Errors
-
     Raises
     ------
     ValueError

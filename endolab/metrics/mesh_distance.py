@@ -71,10 +71,6 @@ def distance_to(
     scale : float, optional
         What to multiply the mesh by first, mm per unit; needed if it is in relative units.
 
-    Returns
-    -------
-    SurfaceDistance
-
     Raises
     ------
     ValueError

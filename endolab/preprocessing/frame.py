@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.numerics.arrays import BoolArray, FloatArray
 
@@ -111,20 +112,26 @@ class Frame:
             raise ValueError(
                 f"{self.name}: cannot shrink {self.width}x{self.height} px to {width}x{height} px"
             )
-        size = (width, height)
-        share = cv2.resize(self.mask.astype(np.float64), size, interpolation=cv2.INTER_AREA)
-        masked = self.mask if self.image.ndim == 2 else self.mask[..., None]
-        light = cv2.resize(np.where(masked, self.image, 0.0) ** gamma, size, interpolation=cv2.INTER_AREA)
-        plain = cv2.resize(
-            np.clip(np.nan_to_num(self.image), 0, 1) ** gamma, size, interpolation=cv2.INTER_AREA
-        )
+
+        def shrunk(a: FloatArray | BoolArray) -> FloatArray:
+            resized = cv2.resize(a.astype(np.float64), (width, height), interpolation=cv2.INTER_AREA)
+            return np.asarray(resized, dtype=np.float64)
+
+        share, masked = shrunk(self.mask), self.mask if self.image.ndim == 2 else self.mask[..., None]
+        light = shrunk(np.where(masked, self.image, 0.0) ** gamma)
+        plain = shrunk(np.clip(np.nan_to_num(self.image), 0, 1) ** gamma)
         kept = (share >= 0.5) if light.ndim == 2 else (share >= 0.5)[..., None]
         whole = share if light.ndim == 2 else share[..., None]
         mean = np.where(kept, light / np.where(kept, whole, 1.0), plain)
-        silent = None
-        if self.silent is not None:
-            silent = cv2.resize(self.silent.astype(np.float64), size, interpolation=cv2.INTER_AREA) > 0
+        silent = None if self.silent is None else shrunk(self.silent) > 0
         return Frame(np.clip(mean, 0.0, 1.0) ** (1 / gamma), share >= 0.5, self.name, silent)
+
+
+def check_size(name: str, size: tuple[int, int], camera: Camera, what: str = "calibration") -> None:
+    """Raise a ValueError if a picture, (columns, rows), has not the size of the camera."""
+    if size != (camera.width, camera.height):
+        told = f"the {what} is for {camera.width}x{camera.height} px"
+        raise ValueError(f"{name} is {size[0]}x{size[1]} px, but {told}")
 
 
 def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str = "frame") -> BoolArray:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import cv2
 import numpy as np
 
 from endolab.model.cameras import Camera, Pinhole
+from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.preprocessing.frame import DARK, FRAME, MAX_ALPHA, Frame, noise_level
+from endolab.preprocessing.frame import DARK, FRAME, MAX_ALPHA, Frame, check_size, noise_level
 from endolab.preprocessing.highlights import check_highlights, find_highlights, grown, inpaint
-
-if TYPE_CHECKING:
-    from endolab.model.endoscope import Endoscope
 
 FEW = 5.0  # signal over noise below which noise alone moves a distance by γ/10, about a fifth
 COMBED = 0.05  # combing from which on a frame is taken for interlaced
@@ -166,11 +164,7 @@ def undistorted(
     """
     if not 0 < fov < 170:
         raise ValueError(f"fov must be between 0 and 170 degrees, got {fov}")
-    if (camera.width, camera.height) != (frame.width, frame.height):
-        raise ValueError(
-            f"{frame.name}: {frame.width}x{frame.height} px, but the camera is for "
-            f"{camera.width}x{camera.height} px"
-        )
+    check_size(frame.name, (frame.width, frame.height), camera, "camera")
     half = np.tan(np.deg2rad(fov) / 2)
     if size is None:
         axis = np.array([[0.0, 0.0, 1.0], [1e-4, 0.0, 1.0]])
@@ -241,10 +235,6 @@ def prepare(
         What `endolab.reconstruct` means by it: take them as they are, which is the default; as no
         evidence (`Frame.silent`: the surface goes on beneath them); or filled in from around.
 
-    Returns
-    -------
-    Prepared
-
     Raises
     ------
     ValueError
@@ -252,11 +242,7 @@ def prepare(
     """
     highlights = check_highlights(highlights)
     camera, gamma = calibration.camera, calibration.photometry.gamma
-    if (camera.width, camera.height) != (frame.width, frame.height):
-        raise ValueError(
-            f"{frame.name}: {frame.width}x{frame.height} px, but the calibration is for "
-            f"{camera.width}x{camera.height} px"
-        )
+    check_size(frame.name, (frame.width, frame.height), camera)
     notes = []
     image = np.nan_to_num(frame.image)
     field = frame.seen(_brightest(image))
@@ -292,17 +278,6 @@ def prepare(
     if undistort:
         ready, camera = undistorted(ready, camera)
         notes.append(f"Undistorted to a pinhole camera of {camera.width}x{camera.height} px, 90° across.")
-    return Prepared(
-        original=frame,
-        frame=ready,
-        camera=camera,
-        canonical=canonical,
-        field_of_view=field,
-        lumen=lumen,
-        highlights=mirrored,
-        text=text,
-        interlaced=fields,
-        undistorted=undistort,
-        inpainted=inpainted,
-        notes=tuple(notes),
-    )
+    found: dict[str, Any] = {"field_of_view": field, "lumen": lumen, "highlights": mirrored, "text": text}
+    found |= {"interlaced": fields, "undistorted": undistort, "inpainted": inpainted}
+    return Prepared(frame, ready, camera, canonical, **found, notes=tuple(notes))

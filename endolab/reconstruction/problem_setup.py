@@ -18,7 +18,7 @@ from endolab.depth.result import Iterate, Result
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.contours import find_contours
-from endolab.preprocessing.frame import BRIGHT, Frame, noise_level, smooth_light, usable
+from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
 from endolab.preprocessing.highlights import check_highlights, find_highlights, inpaint
 
 SEPARATED = "separated"  # the channel that is made of all three, bounced light taken out
@@ -64,11 +64,7 @@ def make_problems(
 ) -> list[Problem]:
     """Return the problem of each channel; `options` are those of `Problem`."""
     camera, photometry, size = calibration.camera, calibration.photometry, (frame.width, frame.height)
-    if size != (camera.width, camera.height):
-        raise ValueError(
-            f"{frame.name} is {size[0]}x{size[1]} px, "
-            f"but the calibration is for {camera.width}x{camera.height} px"
-        )
+    check_size(frame.name, size, camera)
     highlights = check_highlights(highlights)
     if width is not None and width != frame.width:
         height = max(1, round(frame.height * width / frame.width))
@@ -96,15 +92,8 @@ def make_problems(
         image = smooth_light(image, seen, photometry.gamma, blur)
         evidence = np.where(clipped, AT_LEAST, EXACT).astype(np.int8)
         evidence[silent] = NONE
-        settings = {
-            "frame": frame.name,
-            "picture_size": size,
-            "channel": name,
-            "width": camera.width,
-            "height": camera.height,
-            "smooth": blur,
-            "highlights": highlights,
-        }
+        settings = {"frame": frame.name, "picture_size": size, "channel": name, "width": camera.width}
+        settings |= {"height": camera.height, "smooth": blur, "highlights": highlights}
         problem = Problem(
             image=image,
             mask=usable(image, seen, camera.field.cos_alpha, frame.name),

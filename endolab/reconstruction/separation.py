@@ -94,20 +94,11 @@ class Colours:
 
 @dataclass(frozen=True)
 class Separation:
-    """What was found of a picture's bounced light.
+    """What was found of a picture's bounced light."""
 
-    Attributes
-    ----------
-    inflation : (H, W, 3) float array
-        S/E in red, green and blue; 0 where nothing is known.
-    albedo : (3,) float array
-    surface : Iterate
-        Of the last problem that was solved; its cuts are the contours that were found.
-    """
-
-    inflation: FloatArray
-    albedo: FloatArray
-    surface: Iterate
+    inflation: FloatArray  # (H, W, 3), S/E in red, green and blue; 0 where nothing is known
+    albedo: FloatArray  # (3,)
+    surface: Iterate  # of the last problem that was solved; its cuts are the contours that were found
 
     @property
     def cuts(self) -> BoolArray | None:
@@ -121,28 +112,12 @@ class Separation:
 def direct_light(
     colours: Colours, contours: bool | None = None, before: Result | None = None
 ) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
-    """Find the light that has not bounced.
+    """Find the light that has not bounced; every solve's iterates are yielded, stage and round named.
 
-    Parameters
-    ----------
-    colours : Colours
-    contours : bool, optional
-        Whether to tear the surface at the occluding contours that are found; by default if that
-        explains the picture much better.
-    before : Result, optional
-        An earlier result of the same or of the last frame: then one round is enough.
-
-    Yields
-    ------
-    Iterate
-        Of every solve, its stage and round named.
-
-    Returns
-    -------
-    problem : Problem
-        Of direct light, in full; of the best single colour where the colours tell nothing.
-    start : (H, W) float array or None
-        log d to begin with.
+    `contours` says whether to tear the surface at those that are found, by default if that explains the
+    picture much better; an earlier result of the same or the last frame, `before`, makes one round enough.
+    Returns the problem of direct light in full, or of the best single colour where the colours tell
+    nothing, and log d (H, W) to begin with, or None.
     """
     given = colours.albedo
     if colours.fine[0].cuts is not None:
@@ -242,21 +217,10 @@ def _in_full(fine: list[Problem], found: Separation, given: bool) -> Problem:
 
 
 def merged(colours: Sequence[Problem], inflation: FloatArray, albedo: FloatArray) -> Problem:
-    """Merge three colours into one problem of direct light.
+    """Merge red, green and blue of one picture into one problem of direct light, given S/E (H, W, 3).
 
-    Parameters
-    ----------
-    colours : sequence of 3 Problem
-        Red, green and blue of one picture.
-    inflation : (H, W, 3) float array
-        S/E.
-    albedo : (3,) float array
-
-    Returns
-    -------
-    Problem
-        Green's, with the picture that direct light alone would have made. Each colour counts by its
-        noise, its texture and what may be wrong with S/E; what is saturated does not.
+    It is green's, with the picture that direct light alone would have made. Each colour counts by its
+    noise, its texture and what may be wrong with S/E; what is saturated does not.
     """
     gamma = colours[1].photometry.gamma
     mask = np.any([one.mask for one in colours], axis=0)

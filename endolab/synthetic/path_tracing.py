@@ -33,7 +33,7 @@ from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.synthetic.mucosa import film_radiance, rippled, tissue
-from endolab.synthetic.rendering import VEIL, Rendered, check_amounts, developed
+from endolab.synthetic.rendering import VEIL, Rendered, check_amounts, developed, exposed, truth_of
 from endolab.synthetic.scenes import Scene
 
 VARIANT = "llvm_ad_rgb"
@@ -305,32 +305,21 @@ def _picture(
     seed: int,
 ) -> Traced:
     """Make the picture of its layers (H, W, 7), and add the truth."""
-    field = camera.field
-    distance = scene.distance(field.rays)
-    points = distance[..., None] * field.rays
-    mask = np.isfinite(distance) & (field.cos_alpha > 0)
+    truth = truth_of(scene, camera)
+    mask = truth["mask"]
     layers = np.where(mask[..., None], layers, 0.0)
     matt = layers[..., :3] + layers[..., 3:6]
-    if not matt.any():
-        raise ValueError("the camera sees no lit surface in this scene")
-    gain = photometry.gain
-    if gain is None:
-        gain = float(0.9**photometry.gamma / np.percentile(matt[mask].max(axis=-1), 99))
+    gain = exposed(photometry, matt[mask])
     layers = layers * gain
     linear = layers[..., :3] + layers[..., 3:6] + layers[..., 6:]
     if fog:
-        linear += VEIL * (1 - np.exp(-fog * np.where(mask, distance, 0.0)))[..., None]
+        linear += VEIL * (1 - np.exp(-fog * np.where(mask, truth["distance"], 0.0)))[..., None]
     stored = developed(linear, photometry.gamma, noise, bits, seed)
-    normals = np.full(points.shape, np.nan)
-    normals[mask] = scene.normals(points[mask])
     return Traced(
         image=np.where(mask[..., None], stored, 0.0),
-        distance=np.where(mask, distance, np.nan),
-        normals=normals,
-        mask=mask,
-        camera=camera,
         photometry=replace(photometry, gain=gain),
         direct=layers[..., :3],
         indirect=layers[..., 3:6],
         mirrored=layers[..., 6],
+        **truth,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -65,6 +66,24 @@ def developed(linear: FloatArray, gamma: float, noise: float, bits: int | None, 
     return stored if bits is None else np.round(stored * (2**bits - 1)) / (2**bits - 1)
 
 
+def truth_of(scene: Scene, camera: Camera) -> dict[str, Any]:
+    """What a frame of a scene has beside its picture and light, see `Rendered`."""
+    rays = camera.field.rays
+    distance, normals = scene.distance(rays), np.full(rays.shape, np.nan)
+    mask = np.isfinite(distance) & (camera.field.cos_alpha > 0)
+    normals[mask] = scene.normals(distance[mask, None] * rays[mask])
+    return {"distance": np.where(mask, distance, np.nan), "normals": normals, "mask": mask, "camera": camera}
+
+
+def exposed(photometry: Photometry, linear: FloatArray) -> float:
+    """The gain or, if it is unknown, one that puts the 99th percentile of the brightest channel at 0.9."""
+    if not linear.any():
+        raise ValueError("the camera sees no lit surface in this scene")
+    if photometry.gain is not None:
+        return photometry.gain
+    return float(0.9**photometry.gamma / np.percentile(linear.max(axis=-1), 99))
+
+
 def render(
     scene: Scene,
     camera: Camera,
@@ -114,11 +133,10 @@ def render(
     check_amounts(noise=noise, texture=texture, fog=fog, highlights=highlights)
     if bits is not None and not 1 <= bits <= 16:
         raise ValueError(f"bits must be from 1 to 16, got {bits}")
-    field = camera.field
-    distance = scene.distance(field.rays)
-    points = distance[..., None] * field.rays
-    mask = np.isfinite(distance) & (field.cos_alpha > 0)
-    seen, normals = points[mask], scene.normals(points[mask])
+    truth = truth_of(scene, camera)
+    mask = truth["mask"]
+    distance, normals = truth["distance"][mask], truth["normals"][mask]
+    seen = distance[:, None] * camera.field.rays[mask]
     rng = np.random.default_rng([seed, 0])
     mottle = np.exp(texture * waves(seen, TEXTURE_SCALE, rng)[0]) if texture else 1.0
     ripple = waves(seen, RIPPLE_SCALE, rng)[1] if highlights else None
@@ -134,23 +152,12 @@ def render(
         wet, dry = (replace(lit, brdf=brdf).intensity(seen, rough) ** lit.gamma for brdf in (film, matt))
         linear = linear + (wet - dry)[:, None]
 
-    if not linear.any():
-        raise ValueError("the camera sees no lit surface in this scene")
-    gain = photometry.gain
-    if gain is None:
-        gain = float(0.9**lit.gamma / np.percentile(linear.max(axis=-1), 99))
+    gain = exposed(photometry, linear)
     linear = linear * gain
     if fog:
-        clear = np.exp(-fog * distance[mask])[:, None]
+        clear = np.exp(-fog * distance)[:, None]
         linear = linear * clear**2 + VEIL * (1 - clear)
-    stored = developed(linear, lit.gamma, noise, bits, seed)
-    image, facing = np.zeros((*mask.shape, linear.shape[-1])), np.full(points.shape, np.nan)
-    image[mask], facing[mask] = stored, normals
-    return Rendered(
-        image=image if len(models) == 3 else image[..., 0],
-        distance=np.where(mask, distance, np.nan),
-        normals=facing,
-        mask=mask,
-        camera=camera,
-        photometry=replace(photometry, gain=gain),
-    )
+    image = np.zeros((*mask.shape, linear.shape[-1]))
+    image[mask] = developed(linear, lit.gamma, noise, bits, seed)
+    image = image if len(models) == 3 else image[..., 0]
+    return Rendered(image=image, photometry=replace(photometry, gain=gain), **truth)
