@@ -20,28 +20,16 @@ from endolab.depth.energy import model_image
 from endolab.depth.result import Iterate, Result
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.style import (
-    BLUE,
-    LEFT_OUT,
-    LINES,
-    OTHERS,
-    PAGE_SIZE,
-    PAPER,
-    VERMILION,
-    colour_bar,
-    decorate,
-    house,
-    new_axes,
-)
+from endolab.plots import style
 from endolab.plots.surface_view import show_cloud
 from endolab.reconstruction.assumptions import meaning
 
 
 def _draw(picture: FloatArray, ax: Axes | None, title: str, **how: object) -> tuple[Axes, ScalarMappable]:
     """Show a map on pixel axes."""
-    ax = new_axes(ax)
+    ax = style.new_axes(ax)
     shown = ax.imshow(picture, interpolation="nearest", **how)  # type: ignore[arg-type]
-    decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(LEFT_OUT)
+    style.decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(style.LEFT_OUT)
     ax.locator_params(nbins=3)
     return ax, shown
 
@@ -79,11 +67,11 @@ def _diverging(values: FloatArray, ax: Axes | None, title: str, label: str, limi
     if not limit > 0:
         raise ValueError(f"limit must be positive, got {limit}")
     ax, shown = _draw(values, ax, title, cmap="RdBu_r", vmin=-limit, vmax=limit)
-    colour_bar(ax, shown, label, "both")
+    style.colour_bar(ax, shown, label, "both")
     return ax
 
 
-@house()
+@style.house()
 def show_picture(picture: FloatArray, ax: Axes | None = None, title: str = "Frame") -> Axes:
     """Show a frame.
 
@@ -94,7 +82,7 @@ def show_picture(picture: FloatArray, ax: Axes | None = None, title: str = "Fram
     return _draw(np.clip(picture, 0, 1), ax, title, cmap="gray", vmin=0, vmax=1)[0]
 
 
-@house()
+@style.house()
 def show_depth(
     distance: FloatArray,
     ax: Axes | None = None,
@@ -119,11 +107,11 @@ def show_depth(
     ax, shown = _draw(distance, ax, title, cmap="viridis", vmin=limits[0], vmax=limits[1])
     below, above = bool(np.any(distance < limits[0])), bool(np.any(distance > limits[1]))
     extend = (("neither", "max"), ("min", "both"))[below][above]
-    colour_bar(ax, shown, f"distance [{unit}]" if label is None else label, extend)
+    style.colour_bar(ax, shown, f"distance [{unit}]" if label is None else label, extend)
     return ax
 
 
-@house()
+@style.house()
 def show_normals(normals: FloatArray, ax: Axes | None = None, title: str = "Normals") -> Axes:
     """Show normals as colours, (n + 1)/2.
 
@@ -132,10 +120,10 @@ def show_normals(normals: FloatArray, ax: Axes | None = None, title: str = "Norm
     normals : (H, W, 3) float array of unit normals: x right, y down, z forward; nan where unknown
     """
     known = np.isfinite(normals).all(axis=-1, keepdims=True)
-    return _draw(np.where(known, np.clip((normals + 1) / 2, 0, 1), LEFT_OUT), ax, title)[0]
+    return _draw(np.where(known, np.clip((normals + 1) / 2, 0, 1), style.LEFT_OUT), ax, title)[0]
 
 
-@house()
+@style.house()
 def show_error(
     estimate: FloatArray,
     truth: FloatArray,
@@ -164,7 +152,7 @@ def show_error(
     return _diverging(error, ax, title, f"error [{of}]" if label is None else label, limit)
 
 
-@house()
+@style.house()
 def show_section(
     distances: Mapping[str, FloatArray],
     field: RayField,
@@ -190,19 +178,19 @@ def show_section(
         raise ValueError("choose a row or a column, not both")
     if row is None and column is None:
         column = field.shape[1] // 2
-    ax = new_axes(ax)
+    ax = style.new_axes(ax)
     across, name = (1, f"column {column}") if row is None else (0, f"row {row}")
-    others = iter(OTHERS * len(distances))
+    others = iter(style.OTHERS * len(distances))
     for label, distance in distances.items():
         surface = distance[..., None] * field.rays
         points = surface[:, column] if row is None else surface[row]
-        colour = LINES[label] if label in LINES else next(others)
+        colour = style.LINES[label] if label in style.LINES else next(others)
         ax.plot(points[:, 2], points[:, across], color=colour, lw=1.8, label=label)
     ax.plot(0, 0, marker=">", color="black", ms=7, ls="none")
-    box = {"fc": PAPER, "ec": "none", "alpha": 0.75, "pad": 1.0}  # a wall may be as near as the word
+    box = {"fc": style.PAPER, "ec": "none", "alpha": 0.75, "pad": 1.0}  # a wall may be as near as the word
     ax.annotate("camera", (0, 0), xytext=(-4, 8), textcoords="offset points", bbox=box)
     title = f"Section along {name}" if title is None else title
-    decorate(ax, title, f"z [{unit}]", f"{'xy'[across]} [{unit}]")
+    style.decorate(ax, title, f"z [{unit}]", f"{'xy'[across]} [{unit}]")
     ax.set_aspect("equal", adjustable="datalim")
     if across == 1 and not ax.yaxis_inverted():
         ax.invert_yaxis()  # as in the picture, y points down
@@ -210,7 +198,7 @@ def show_section(
     return ax
 
 
-@house()
+@style.house()
 def show_history(
     history: Sequence[Mapping[str, float]], ax: Axes | None = None, title: str = "Energy"
 ) -> Axes:
@@ -220,15 +208,15 @@ def show_history(
     ----------
     history : sequence of mappings: k, energy and its terms, as in `Result.history`
     """
-    ax = new_axes(ax)
+    ax = style.new_axes(ax)
     k = [entry["k"] for entry in history]
-    styles = (("energy", "black", "-"), ("data", BLUE, "--"), ("regulariser", VERMILION, ":"))
-    for name, colour, style in styles:
+    lines = (("energy", "black", "-"), ("data", style.BLUE, "--"), ("regulariser", style.VERMILION, ":"))
+    for name, colour, dashes in lines:
         values = np.array([entry.get(name, np.nan) for entry in history], dtype=float)
         # A term of exactly 0 (λ = 0, say) has no place on a logarithmic axis.
         if np.any(values > 0):
-            ax.plot(k, np.where(values > 0, values, np.nan), style, color=colour, lw=2, label=name)
-    decorate(ax, title, "iteration", "energy [1]").set_yscale("log")
+            ax.plot(k, np.where(values > 0, values, np.nan), dashes, color=colour, lw=2, label=name)
+    style.decorate(ax, title, "iteration", "energy [1]").set_yscale("log")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend()
     return ax
@@ -278,7 +266,7 @@ def compare_depths(
     rows, columns = 1 if truth is None else 2, len(shown)
     high, wide = next(iter(shown.values())).shape
     size = 4.8 * columns, rows * (3.2 * high / wide + 1.0)
-    with house():
+    with style.house():
         figure = Figure(figsize=size, dpi=100, layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
         for i, (name, values) in enumerate(shown.items()):
@@ -319,7 +307,7 @@ def overview(
         scale = 1.0 if problem.metric else np.nanmedian((iterate.distance / truth)[problem.mask])
         curves = {"truth": np.where(problem.mask, scale * truth, np.nan), **curves}
 
-    with house(PAGE_SIZE):
+    with style.house(style.PAGE_SIZE):
         figure = Figure(figsize=(16, 9), dpi=100, layout="constrained")
         ((frame, depth, facing), (surface, section, residual)) = figure.subplots(2, 3)
         show_picture(picture, frame)

@@ -56,10 +56,8 @@ def _picture(shown: Shown, entity: str, title: str) -> rrb.Spatial2DView:
 
 
 def _depth(shown: Shown) -> rrb.Spatial2DView:
-    contents = [shown.at("depth"), shown.at("mask")]
-    return rrb.Spatial2DView(
-        origin=shown.at(""), contents=contents, name=shown.called(f"Distance [{shown.unit}]")
-    )
+    contents, name = [shown.at("depth"), shown.at("mask")], shown.called(f"Distance [{shown.unit}]")
+    return rrb.Spatial2DView(origin=shown.at(""), contents=contents, name=name)
 
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:
@@ -108,6 +106,10 @@ def _energy(shown: Shown) -> rrb.TimeSeriesView:
     return _curves("Energy", [shown.at(f"plots/{name}") for name in ("energy", *shown.terms)])
 
 
+def _change(*runs: Shown) -> rrb.TimeSeriesView:
+    return _curves("Change of log-distance", [shown.at("plots/change") for shown in runs])
+
+
 def _others(shown: Shown, *left_out: str) -> rrb.TimeSeriesView:
     """Curves of other scalars, without some and without a mere count, which would flatten the others."""
     without = [f"- {shown.at(f'plots/{name}')}" for name in ("energy", *shown.terms, *left_out, "steps")]
@@ -123,39 +125,20 @@ def reconstruction(shown: Shown) -> rrb.Blueprint:
     if shown.staged:
         stage = rrb.TextDocumentView(origin=shown.at("stage"), name="Stage")
         words = rrb.Vertical(stage, words, row_shares=[1, 7])
-    return _opened(
-        rrb.Vertical(
-            rrb.Horizontal(
-                rrb.Spatial2DView(origin=shown.at(""), contents=[shown.at("input")], name="Frame"),
-                _depth(shown),
-                _picture(shown, "normals", "Normals"),
-                rrb.Tabs(*residual, active_tab=0 if shown.staged else len(residual) - 1),
-            ),
-            rrb.Horizontal(
-                _surface(shown),
-                rrb.Vertical(_energy(shown), _section([shown])),
-                words,
-                column_shares=[2, 1.4, 1],
-            ),
-            row_shares=[1, 1.4],
-        )
-    )
+    frame = rrb.Spatial2DView(origin=shown.at(""), contents=[shown.at("input")], name="Frame")
+    last = rrb.Tabs(*residual, active_tab=0 if shown.staged else len(residual) - 1)
+    pictures = rrb.Horizontal(frame, _depth(shown), _picture(shown, "normals", "Normals"), last)
+    curves = rrb.Vertical(_energy(shown), _section([shown]))
+    below = rrb.Horizontal(_surface(shown), curves, words, column_shares=[2, 1.4, 1])
+    return _opened(rrb.Vertical(pictures, below, row_shares=[1, 1.4]))
 
 
 def convergence(shown: Shown) -> rrb.Blueprint:
     """Curves of energy, change and steps above, at large; what they mean for the surface below."""
-    change = _curves("Change of log-distance", [shown.at("plots/change")])
-    return _opened(
-        rrb.Vertical(
-            rrb.Horizontal(
-                _energy(shown),
-                rrb.Vertical(change, _others(shown, "change")),
-                column_shares=[1.4, 1],
-            ),
-            rrb.Horizontal(_picture(shown, "residual", "Residual"), _section([shown]), _depth(shown)),
-            row_shares=[1.4, 1],
-        )
-    )
+    steps = rrb.Vertical(_change(shown), _others(shown, "change"))
+    curves = rrb.Horizontal(_energy(shown), steps, column_shares=[1.4, 1])
+    below = rrb.Horizontal(_picture(shown, "residual", "Residual"), _section([shown]), _depth(shown))
+    return _opened(rrb.Vertical(curves, below, row_shares=[1.4, 1]))
 
 
 BLUEPRINTS = {"reconstruction": reconstruction, "convergence": convergence}
@@ -166,11 +149,8 @@ def comparison(runs: Sequence[Shown]) -> rrb.Blueprint:
     columns = [
         rrb.Vertical(_depth(shown), _picture(shown, "residual", "Residual"), name=shown.run) for shown in runs
     ]
-    plots = rrb.Vertical(
-        _curves("Energy", [shown.at("plots/energy") for shown in runs]),
-        _curves("Change of log-distance", [shown.at("plots/change") for shown in runs]),
-        _section(runs),
-    )
+    energy = _curves("Energy", [shown.at("plots/energy") for shown in runs])
+    plots = rrb.Vertical(energy, _change(*runs), _section(runs))
     return _opened(rrb.Horizontal(*columns, plots, column_shares=[*(1.0 for _ in runs), 1.2]))
 
 
@@ -216,15 +196,12 @@ def calibration(
     # Between the camera and where the sheet mostly is.
     sheet = _space("Sheet", centre / 2, 2.0 * distance, direction=(-0.6, -0.4, -0.7))
     plots = [rrb.TimeSeriesView(origin=f"/plots/{entity}", name=title) for entity, title in curves.items()]
-    return _opened(
-        rrb.Horizontal(
-            rrb.Vertical(
-                rrb.Spatial2DView(origin="/", contents=found, name="Detection"),
-                rrb.Spatial2DView(origin="/", contents=read, name="Brightness"),
-            ),
-            rrb.Vertical(sheet, rrb.Horizontal(*plots), row_shares=[2, 1]),
-            rrb.Tabs(rrb.TextDocumentView(origin="/account", name="Account"), rrb.Vertical(*fit, name="Fit")),
-            column_shares=[1.2, 1.5, 1],
+    columns = (
+        rrb.Vertical(
+            rrb.Spatial2DView(origin="/", contents=found, name="Detection"),
+            rrb.Spatial2DView(origin="/", contents=read, name="Brightness"),
         ),
-        timeline,
+        rrb.Vertical(sheet, rrb.Horizontal(*plots), row_shares=[2, 1]),
+        rrb.Tabs(rrb.TextDocumentView(origin="/account", name="Account"), rrb.Vertical(*fit, name="Fit")),
     )
+    return _opened(rrb.Horizontal(*columns, column_shares=[1.2, 1.5, 1]), timeline)

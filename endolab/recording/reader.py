@@ -30,10 +30,6 @@ def read_recording(path: PathLike) -> Recording:
     path : path
         The ``.rrd`` file.
 
-    Returns
-    -------
-    Recording
-
     Raises
     ------
     FileNotFoundError, ValueError

@@ -142,8 +142,6 @@ class Comparison:
 class Recorder:
     """An observer that logs iterates to a recording; see `record`.
 
-    Notes
-    -----
     Of the problem: ``input``, ``mask``, ``settings``, ``world/camera``, ``world/truth``,
     ``section/start``, ``section/truth``; static, but where a run has several stages these are
     logged when each begins, with its name, ``stage``. Per iterate: ``depth`` (distance),

@@ -44,7 +44,7 @@ def tune(
     scene: str = "colon",
     width: int = 320,
 ) -> TunerBox:
-    """Make the tuner: sliders and choices on one side, six linked views on the other.
+    """Make the tuner, a widget for the last line of a cell: sliders and choices, and six linked views.
 
     Parameters
     ----------
@@ -58,11 +58,6 @@ def tune(
         To begin with if there is no frame.
     width : int
         Columns to begin with, px.
-
-    Returns
-    -------
-    TunerBox
-        A widget: let it be the last line of a cell.
 
     Raises
     ------
