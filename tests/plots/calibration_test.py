@@ -37,18 +37,14 @@ def test_a_detection_is_joined_along_the_rows_of_the_target():
     ax = drawn(plots.show_detection(image, detection, target))
     assert f"{len(detection.ids)} of 190" in ax.get_title()
     place = {tuple(pixel): number for number, pixel in zip(detection.ids, detection.pixels, strict=True)}
-    joined = []
+    joined, colours = [], {}
     for line in ax.lines[:-2]:  # the last two mark the first feature
         ids = [place[tuple(point)] for point in line.get_xydata()]
         assert len({number // target.columns for number in ids}) == 1
         assert np.all(np.isin(np.diff(ids), [1, 2]))
         joined += ids
+        colours[ids[0] // target.columns] = line.get_color()
     assert sorted(joined) == list(detection.ids)
-    colours = {
-        ids // target.columns: line.get_color()
-        for line in ax.lines[:-2]
-        for ids in [place[tuple(line.get_xydata()[0])]]
-    }
     assert colours[4] != colours[5]
     assert ax.texts[0].get_text() == f"id {detection.ids.min()}"
     assert np.array_equal(ax.lines[-1].get_xydata()[0], detection.pixels[0])
@@ -63,28 +59,20 @@ def test_a_wrong_id_makes_a_line_that_leaves_its_row():
 
     def longest(which):
         ax = plots.show_detection(image, Detection(which, detection.pixels), session.target)
-        return max(
-            np.linalg.norm(np.diff(line.get_xydata(), axis=0), axis=1).max(initial=0) for line in ax.lines
-        )
+        steps = (np.linalg.norm(np.diff(line.get_xydata(), axis=0), axis=1) for line in ax.lines)
+        return max(step.max(initial=0) for step in steps)
 
     assert longest(ids) > 2 * longest(detection.ids)
 
 
-def test_a_frame_without_a_target_says_why():
+def test_a_frame_without_a_target_says_why_and_circles_and_corners_are_joined_too():
     session, frames, _ = simulated()
     ax = drawn(plots.show_detection(frames[3][1], session.detections[LOST[0]], session.target))
     assert ax.get_title() == "Detection: none (too dark)"
-
-
-def test_circles_and_corners_are_joined_too():
-    from endolab.calibration.targets import TARGETS
-
-    for name in ("circles", "charuco"):
-        target = TARGETS[name]
+    for target in (el.TARGETS["circles"], el.TARGETS["charuco"]):
         pixels = target.points[:, :2] + 20
         ax = plots.show_detection(np.zeros((100, 120)), Detection(np.arange(len(pixels)), pixels), target)
-        rows = len(np.unique(target.points[:, 1]))
-        assert len(ax.lines) == rows + 2
+        assert len(ax.lines) == len(np.unique(target.points[:, 1])) + 2
 
 
 def test_arrows_are_the_residuals_and_outliers_end_early():
@@ -150,7 +138,7 @@ def test_residuals_of_the_light_name_mean_and_deviation():
     assert "-0.00" not in light_module.show_light_residuals(replace(light, mean=-0.001)).get_title()
 
 
-def test_the_fall_off_is_a_power_of_the_cosine():
+def test_the_fall_off_is_a_power_of_the_cosine_about_the_lights_own_direction():
     light = simulated()[0].light
     k, error = light.photometry.k, light.standard_errors["k"]
     ax = drawn(light_module.show_fall_off(light))
@@ -163,10 +151,6 @@ def test_the_fall_off_is_a_power_of_the_cosine():
     unseen = [patch.get_extents().transformed(ax.transData.inverted()) for patch in ax.patches]
     low, high = np.rad2deg(light.alpha_range)
     assert [(box.x0, box.x1) for box in unseen] == [pytest.approx((0, low)), pytest.approx((high, 90))]
-
-
-def test_a_light_of_its_own_direction_says_so():
-    light = simulated()[0].light
     spot = replace(light.photometry, k=0.0, lights=(el.SpotLight((1.0, 0, 0), (0, 0, 1.0), 2.6),))
     ax = light_module.show_fall_off(replace(light, photometry=spot))
     assert "ψ" in ax.get_xlabel()
@@ -188,7 +172,6 @@ def test_gains_stand_beside_the_distance():
     assert np.array_equal(other.lines[0].get_ydata(), distance)
     assert "[mm²]" in ax.get_ylabel()
     assert "[mm]" in other.get_ylabel()
-
     unknown = replace(light, gain_errors=np.where(np.arange(20) == 5, np.inf, light.gain_errors))
     ax = drawn(light_module.show_gains(unknown))
     assert np.isnan(ax.lines[0].get_ydata()[5])
@@ -210,7 +193,6 @@ def test_the_brdf_is_relative_to_its_pinned_node():
     expected = np.histogram(np.rad2deg(np.arccos(np.minimum(cosine, 1))), np.arange(0, 91, 3))[0]
     assert np.allclose(heights / heights.max(), expected / expected.max())
     assert np.allclose(theta, light.photometry.brdf.theta)
-
     matt = replace(light, photometry=replace(light.photometry, brdf=el.Lambertian(1.0)))
     ax = drawn(light_module.show_brdf(matt))
     assert "taken to be Lambertian" in labels(ax)

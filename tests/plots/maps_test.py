@@ -13,31 +13,23 @@ from skimage.color import rgb2lab
 
 import endolab as el
 from endolab import plots
-from endolab.depth.problem import Problem
 from endolab.plots import style
-from endolab.synthetic.rendering import Rendered, render
-
-PAPER = el.load_calibration("paper").camera
+from tests.tools.problems import coloured_colon
 
 
 @pytest.fixture(scope="module")
-def rendered() -> Rendered:
-    return render(
-        el.SCENES["colon"], PAPER.resize(80, 60), el.Photometry(brdf=el.Lambertian((0.75, 0.38, 0.30)))
-    )
+def colon():
+    return coloured_colon(el.load_calibration("paper", width=80).camera)
 
 
 @pytest.fixture(scope="module")
-def start(rendered: Rendered) -> el.Iterate:
-    green = rendered.image[..., 1]
-    problem = Problem(
-        image=green,
-        mask=rendered.mask & (green > 1.5 / 255),
-        camera=rendered.camera,
-        photometry=rendered.photometry.channel("green"),
-        picture=rendered.image,
-    )
-    return el.Iterate.of(problem, problem.log_facing)
+def rendered(colon):
+    return colon[1]
+
+
+@pytest.fixture(scope="module")
+def start(colon):
+    return el.Iterate.of(colon[0], colon[0].log_facing)
 
 
 @pytest.fixture(autouse=True)
@@ -46,10 +38,9 @@ def _no_figure_stays():
     plt.close("all")
 
 
-def pixels(figure) -> np.ndarray:
+def pixels(figure):
     """Draw a figure and read it back, (H, W, 3) in [0, 1]."""
-    file = io.BytesIO()
-    figure.savefig(file, format="png")
+    figure.savefig(file := io.BytesIO(), format="png")
     file.seek(0)
     return plt.imread(file)[..., :3]
 
@@ -66,15 +57,10 @@ def test_a_depth_map_has_units_limits_and_neutral_holes():
     drawn = pixels(ax.figure)
     holes = np.isclose(drawn, style.LEFT_OUT, atol=0.01).all(axis=-1).sum()
     assert holes > 0.02 * drawn[..., 0].size
-
     ax = plots.show_depth(distance, unit="relative units", limits=(0.0, 200.0))
     assert ax.images[0].get_clim() == (0.0, 200.0)
     assert "relative units" in ax.images[0].colorbar.ax.get_ylabel()
     assert ax.images[0].colorbar.extend == "neither"
-
-
-def test_a_depth_map_without_a_value_is_drawn():
-    pixels(plots.show_depth(np.full((4, 5), np.nan)).figure)
 
 
 @pytest.mark.parametrize("shape", [(6, 8), (6, 8, 3)])
@@ -119,7 +105,6 @@ def test_a_section_lies_on_the_surface(rendered):
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("z [mm]", "y [mm]")
     assert ax.yaxis_inverted()
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["truth", "mine"]
-
     ax = plots.show_section({"truth": rendered.distance}, field, row=7, unit="relative units")
     assert np.array_equal(ax.lines[0].get_ydata(), points[7, :, 0], equal_nan=True)
     assert ax.get_ylabel() == "x [relative units]"
@@ -184,23 +169,10 @@ def test_an_overview_without_a_gain_says_relative(start, rendered):
     assert not any("mm" in ax.get_ylabel() or "mm" in ax.get_xlabel() for ax in figure.axes)
 
 
-WAYS_TO_SEE = {
-    # Machado et al. 2009, linear RGB, severity 1.
-    "normal": np.eye(3),
-    "deuteranopia": np.array(
-        [
-            [0.367322, 0.860646, -0.227968],
-            [0.280085, 0.672501, 0.047413],
-            [-0.011820, 0.042940, 0.968881],
-        ]
-    ),
-    "protanopia": np.array(
-        [
-            [0.152286, 1.052583, -0.204868],
-            [0.114503, 0.786281, 0.099216],
-            [-0.003882, -0.048116, 1.051998],
-        ]
-    ),
+WAYS_TO_SEE = {  # Machado et al. 2009, linear RGB, severity 1; rows sum to 1
+    "normal": ((1, 0), (0, 1), (0, 0)),
+    "deuteranopia": ((0.367322, 0.860646), (0.280085, 0.672501), (-0.011820, 0.042940)),
+    "protanopia": ((0.152286, 1.052583), (0.114503, 0.786281), (-0.003882, -0.048116)),
 }
 
 
@@ -209,7 +181,8 @@ def test_colours_of_lines_are_told_apart(eyes):
     lines = ["black", style.SKY, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.BLUE]
     stored = np.array([to_rgb(colour) for colour in lines])
     light = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
-    seen = (light @ WAYS_TO_SEE[eyes].T).clip(0, 1)
+    way = np.array([[red, green, 1 - red - green] for red, green in WAYS_TO_SEE[eyes]])
+    seen = (light @ way.T).clip(0, 1)
     seen = np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055)
     lab = rgb2lab(seen)
     apart = np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(len(lines), 1)]
@@ -304,9 +277,8 @@ def test_common_limits_are_those_of_all(rng):
     maps[0][0] = np.nan
     everything = np.concatenate([m[np.isfinite(m)] for m in maps])
     assert plots.common_limits(maps) == pytest.approx(np.percentile(everything, [1, 99]))
-    assert plots.common_limit([m - 50 for m in maps]) == pytest.approx(
-        np.percentile(np.abs(everything - 50), 98)
-    )
+    expected = np.percentile(np.abs(everything - 50), 98)
+    assert plots.common_limit([m - 50 for m in maps]) == pytest.approx(expected)
     assert (plots.common_limits([]), plots.common_limit([np.zeros(3), np.full(2, np.nan)])) == ((0, 1), 1)
 
 
@@ -341,9 +313,10 @@ def test_a_comparison_takes_limits_and_labels_and_says_what_does_not_fit():
         plots.compare_depths({}, flat)
 
 
-def test_labels_of_colour_bars_can_be_chosen():
+def test_labels_of_colour_bars_can_be_chosen_and_a_map_without_a_value_is_drawn():
     flat = np.full((4, 5), 50.0)
     for ax in (plots.show_depth(flat, label="z [cm]"), plots.show_error(flat, flat + 1, label="z [cm]")):
         assert ax.images[0].colorbar.ax.get_ylabel() == "z [cm]"
     with pytest.raises(ValueError, match="limit must be positive"):
         plots.show_error(flat, flat, limit=0.0)
+    pixels(plots.show_depth(flat * np.nan).figure)

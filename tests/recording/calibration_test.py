@@ -22,18 +22,14 @@ def recorded(request, tmp_path_factory):
     return session, frames, steps, Recorded(path)
 
 
-def test_every_entity_is_there(recorded):
-    session, _, _, file = recorded
+def test_every_entity_is_there_and_every_frame_has_its_picture_and_its_features(recorded):
+    session, frames, _, file = recorded
     picture = {"/picture", "/picture/detected", "/picture/reprojection", "/picture/samples"}
     sheets = {f"/world/sheet/{panel}" for panel in range(session.target.panels)}
     plots = {"/plots/gain", "/plots/distance", "/plots/residual"}
     fit = {"/fit/k", "/fit/gamma", "/fit/sigma", "/fit/cost", "/fit/change", "/residuals"}
     brdf = {"/brdf/now", "/brdf/fitted", "/brdf/grid", "/brdf/ticks"}
     assert file.entities == picture | sheets | plots | fit | brdf | {"/account", "/world", "/world/camera"}
-
-
-def test_every_frame_has_its_picture_and_its_features(recorded):
-    session, frames, _, file = recorded
     names = list(session.detections)
     assert list(file.rows["/picture"]["blob"]) == list(range(len(names)))
     shown = file.picture("/picture", 4, grey=True)
@@ -103,8 +99,8 @@ def test_samples_are_coloured_by_their_residual(recorded):
     assert np.all(red[~used] == 160)
 
 
-def test_curves_are_on_the_frames_of_the_video(recorded):
-    session, _, _, file = recorded
+def test_curves_are_on_the_frames_of_the_video_and_iterations_are_those_of_the_fit(recorded):
+    session, _, steps, file = recorded
     names = list(session.detections)
     located = [names.index(name) for name in session.poses]
     gains = {k: value.item() for k, value in file.numbers("/plots/gain", "scalars").items()}
@@ -112,10 +108,6 @@ def test_curves_are_on_the_frames_of_the_video(recorded):
     distances = file.numbers("/plots/distance", "scalars")
     expected = mean_distances(session.samples, np.arange(COUNT))
     assert [distances[k].item() for k in located] == pytest.approx(expected.tolist())
-
-
-def test_iterations_are_those_of_the_fit(recorded):
-    session, _, steps, file = recorded
     for name, values in (
         ("k", [step.unknowns.k for step in steps]),
         ("gamma", [step.unknowns.gamma for step in steps]),

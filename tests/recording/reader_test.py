@@ -6,36 +6,32 @@ import rerun as rr
 
 import endolab as el
 from endolab import datasets
-from endolab.recording.reader import Recording, read_recording
+from endolab.recording.reader import read_recording
 from tests.tools.recorded import spoiled
 
 
 @pytest.fixture(scope="module")
-def seen() -> tuple[el.Frame, el.Calibration]:
+def seen():
     calibration = datasets.load_calibration("paper", width=64)
     scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)
     return el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
 
 
 @pytest.fixture(scope="module")
-def solved(seen, tmp_path_factory) -> tuple[list[el.Iterate], Recording]:
+def solved(seen, tmp_path_factory):
     path = tmp_path_factory.mktemp("recordings") / "run.rrd"
-    kept: list[el.Iterate] = []
+    kept = []
     el.reconstruct(*seen, solver="primal_dual", max_iterations=60, observers=[el.record(path), kept.append])
     return kept, read_recording(path)
 
 
-def test_curves_are_those_of_the_run(solved):
+def test_curves_and_the_table_are_those_of_the_run(solved):
     iterates, recording = solved
     k, energy = recording.scalars["energy"]
     assert list(k) == [step.k for step in iterates]
     assert list(energy) == [step.energy for step in iterates]
     assert next(iter(recording.scalars)) == "energy"
     assert {"data", "regulariser", "change", *iterates[-1].scalars} < set(recording.scalars)
-
-
-def test_the_table_has_a_row_per_iteration(solved):
-    iterates, recording = solved
     table = recording.table()
     assert list(table["iteration"]) == [step.k for step in iterates]
     assert np.isnan(table["change"][0])  # the start has none
@@ -43,7 +39,7 @@ def test_the_table_has_a_row_per_iteration(solved):
     assert np.allclose(table["energy"], table["data"] + table["regulariser"], rtol=1e-12)
 
 
-def test_depth_and_normals_are_those_of_the_iterates(solved):
+def test_depth_and_normals_are_those_of_the_iterates_and_what_has_none_says_where_the_nearest_is(solved):
     iterates, recording = solved
     assert recording.unit == "mm"
     assert np.array_equal(recording.mask, iterates[0].mask)
@@ -55,22 +51,23 @@ def test_depth_and_normals_are_those_of_the_iterates(solved):
         assert np.rad2deg(np.arccos(np.clip(cosine, -1, 1))).max() < 0.5
         assert np.isnan(recording.normals(step.k)[~step.mask]).all()
     assert np.array_equal(recording.depth(), recording.depth(iterates[-1].k), equal_nan=True)
-
-
-def test_an_iteration_without_a_picture_says_which_is_the_nearest(solved):
-    recording = solved[1]
     missing = next(k for k in range(200) if k not in recording.pictured)
     with pytest.raises(ValueError, match=f"iteration {missing} has no picture; the nearest that has is"):
         recording.depth(missing)
+
+
+def test_a_comparison_of_nothing_leaves_no_file(tmp_path):
+    with el.Comparison(tmp_path / "both.rrd") as both:
+        both.run("never_started")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_two_runs_share_a_recording_and_a_timeline(seen, tmp_path):
     with el.Comparison(tmp_path / "both.rrd") as both:
         newton = el.reconstruct(*seen, observers=[both.run("gauss_newton")])
         assert list(tmp_path.iterdir()) == []  # not before it is whole
-        paper = el.reconstruct(
-            *seen, solver="primal_dual", max_iterations=40, observers=[both.run("primal_dual")]
-        )
+        how = {"solver": "primal_dual", "max_iterations": 40}
+        paper = el.reconstruct(*seen, **how, observers=[both.run("primal_dual")])
         with pytest.raises(ValueError, match="'primal_dual': there is one already"):
             both.run("primal_dual")
         with pytest.raises(ValueError, match="expected a word"):
@@ -86,12 +83,6 @@ def test_two_runs_share_a_recording_and_a_timeline(seen, tmp_path):
     for ask in (lambda: recording.scalars, recording.depth, recording.table):
         with pytest.raises(ValueError, match="holds several runs: choose one"):
             ask()
-
-
-def test_a_comparison_of_nothing_leaves_no_file(tmp_path):
-    with el.Comparison(tmp_path / "both.rrd") as both:
-        both.run("never_started")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_file_that_is_no_recording_is_named(solved, tmp_path):

@@ -4,41 +4,28 @@ import contextlib
 import resource
 import socket
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import endolab as el
 from endolab.depth.energy import model_image
-from endolab.depth.problem import Problem
-from endolab.model.cameras import Camera, Pinhole
+from endolab.model.cameras import Pinhole
 from endolab.recording import viewer
-from endolab.recording.reader import Recording, read_recording
-from endolab.synthetic.rendering import Rendered, render
+from endolab.recording.reader import read_recording
+from tests.tools.problems import coloured_colon
 from tests.tools.recorded import Recorded
 
 PAPER = el.load_calibration("paper").camera
 
 
-def frame(camera: Camera, metric: bool = True) -> tuple[Rendered, Problem]:
-    seen = render(el.SCENES["colon"], camera, el.Photometry(brdf=el.Lambertian((0.75, 0.38, 0.30))))
-    green = seen.image[..., 1]
-    problem = Problem(
-        image=green,
-        mask=seen.mask & (green > 1.5 / 255),
-        camera=seen.camera,
-        photometry=seen.photometry.channel("green"),
-        metric=metric,
-        picture=seen.image,
-        settings={"solver": "by hand"},
-    )
+def frame(camera, metric=True):
+    problem, seen = coloured_colon(camera, metric=metric, settings={"solver": "by hand"})
     return seen, problem
 
 
-def towards(seen: Rendered, problem: Problem, count: int) -> Iterator[el.Iterate]:
+def towards(seen, problem, count):
     """Give iterates that go from the start to the truth, and the status that `run` expects."""
     goal = np.where(problem.mask, np.log(seen.distance), np.nan)
     current = None
@@ -50,7 +37,7 @@ def towards(seen: Rendered, problem: Problem, count: int) -> Iterator[el.Iterate
     return el.Status.CONVERGED
 
 
-def start_of(seen: Rendered, problem: Problem, folder: Path, **how) -> Recorded:
+def start_of(seen, problem, folder, **how):
     """Record the start alone, and read it back."""
     with contextlib.closing(el.record(folder / "run.rrd", **how)) as recorder:
         recorder(next(towards(seen, problem, 1)))
@@ -58,15 +45,15 @@ def start_of(seen: Rendered, problem: Problem, folder: Path, **how) -> Recorded:
 
 
 @pytest.fixture(scope="module")
-def small() -> tuple[Rendered, Problem]:
+def small():
     return frame(PAPER.resize(80, 60))
 
 
 @pytest.fixture(scope="module")
-def recorded(small, tmp_path_factory) -> tuple[list[el.Iterate], Recorded]:
+def recorded(small, tmp_path_factory):
     seen, problem = small
     path = tmp_path_factory.mktemp("recording") / "run.rrd"
-    kept: list[el.Iterate] = []
+    kept = []
     result = el.run(towards(seen, problem, 4), observers=[el.record(path, truth=seen.distance), kept.append])
     assert result.status is el.Status.CONVERGED
     assert [file.name for file in path.parent.iterdir()] == ["run.rrd"]
@@ -81,7 +68,7 @@ def test_every_entity_is_there(recorded):
     assert recorded[1].entities == pictures | plots | section | world | {"/settings"}
 
 
-def test_scalars_are_those_of_the_iterates(recorded):
+def test_scalars_are_those_of_the_iterates_and_depth_is_the_distance_in_millimetres(recorded):
     iterates, file = recorded
     for name in ("energy", "data", "regulariser", "step"):
         found = file.numbers(f"/plots/{name}", "scalars")
@@ -91,22 +78,15 @@ def test_scalars_are_those_of_the_iterates(recorded):
     change = file.numbers("/plots/change", "scalars")
     assert list(change) == [1, 2, 3]  # the start has none
     assert change[3].item() == iterates[3].change
-
-
-def test_depth_is_the_distance_in_millimetres(recorded):
-    iterates, file = recorded
     depth = file.numbers("/depth", "buffer")
     assert list(depth) == [0, 1, 2, 3]
     values = depth[3].astype(np.uint8).tobytes()
-    assert np.array_equal(
-        np.frombuffer(values, np.float32).reshape(60, 80),
-        iterates[3].distance.astype(np.float32),
-        equal_nan=True,
-    )
+    stored = np.frombuffer(values, np.float32).reshape(60, 80)
+    assert np.array_equal(stored, iterates[3].distance.astype(np.float32), equal_nan=True)
     assert file.numbers("/depth", "meter")[0] == 1000
 
 
-def test_the_cloud_has_the_points_and_colours_of_the_mask(recorded):
+def test_the_cloud_has_the_points_and_colours_of_the_mask_and_the_section_its_middle_column(recorded):
     iterates, file = recorded
     mask = iterates[2].mask
     positions = file.numbers("/world/cloud", "positions")
@@ -116,6 +96,11 @@ def test_the_cloud_has_the_points_and_colours_of_the_mask(recorded):
     red = (packed >> 24) & 255
     assert np.array_equal(red, np.round(255 * iterates[2].problem.picture[mask][:, 0]))
     assert file.numbers("/world/truth", "positions")[None].size == 3 * mask.sum()
+    now = file.numbers("/section/now", "strips")
+    assert list(now) == [0, 1, 2, 3]
+    line = iterates[3].points[:, 40][:, [2, 1]]
+    inside = iterates[3].mask[:, 40]
+    assert np.allclose(now[3].reshape(-1, 2), line[inside], rtol=1e-6)
 
 
 def test_pictures_show_what_they_say(recorded, small):
@@ -136,15 +121,6 @@ def test_pictures_show_what_they_say(recorded, small):
     assert not residual[~problem.mask].any()
     mask = file.numbers("/mask", "buffer")[None].astype(bool)
     assert np.array_equal(mask.reshape(60, 80), problem.mask)
-
-
-def test_the_section_is_the_middle_column(recorded):
-    iterates, file = recorded
-    now = file.numbers("/section/now", "strips")
-    assert list(now) == [0, 1, 2, 3]
-    line = iterates[3].points[:, 40][:, [2, 1]]
-    inside = iterates[3].mask[:, 40]
-    assert np.allclose(now[3].reshape(-1, 2), line[inside], rtol=1e-6)
 
 
 def test_settings_are_legible(recorded, small):
@@ -171,7 +147,6 @@ def test_a_pinhole_keeps_its_numbers_and_a_fisheye_its_rim(tmp_path, recorded):
     camera = start_of(seen, problem, tmp_path)
     matrix = camera.numbers("/world/camera", "image_from_camera")[None].reshape(3, 3).T
     assert np.allclose(matrix, [[30, 0, 19], [0, 31, 15], [0, 0, 1]])
-
     strips = recorded[1].numbers("/world/camera", "strips")[None].reshape(-1, 3)
     rim = strips[:97] / np.linalg.norm(strips[:97], axis=1, keepdims=True)
     pixels = PAPER.resize(80, 60).project(rim)
@@ -209,7 +184,7 @@ def test_a_long_run_keeps_all_scalars_and_some_pictures(tmp_path):
 
 
 def test_an_interrupt_leaves_a_whole_file(tmp_path, small):
-    def interrupted() -> Iterator[el.Iterate]:
+    def interrupted():
         yield from towards(*small, 2)
         raise KeyboardInterrupt
 
@@ -241,7 +216,7 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path):
 
 
 @contextlib.contextmanager
-def file_limit(size: int) -> Iterator[None]:
+def file_limit(size):
     """Let no file grow beyond a size: writes fail as on a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
@@ -283,7 +258,7 @@ def test_a_viewer_without_a_screen_says_so(monkeypatch):
         el.record(spawn=True)
 
 
-def in_stages(round_by_round: int = 2) -> tuple[list[el.Iterate], np.ndarray]:
+def in_stages(round_by_round=2):
     """Iterates of a run that begins on a smaller grid and ends in mm, and the truth."""
     coarse, fine = (frame(PAPER.resize(*size), metric=False) for size in ((40, 30), (80, 60)))
     steps = [
@@ -298,7 +273,7 @@ def in_stages(round_by_round: int = 2) -> tuple[list[el.Iterate], np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def staged(tmp_path_factory) -> tuple[list[el.Iterate], Recorded, Recording]:
+def staged(tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "stages.rrd"
     steps, truth = in_stages()
     with contextlib.closing(el.record(path, truth=truth)) as recorder:
@@ -392,13 +367,11 @@ def test_stages_side_by_side(tmp_path):
 def test_a_truth_must_fit_the_solution_or_have_its_shape(tmp_path):
     steps, truth = in_stages()
     recorder = el.record(tmp_path / "run.rrd", truth=truth[::2])
-    with (
-        contextlib.closing(recorder),
-        pytest.raises(ValueError, match=r"truth has shape \(30, 80\), the frame \(30, 40\)"),
-    ):
+    refused = pytest.raises(ValueError, match=r"truth has shape \(30, 80\), the frame \(30, 40\)")
+    with contextlib.closing(recorder), refused:
         recorder(steps[0])
 
 
-def iter_of(steps: list[el.Iterate]) -> Iterator[el.Iterate]:
+def iter_of(steps):
     yield from steps
     return el.Status.CONVERGED

@@ -1,10 +1,8 @@
 """Showing recordings where there is no front end, no screen, or no recording."""
 
 import io
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import matplotlib.image
 import numpy as np
@@ -18,7 +16,7 @@ from tests.tools.recorded import spoiled
 
 
 @pytest.fixture(scope="module")
-def path(tmp_path_factory) -> Path:
+def path(tmp_path_factory):
     """A recording of two runs."""
     calibration = datasets.load_calibration("paper", width=64)
     scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)
@@ -26,7 +24,6 @@ def path(tmp_path_factory) -> Path:
     with el.Comparison(tmp_path_factory.mktemp("embed") / "both.rrd") as both:
         el.reconstruct(frame, known, solver="facing", observers=[both.run("facing")])
         el.reconstruct(frame, known, max_iterations=3, observers=[both.run("gauss_newton")])
-    assert both.path is not None
     return both.path
 
 
@@ -46,8 +43,7 @@ def test_without_a_front_end_there_is_a_sentence_and_a_picture(path, nobody, cap
     assert "`rerun both.rrd`" in said
     assert said.count("\n") == 1
     (figure,) = shown
-    content = io.BytesIO()
-    figure.savefig(content, format="png")
+    figure.savefig(content := io.BytesIO(), format="png")
     content.seek(0)
     picture = matplotlib.image.imread(content)
     assert picture.shape[:2] == (720, 1300)
@@ -122,7 +118,7 @@ print(port)
     assert not viewer.is_listening(int(done.stdout))
 
 
-def test_the_viewer_comes_from_this_machine(path):
+def test_the_viewer_comes_from_this_machine(path, monkeypatch):
     """With a front end, a widget with the recording is displayed whose program is served locally."""
     code = f"""
 import IPython.display
@@ -138,10 +134,8 @@ assert widget._height == 300
 assert event == {{"type": "rrd"}} and buffers == [open({str(path)!r}, "rb").read()]
 assert "WebGL" in hint.value
 """
-    environment = {key: value for key, value in os.environ.items() if key != "RERUN_NOTEBOOK_ASSET"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60
-    )
+    monkeypatch.delenv("RERUN_NOTEBOOK_ASSET", raising=False)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
 
