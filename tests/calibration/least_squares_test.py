@@ -97,9 +97,7 @@ def test_the_models_derivatives_are_right(rng):
     model = Decays(rng)
     u = model.start()
     _, jacobian = dense(model, u)
-    for j in range(2 + 2 * GROUPS):
-        step = np.zeros(2 + 2 * GROUPS)
-        step[j] = 1e-6
+    for j, step in enumerate(1e-6 * np.eye(2 + 2 * GROUPS)):
         ahead, behind = (model.residual(unflat(flat(u) + s))[0].ravel() for s in (step, -step))
         assert jacobian[:, j] == pytest.approx((ahead - behind) / 2e-6, abs=1e-8)
 

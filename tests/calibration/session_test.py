@@ -93,17 +93,13 @@ def test_pictures_that_cannot_be_read_are_named(video):
         calibrate([("a.png", None)], SHEET)
 
 
-def test_frames_of_another_size_are_named(video):
+def test_frames_of_another_size_are_named_and_what_is_found_is_told_at_once(video):
     frames, _, _ = video
     other = ("small.png", np.zeros((90, 120)))
     with pytest.raises(ValueError, match=r"0\.png is 480x360 px, small\.png is 120x90 px"):
         detect_all([frames[0], other], SHEET)
     with pytest.raises(ValueError, match=r"the others are 480x360 px, small\.png is 120x90 px"):
         detect_all([other], SHEET, size=(480, 360))
-
-
-def test_what_is_found_is_told_at_once(video):
-    frames, _, _ = video
     kept, told = [], []
     tell = {"found": lambda *what: kept.append(what), "progress": lambda *what: told.append(what)}
     found, _ = detect_all(frames[:2], SHEET, count=2, **tell)

@@ -80,14 +80,11 @@ def test_the_raster_is_the_reflectance_averaged(target):
     assert found.mean() == pytest.approx(truth.mean(), abs=3e-3)
 
 
-def test_touching_rectangles_leave_no_seam():
+def test_rectangles_that_touch_leave_no_seam_and_reflectance_knows_ink_grey_paper_and_nothing():
     boxes = [(0.0, 0.0, 0.33, 1.0), (0.33, 0.0, 0.67, 1.0), (5.0, 5.0, 1.0, 1.0)]
     ink = targets.Ink(*(targets.rows_of(rows, n) for rows, n in (([], 3), (boxes, 4), ([], 4))))
     np.testing.assert_allclose(darkness(ink, (0, 0), (10, 10), 0.1), 1, atol=1e-6)
     assert darkness(ink, (2, 2), (10, 10), 0.1).max() == 0
-
-
-def test_reflectance_knows_ink_grey_paper_and_nothing():
     target = TARGETS["vicalib_grey"]
     grey = target.ink.greys[0]
     left, top, _, _ = target.sheet

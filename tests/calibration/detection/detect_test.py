@@ -284,14 +284,11 @@ def test_the_published_frame_of_the_sheet(data):
     assert np.median(off) < 0.12
 
 
-def test_published_circles(data):
+def test_published_circles_and_chessboards(data):
     grid, files = CircleGrid(3, 11, 1.0, radius=0.4), (data / "circles_fetoscope").rglob("*.jpg")
     counts = [len(detect(cv2.imread(str(file)), grid).ids) for file in files]
     assert len(counts) == 11
     assert min(counts) >= 30
-
-
-def test_published_chessboards(data):
     for file in sorted((data / "checkerboard_capsule").glob("*.jpg")):
         assert len(detect(cv2.imread(str(file)), Chessboard(8, 7, 2.0)).ids) >= 38
     for file in sorted((data / "plates_laparoscope" / "chessboard").glob("*.png")):

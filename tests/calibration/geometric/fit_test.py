@@ -47,7 +47,7 @@ def test_the_papers_camera_is_found_without_a_guess(twenty, fitted):
         assert pose.translation == pytest.approx(true.translation, abs=0.05)
 
 
-def test_the_noise_and_the_wrong_points_are_found(twenty, fitted):
+def test_the_noise_and_the_wrong_points_are_found_and_residuals_are_measured_less_predicted(twenty, fitted):
     assert fitted.sigma == pytest.approx(0.08, rel=0.04)
     assert fitted.rmse == pytest.approx(np.sqrt(2) * 0.08, rel=0.04)
     for view, true, inliers in zip(fitted.views, twenty[1], fitted.inliers, strict=True):
@@ -55,9 +55,6 @@ def test_the_noise_and_the_wrong_points_are_found(twenty, fitted):
         assert not inliers[np.linalg.norm(apart, axis=1) > 6].any()  # a neighbour's id
     assert fitted.agreement == np.mean(np.concatenate(fitted.inliers))
     assert 0.97 < fitted.agreement < 1
-
-
-def test_residuals_are_measured_less_predicted(fitted):
     for view, pose, residual, inliers in zip(
         fitted.views, fitted.poses, fitted.residuals, fitted.inliers, strict=True
     ):
@@ -144,15 +141,12 @@ def test_views_that_are_wrong_are_named_and_dropped(twenty):
     assert abs(found.camera.fx - PAPER.fx) < 0.3
 
 
-def test_a_third_of_wrong_points_is_survived():
+def test_a_third_of_wrong_points_is_survived_and_exact_ones_are_fitted_exactly():
     views, _ = make_views(PAPER, SHEET, 8, np.random.default_rng(6), wrong=0.3)
     found = el.calibrate_camera(views, SHEET, *SIZE)
     assert found.dropped == {}
     assert abs(found.camera.fx - PAPER.fx) < 0.4
     assert found.sigma == pytest.approx(0.08, rel=0.07)
-
-
-def test_exact_points_are_fitted_exactly():
     views, _ = make_views(PAPER, CORNERS, 6, np.random.default_rng(7), noise=0, wrong=0)
     found = el.calibrate_camera(views, CORNERS, *SIZE)
     assert (found.status, found.agreement) == (el.Status.CONVERGED, 1)
@@ -177,13 +171,10 @@ def test_views_that_are_too_few_or_the_same_or_mirrored_are_refused(twenty):
             el.calibrate_camera(wrong, SHEET, *SIZE)
 
 
-def test_frontal_views_are_refused():
+def test_frontal_views_and_those_that_do_not_tell_a_focal_length_are_refused():
     views, _ = make_views(PAPER, CORNERS, 6, np.random.default_rng(8), tilt=2)
     with pytest.raises(ValueError, match=r"largest tilt is \d\.\d°; tilt the sheet by 20° or more"):
         el.calibrate_camera(views, CORNERS, *SIZE)
-
-
-def test_a_focal_length_that_the_views_do_not_tell_is_refused():
     # A target far away and little tilted: almost no perspective.
     distant = el.KannalaBrandt(640, 480, 2000.0, 2000.0, 320.0, 240.0)
     views, _ = make_views(
@@ -273,7 +264,7 @@ def test_the_linear_pose_is_exact_for_exact_rays_in_any_direction(rng):
         assert found.translation == pytest.approx(true.translation, abs=1e-4)
 
 
-def test_a_detection_is_split_by_panel():
+def test_a_detection_is_split_by_panel_and_panels_are_views_of_their_own(rng):
     folded = el.TARGETS["vicalib_folded"]
     ids = np.concatenate([np.arange(19), np.arange(19, 25)])  # a row, and six on the left
     views = views_of("frame", Detection(ids, np.arange(2.0 * len(ids)).reshape(-1, 2)), folded)
@@ -282,10 +273,6 @@ def test_a_detection_is_split_by_panel():
     assert views[1].pixels == pytest.approx(np.arange(2.0 * len(ids)).reshape(-1, 2)[9:19])
     assert len(views_of("frame", Detection(ids[:16], np.zeros((16, 2))), folded)) == 1
     assert views_of("frame", Detection(ids[:0], np.zeros((0, 2))), SHEET) == []
-
-
-def test_panels_of_a_folded_sheet_are_views_of_their_own(rng):
-    folded = el.TARGETS["vicalib_folded"]
     views = []
     for number in range(4):
         pose = random_pose(PAPER, folded, rng, near=40)

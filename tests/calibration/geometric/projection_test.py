@@ -68,9 +68,8 @@ def test_derivatives_are_those_of_finite_differences(camera, pose, discs):
         ahead, behind = (predict(vector + s * np.eye(8)[j], *spread(pose, n), points, radii) for s in (h, -h))
         slope = (ahead - behind) / (2 * h)
         assert exact.by_camera[:, :, j] == pytest.approx(slope, abs=1e-6 * np.abs(slope).max()), NAMES[j]
-    for j in range(6):
-        steps = 1e-5 * np.eye(6)[j], -1e-5 * np.eye(6)[j]
-        ahead, behind = (predict(vector, *spread(pose.moved(s), n), points, radii) for s in steps)
+    for j, h in enumerate(1e-5 * np.eye(6)):
+        ahead, behind = (predict(vector, *spread(pose.moved(s), n), points, radii) for s in (h, -h))
         slope = (ahead - behind) / 2e-5
         assert exact.by_pose[:, :, j] == pytest.approx(slope, abs=1e-6 * np.abs(slope).max()), j
 
@@ -82,9 +81,8 @@ def test_derivatives_hold_on_the_axis(discs):
     pose = Pose.from_vector([0, 0, 0, 0, 0, 40.0])
     exact = project(*at(PAPER, pose, offsets, radii))
     assert np.all(np.isfinite(exact.by_camera))
-    for j in range(6):
-        steps = 1e-5 * np.eye(6)[j], -1e-5 * np.eye(6)[j]
-        ahead, behind = (predict(*at(PAPER, pose.moved(s), offsets, radii)) for s in steps)
+    for j, h in enumerate(1e-5 * np.eye(6)):
+        ahead, behind = (predict(*at(PAPER, pose.moved(s), offsets, radii)) for s in (h, -h))
         assert exact.by_pose[:, :, j] == pytest.approx((ahead - behind) / 2e-5, abs=1e-5)
 
 

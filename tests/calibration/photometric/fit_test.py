@@ -71,13 +71,10 @@ def test_the_model_is_that_of_photometry(rng):
     np.testing.assert_allclose(model.predict(unknowns), GREY * level, rtol=1e-12)
 
 
-def test_interpolation_is_constant_beyond_the_nodes():
+def test_nodes_lie_where_there_are_samples_and_the_brdf_is_constant_beyond(rng):
     nodes, theta = np.array([0.1, 0.4, 0.5]), np.array([0.0, 0.1, 0.25, 0.45, 0.5, 1.2])
     values = np.array([3.0, 1.0, 2.0])
     np.testing.assert_allclose(hats(nodes, theta) @ values, np.interp(theta, nodes, values))
-
-
-def test_no_node_lies_where_there_are_no_samples(rng):
     theta = np.concatenate([rng.uniform(0.0, 0.2, 500), rng.uniform(0.8, 1.0, 500), [1.3]])
     nodes = place_nodes(theta, 15)
     assert (nodes[0], nodes[-1]) == (theta.min(), 1.3)
@@ -170,10 +167,15 @@ def flat_fit(flat):
     return el.calibrate_light(flat)
 
 
-def test_units_of_length_only_scale_the_gains(flat, flat_fit):
+def test_units_of_length_only_scale_the_gains_and_the_order_of_frames_plays_no_part(flat, flat_fit):
     fit = el.calibrate_light(replace(flat, points=flat.points / 1000))
     np.testing.assert_allclose(fit.gains, flat_fit.gains / 1e6, rtol=1e-6)
     np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
+    others = (getattr(flat, name)[::-1] for name in ("level", "points", "normals", "material"))
+    fit = el.calibrate_light(Samples((1000 - 7 * flat.frame)[::-1], *others))
+    np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
+    np.testing.assert_allclose(fit.gains[::-1], flat_fit.gains, rtol=1e-6)
+    np.testing.assert_array_equal(fit.frames[::-1], 1000 - 7 * flat_fit.frames)
 
 
 def test_the_paper_albedo_sets_the_scale_of_brdf_and_gains(flat, flat_fit):
@@ -187,21 +189,10 @@ def test_the_paper_albedo_sets_the_scale_of_brdf_and_gains(flat, flat_fit):
     np.testing.assert_allclose(fit.predict(flat), flat_fit.predict(flat), rtol=1e-6)
 
 
-def test_numbers_and_order_of_frames_play_no_part(flat, flat_fit):
-    others = (getattr(flat, name)[::-1] for name in ("level", "points", "normals", "material"))
-    fit = el.calibrate_light(Samples((1000 - 7 * flat.frame)[::-1], *others))
-    np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
-    np.testing.assert_allclose(fit.gains[::-1], flat_fit.gains, rtol=1e-6)
-    np.testing.assert_array_equal(fit.frames[::-1], 1000 - 7 * flat_fit.frames)
-
-
-def test_prediction_and_residuals_belong_together(flat, flat_fit):
+def test_prediction_and_residuals_belong_together_and_the_evidence_is_in_order(flat, flat_fit):
     residuals = GREY * (flat.level - flat_fit.predict(flat))
     np.testing.assert_allclose(residuals, flat_fit.residuals, rtol=0, atol=1e-9)
     assert np.all(np.isnan(flat_fit.predict(replace(flat, frame=flat.frame + 10_000))))
-
-
-def test_the_evidence_is_in_order(flat, flat_fit):
     p = len(flat_fit.names)
     assert flat_fit.covariance.shape == (p, p)
     np.testing.assert_allclose(np.diag(flat_fit.correlation), 1.0)

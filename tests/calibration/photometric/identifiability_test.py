@@ -119,16 +119,13 @@ def test_a_matt_sheet_is_an_assumption_and_said_so():
     assert any("taken to be matt" in sentence and "γ" in sentence for sentence in fit.verdict)
 
 
-def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt():
+def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt_but_one_distance_does():
     samples = video(tilt=0.0)
     refused("k", samples, "tilt the sheet")
     refused("k", video(tilt=np.deg2rad(1)))
     fit = el.calibrate_light(samples, brdf="lambertian")
     assert any("taken to be matt" in sentence for sentence in fit.verdict)
     assert el.calibrate_light(video(count=300, tilt=np.deg2rad(5))).standard_errors["k"] < 0.04
-
-
-def test_one_distance_is_enough_for_k():
     fit = el.calibrate_light(video(distance=(50.0, 50.0)))
     assert abs(fit.photometry.k - 2.5) < 4 * fit.standard_errors["k"] < 0.03
 
@@ -204,16 +201,13 @@ def test_jumps_stand_out_from_fast_but_smooth_motion():
     assert gain_jumps(frames[:4], gains[:4]) == []
 
 
-def test_the_verdict_names_ranges_and_what_was_given():
+def test_the_verdict_names_ranges_what_was_given_and_noise_that_the_sensor_clips():
     fit = el.calibrate_light(video())
     assert "k/γ = " in fit.verdict[0]
     assert "γ = 2.2 was given, not measured" in fit.verdict[0]
     degrees = f"{np.rad2deg(fit.alpha_range[1]):.0f}°"
     assert any(degrees in sentence and "guess beyond" in sentence for sentence in fit.verdict)
     assert not any("out of the sensor's range" in sentence for sentence in fit.verdict)
-
-
-def test_noise_that_the_sensor_clips_is_named():
     fit = el.calibrate_light(video(noise=8.0))
     assert any("out of the sensor's range" in sentence for sentence in fit.verdict)
     narrow = el.calibrate_light(video(noise=8.0), levels=(32 / 255, 223 / 255))

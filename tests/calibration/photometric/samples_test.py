@@ -43,7 +43,6 @@ def test_a_clean_frame_gives_the_models_levels(name):
         fair_ones += fair.sum()
         np.testing.assert_allclose(255 * samples.level[fair], 255 * model[fair], atol=0.3)
         assert np.all(samples.frame == number)
-
         panels = [np.all(np.abs(samples.normals - pose.normal) < 1e-12, axis=1) for pose in poses]
         assert np.all(np.sum(panels, axis=0) == 1)
         for pose, here in zip(poses, panels, strict=True):
@@ -78,7 +77,7 @@ def test_most_samples_and_given_places():
     assert not np.array_equal(few.points, other.points)
 
 
-def test_panels_that_were_not_found_give_nothing():
+def test_panels_not_found_and_a_sheet_out_of_the_picture_give_nothing():
     target = el.TARGETS["vicalib_folded"]
     poses = trajectory(target, CAMERA, 1, fold=0.4, distance=(40.0, 40.0), tilt=0.0, reach=0.0)[0]
     image = render_sheet(target, poses, CAMERA, PAPER, noise=0.0).image
@@ -87,9 +86,6 @@ def test_panels_that_were_not_found_give_nothing():
     assert 0 < len(right) < len(whole)
     assert np.all(right.normals == poses[1].normal)
     assert len(sample_sheet(image, target, [None, None], CAMERA)) == 0
-
-
-def test_a_sheet_out_of_the_picture_gives_nothing():
     target = el.TARGETS["vicalib_small"]
     pose = trajectory(target, CAMERA, 1, distance=(40.0, 40.0), tilt=0.0, reach=0.0)[0][0]
     for shift in ([500.0, 0.0, 0.0], [0.0, 0.0, -80.0]):
@@ -138,7 +134,7 @@ def test_only_what_faces_the_camera_and_is_known_is_sampled():
     np.testing.assert_array_equal(samples.cos_theta, 1)
 
 
-def test_samples_are_chosen_and_joined():
+def test_samples_are_chosen_and_joined_and_angles_are_those_of_the_geometry():
     one, two = some(50), some(30, seed=1)
     joined = Samples.concatenate([one, two])
     assert len(joined) == 80
@@ -149,9 +145,6 @@ def test_samples_are_chosen_and_joined():
     np.testing.assert_array_equal(joined[:7].points, joined.points[:7])
     assert len(Samples.concatenate([])) == 0
     assert len(Samples.concatenate([Samples.concatenate([]), one])) == 50
-
-
-def test_angles_are_those_of_the_geometry():
     samples = some(40)
     alpha = np.arccos(samples.points[:, 2] / np.linalg.norm(samples.points, axis=1))
     np.testing.assert_allclose(np.arccos(samples.cos_alpha), alpha)
