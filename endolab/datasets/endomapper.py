@@ -35,7 +35,6 @@ FIELD = math.radians(60.0)  # off the light's direction: where sheets are seen w
 FARTHEST_LIGHT = 0.05  # from the optical centre, m
 
 _CAMERA_TYPES = {"calibu_fu_fv_u0_v0_kb4": 8, "calibu_fu_fv_u0_v0": 4}  # with their number of parameters
-_PARTS = ("width", "height", "right", "down", "forward", "params")
 
 
 # Reading XML --------------------------------------------------------------------------------
@@ -142,7 +141,7 @@ def read_vicalib(path: PathLike) -> Camera:
     top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
     model = top.one("camera").one("camera_model")
     count = _CAMERA_TYPES[model.kind(tuple(_CAMERA_TYPES))]
-    model.only(_PARTS)
+    model.only(("width", "height", "right", "down", "forward", "params"))
     size = []
     for name in ("width", "height"):
         value = model.number(name, 1)
@@ -221,8 +220,7 @@ def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[st
     model.only(("gamma", "vignetting"))
     gamma = model.number("gamma", 0, above=True)
     k = model.number("vignetting", 0) if model.element.find("vignetting") is not None else 0.0
-    small = camera.resize(160, max(1, round(camera.height * 160 / camera.width)))
-    field = small.field
+    field = camera.resize(160, max(1, round(camera.height * 160 / camera.width))).field
     rays = field.rays[field.valid & (field.cos_alpha > 0)]
     made = [_light(light.one("light_model"), rays) for light in top.all("light")]
     lights = tuple(light for light, _ in made)
@@ -246,16 +244,15 @@ def read_endomapper(geometry: PathLike, photometry: PathLike) -> Calibration:
 
 def find_calibrations(folder: PathLike) -> tuple[Path, Path | None]:
     """Find `*_geometrical.xml` and, if it is there, `*_photometrical.xml` in a folder `Endoscope_XX`."""
-    place = Path(folder)
-    found = {}
+    place, found = Path(folder), []
     for kind in ("geometrical", "photometrical"):
         paths = sorted(place.glob(f"*_{kind}.xml"))
         if len(paths) > 1:
             raise ValueError(f"{place}: expected one *_{kind}.xml, found {len(paths)}")
-        found[kind] = paths[0] if paths else None
-    geometry = found["geometrical"]
+        found.append(paths[0] if paths else None)
+    geometry, photometry = found
     if geometry is None:
         raise FileNotFoundError(
             f"{place}: expected a file *_geometrical.xml, as EndoMapper's Endoscope_01 has"
         )
-    return geometry, found["photometrical"]
+    return geometry, photometry

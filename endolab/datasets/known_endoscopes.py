@@ -68,8 +68,6 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
         )
     else:
         found = Calibration.load(name)
-    return (
-        found
-        if width is None
-        else found.resize(width, round(found.camera.height * width / found.camera.width))
-    )
+    if width is None:
+        return found
+    return found.resize(width, round(found.camera.height * width / found.camera.width))

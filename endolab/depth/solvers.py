@@ -17,16 +17,7 @@ from endolab.numerics.iteration import Status
 def facing(problem: Problem) -> Solver:
     """Solve I_c = cos θ / d² as if cos θ = 1: d₀ = I_c^(-1/2) (paper, Section V-E).
 
-    d₀ is an upper bound of the distance, reached where the surface faces the camera.
-
-    Parameters
-    ----------
-    problem : Problem
-
-    Yields
-    ------
-    Iterate
-        One.
+    One iterate: d₀ is an upper bound of the distance, reached where the surface faces the camera.
     """
     yield Iterate.of(problem, problem.log_facing)
     return Status.CONVERGED

@@ -38,17 +38,16 @@ def known_scale(
     if median_distance is not None:
         factor = median_distance / float(np.median(iterate.distance[iterate.mask]))
         return in_unit(iterate, factor, True, Scale("median distance", median_distance))
-    length: KnownDistance | KnownDiameter
     if known_distance is not None:
-        factor, mm = factor_of_distance(iterate, *known_distance, size=size), known_distance[0]
-        by, length = "known distance", known_distance
+        factor = factor_of_distance(iterate, *known_distance, size=size)
+        scale = Scale("known distance", known_distance)
     elif known_diameter is not None:
-        factor, mm = factor_of_diameter(iterate, *known_diameter, size=size), known_diameter[0]
-        by, length = "known diameter", known_diameter
+        factor = factor_of_diameter(iterate, *known_diameter, size=size)
+        scale = Scale("known diameter", known_diameter)
     else:
         return iterate
-    by_gain = mm / factor if scale_of(iterate) == "gain" else None
-    return in_unit(iterate, factor, True, Scale(by, length, by_gain))
+    by_gain = scale.length[0] / factor if scale_of(iterate) == "gain" else None
+    return in_unit(iterate, factor, True, replace(scale, by_gain=by_gain))
 
 
 def factor_of_distance(
@@ -73,9 +72,8 @@ def factor_of_diameter(
     diameter. The pixels are as for `factor_of_distance`, at least `APART` of the result apart.
     """
     check_scale(known_diameter=(mm, one, other))
-    apart = float(
-        np.hypot(*(_own_pixel(result.problem, one, size) - _own_pixel(result.problem, other, size)))
-    )
+    own = [_own_pixel(result.problem, pixel, size) for pixel in (one, other)]
+    apart = float(np.hypot(*(own[0] - own[1])))
     if apart < APART:
         raise ValueError(
             f"the pixels {pixel_name(one)} and {pixel_name(other)} are {apart:.2g} px apart "
