@@ -101,9 +101,8 @@ def show_mesh(
 
     Returns
     -------
-    Axes or None
-        None after the window has been closed. Where none can open, a sentence says so and the
-        axes are those of a new figure.
+    Axes, or None after the window has been closed
+        Where none can open, a sentence says so and the axes are those of a new figure.
 
     Raises
     ------

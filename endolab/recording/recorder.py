@@ -106,7 +106,7 @@ class Comparison:
     Parameters
     ----------
     path, truth, max_width
-        See `record`; the file is written when the comparison is closed.
+        See `record`, of errors too; the file is written when the comparison is closed.
     """
 
     def __init__(self, path: PathLike, *, truth: FloatArray | None = None, max_width: int = 480) -> None:

@@ -104,8 +104,7 @@ def picture_of(recording: Recording) -> Figure:
         title = f"{name.replace('_', ' ')}, {last}" if name else f"Distance, {last}"
         plots.show_depth(end, depth, unit=run.unit, limits=limits, title=title)
         plots.show_normals(run.normals(), facing)
-        table = run.table()
-        terms = [n for n in ("energy", "data", "regulariser") if n in (table.dtype.names or ())]
-        history = [{"k": row["iteration"], **{n: row[n] for n in terms}} for row in table]
+        names = list(run.scalars)
+        history = [{"k": row["iteration"], **{name: row[name] for name in names}} for row in run.table()]
         plots.show_history(history, energy)
     return figure

@@ -103,9 +103,7 @@ def is_listening(port: int) -> bool:
 
 def front_end() -> bool:
     """Whether someone looks at this notebook; a test or a script that runs one shows no widgets."""
-    if "ipykernel" not in sys.modules:
-        return False
-    return any(os.environ.get(name) for name in FRONT_ENDS)
+    return "ipykernel" in sys.modules and any(os.environ.get(name) for name in FRONT_ENDS)
 
 
 def notebook_viewer() -> Any:

@@ -160,8 +160,8 @@ class Tuner:
         with self._changed:
             if self._serial == 0:
                 raise ValueError("nothing was asked for")
-            ended = self._changed.wait_for(lambda: self._closed or self._is_answered(), timeout)
-            if not ended or self._final is None or not self._is_answered():
+            self._changed.wait_for(lambda: self._closed or self._is_answered(), timeout)
+            if self._final is None or not self._is_answered():
                 raise TimeoutError("the tuner was closed" if self._closed else f"no answer in {timeout} s")
             return self._final
 

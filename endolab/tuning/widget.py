@@ -32,7 +32,6 @@ from endolab.tuning.panels import NAMES, Cut, outcome_board, summary
 from endolab.tuning.pictures import png
 from endolab.tuning.source import Settings
 
-WIDTHS = (160, 320, 480, 640)
 IMPORTS = "from dataclasses import replace\n\nimport endolab as el\n"
 KEEP = "show this beside what comes, to compare"
 
@@ -110,10 +109,10 @@ class TunerBox(w.VBox):
             "gain": log_slider("gain ×", 1.0, -1, 1, "gain that the solver believes in, over the true one"),
             "xi": choice("ξ", ["1/d", "1/z", "d"]),
             "regulariser": choice("order", ["second", "first"]),
-            "solver": choice("solver", [(NAMES[name], name) for name in NAMES]),
+            "solver": choice("solver", [(called, name) for name, called in NAMES.items()]),
             "scene": choice("scene", self._scenes(), value="" if self._frame is not None else scene),
             "channel": choice("channel", channels),
-            "width": choice("width, px", sorted({*WIDTHS, width}), value=width),
+            "width": choice("width, px", sorted({160, 320, 480, 640, width}), value=width),
             "section": slider("section", 50, 0, 100, 0.5, "where the cross-section lies, % of the picture"),
             "across": choice("along", ["column", "row"]),
         }
