@@ -117,9 +117,8 @@ def sweep(
         try:
             finished = parallel(joblib.delayed(_solved)(*task, calibration, options) for task in todo)
         except ValueError as error:
-            raise ValueError(
-                "this backend of joblib tells nothing before all is done; choose loky, threading or dask"
-            ) from error
+            why = "this backend of joblib tells nothing before all is done"
+            raise ValueError(f"{why}; choose loky, threading or dask") from error
         done = total - len(todo)
         try:
             for row in finished:

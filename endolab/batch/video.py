@@ -213,12 +213,9 @@ class SequenceFolder:
         if result is not None:
             with staged_folder(self.depth(step.name).parent) as staging:
                 save_depth(staging / "depth.npz", result, result.metric)
-            row |= measured(result) | {
-                "unit": result.problem.unit,
-                "gain": result.problem.photometry.gain,
-                "median_distance": float(np.median(result.distance[result.mask])),
-                "pixels": int(result.mask.sum()),
-            }
+            known = result.distance[result.mask]
+            row |= measured(result) | {"unit": result.problem.unit, "gain": result.problem.photometry.gain}
+            row |= {"median_distance": float(np.median(known)), "pixels": known.size}
         first = all(known["error"] for known in self.rows.values())
         self.rows[step.name] = row
         if result is not None and first:

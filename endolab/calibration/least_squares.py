@@ -74,8 +74,7 @@ class Model(Protocol):
 # Normal equations -----------------------------------------------------------------------
 def _sums(values: FloatArray, group: IntArray, groups: int) -> FloatArray:
     """Sum over the measurements of each group; the groups are in order, none is empty."""
-    total: FloatArray = np.add.reduceat(values, np.searchsorted(group, np.arange(groups)), axis=0)
-    return total
+    return np.add.reduceat(values, np.searchsorted(group, np.arange(groups)), axis=0)
 
 
 def _inverses(matrices: FloatArray, diagonal: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -100,8 +99,7 @@ def product(a: FloatArray, b: FloatArray) -> FloatArray:
     pieces = len(a) // ROWS
     whole = pieces * ROWS
     left, right = (m[:whole].reshape(pieces, ROWS, m.shape[1]) for m in (a, b))
-    total: FloatArray = np.matmul(np.swapaxes(left, 1, 2), right).sum(axis=0) + a[whole:].T @ b[whole:]
-    return total
+    return np.matmul(np.swapaxes(left, 1, 2), right).sum(axis=0) + a[whole:].T @ b[whole:]
 
 
 @dataclass(frozen=True)
@@ -277,13 +275,9 @@ def _descend(
             damping = max(10 * damping, 1e-6)
             if damping > 1e12:
                 return last, Status.STALLED
+        length = arrow.length(step, own)
         last = replace(
-            last,
-            k=last.k + 1,
-            unknowns=moved,
-            residual=frozen(residual),
-            cost=cost,
-            change=arrow.length(step, own),
+            last, k=last.k + 1, unknowns=moved, residual=frozen(residual), cost=cost, change=length
         )
         yield last
         # A step that is short because it was damped proves nothing.

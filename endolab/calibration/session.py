@@ -162,9 +162,8 @@ def _none_found(detections: Mapping[str, Detection], target: Target) -> ValueErr
 
 def describe_target(target: Target) -> str:
     """Say what a target is, in a few words."""
-    what = {"dots": "dots of two sizes", "circles": "circles in an asymmetric grid"}.get(
-        target.kind, f"squares of a {target.kind} board"
-    )
+    known = {"dots": "dots of two sizes", "circles": "circles in an asymmetric grid"}
+    what = known.get(target.kind, f"squares of a {target.kind} board")
     folded = ", folded" if target.fold is not None else ""
     return f"{target.columns} x {target.rows} {what}, {target.spacing:g} mm apart{folded}"
 
@@ -233,9 +232,8 @@ def calibrate(
         geometry = calibrate_camera(views, target, *size, observers=geometry_observers)
         camera = geometry.camera
     elif (camera.width, camera.height) != size:
-        raise ValueError(
-            f"the camera is for {camera.width}x{camera.height} px, but the frames are {size[0]}x{size[1]} px"
-        )
+        frame = f"but the frames are {size[0]}x{size[1]} px"
+        raise ValueError(f"the camera is for {camera.width}x{camera.height} px, {frame}")
     poses, dropped = locate(detections, target, camera, progress)
     gamma = light.get("gamma", 2.2)
     guess = 2.2 if isinstance(gamma, str) else float(np.ravel(gamma)[0])

@@ -195,9 +195,8 @@ def _light_lines(session: Session) -> list[str]:
     light = session.light
     if light is None:
         return [f"light: refused: {session.refused}"]
-    rows = [
-        f"{name} = {plus_minus(v, error)} {unit}".rstrip() for name, v, error, unit in light_values(light)
-    ]
+    values = light_values(light)
+    rows = [f"{name} = {plus_minus(value, error)} {unit}".rstrip() for name, value, error, unit in values]
     (a, b), (c, d) = np.rad2deg(light.alpha_range), np.rad2deg(light.theta_range)
     near, far = light.distance_range
     lines = [

@@ -38,9 +38,8 @@ def _numbers(text: str, option: str) -> float | tuple[float, float]:
     except ValueError:
         values = []
     if len(values) not in (1, 2):
-        raise ValueError(
-            f"{option} must be a number, a number and its standard deviation (2.2,0.1) or free, got {text}"
-        )
+        either = "a number, a number and its standard deviation (2.2,0.1) or free"
+        raise ValueError(f"{option} must be {either}, got {text}")
     return values[0] if len(values) == 1 else (values[0], values[1])
 
 
@@ -137,9 +136,8 @@ def _convert(arguments: argparse.Namespace) -> None:
     calibration = read_endomapper(geometry, photometry)
     calibration.save(out)
     light, fits = calibration.photometry, calibration.evidence["converted"]["lights"]
-    print(
-        f"γ = {light.gamma:g}, k = {light.k:.3g}, lights: {len(light.lights) or 'one at the optical centre'}"
-    )
+    lights = len(light.lights) or "one at the optical centre"
+    print(f"γ = {light.gamma:g}, k = {light.k:.3g}, lights: {lights}")
     worst = max(fit["worst_distance_percent"] for fit in fits)
     print(f"the light's spread, as a power of a cosine, is off by at most {worst:.2g} % of a distance")
     print(f"written to {out}; the gain is unknown, so distances are relative")

@@ -131,9 +131,8 @@ def open_lab(
     there are no notebooks or no port is free, `MissingPackage` if JupyterLab is not installed.
     """
     need("jupyterlab")
-    folder = (
-        Path(__file__).resolve().parents[2] / "notebooks" if notebooks is None else Path(notebooks).resolve()
-    )
+    ours = Path(__file__).resolve().parents[2] / "notebooks"
+    folder = ours if notebooks is None else Path(notebooks).resolve()
     if not folder.is_dir():
         wanted = "run this from a checkout of endolab, or name a folder with --notebooks"
         raise FileNotFoundError(f"{folder}: there are no notebooks; {wanted}")

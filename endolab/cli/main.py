@@ -66,10 +66,8 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     else:
         z = true_z(arguments.truth)
         if z.shape != cos_alpha.shape:
-            raise ValueError(
-                f"{arguments.depth} and {arguments.truth} differ in size; "
-                "reconstruct without --width to compare them"
-            )
+            both = f"{arguments.depth} and {arguments.truth}"
+            raise ValueError(f"{both} differ in size; reconstruct without --width to compare them")
         truth = z / cos_alpha
     mask = cos_alpha >= np.cos(np.deg2rad(arguments.max_angle))
     metric = bool(depth.get("metric", True))

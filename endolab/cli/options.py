@@ -97,9 +97,8 @@ def known_length(arguments: argparse.Namespace) -> dict[str, Any]:
         except ValueError:
             numbers = ()
         if len(numbers) != form.count(",") + 1:
-            raise ValueError(
-                f"--known-{name} must be {form}, such as 30{',80' * form.count(',')}, got {text}"
-            )
+            example = f"30{',80' * form.count(',')}"
+            raise ValueError(f"--known-{name} must be {form}, such as {example}, got {text}")
         length = numbers if name == "distance" else (numbers[0], numbers[1:3], numbers[3:5])
         known[f"known_{name}"] = length
     check_scale(**known)

@@ -56,6 +56,5 @@ def save_sheet_video(
         theta = np.linspace(0, np.pi / 2, 181)
         paper = TabulatedBRDF(tuple(theta), tuple(PAPER_SHEET.value(np.cos(theta), np.cos(theta))))
         known = replace(endoscope, photometry=replace(endoscope.photometry, brdf=paper))
-        (staging / "truth.json").write_bytes(
-            as_json(known.to_dict() | {"target": target, "fold": fold, "frames": truth})
-        )
+        facts = known.to_dict() | {"target": target, "fold": fold, "frames": truth}
+        (staging / "truth.json").write_bytes(as_json(facts))

@@ -218,9 +218,8 @@ def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames
     edges = np.rad2deg(scores.edges)
     middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
     ax.axhline(0, color="black", lw=1.2)
-    x, y, dy, dx = (
-        values[known] for values in (middle, 100 * scores.error, 100 * scores.standard_error, half)
-    )
+    columns = middle, 100 * scores.error, 100 * scores.standard_error, half
+    x, y, dy, dx = (values[known] for values in columns)
     look: dict[str, Any] = {"color": VERMILION, "ls": "none", "marker": "o", "ms": 5, "lw": 1.8, "capsize": 3}
     ax.errorbar(x, y, dy, dx, **look)
     # A bin of a few samples must not make the others small.

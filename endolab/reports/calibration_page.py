@@ -59,9 +59,8 @@ def _page(session: Session, source: str, shown: str) -> str:
     from jinja2 import Environment, StrictUndefined
 
     light, lines = session.light, account(session)
-    environment = Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
-    )
+    blocks: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True}
+    environment = Environment(autoescape=True, undefined=StrictUndefined, **blocks)
     environment.filters["by_reason"] = by_reason
     return environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
         session=session,

@@ -30,17 +30,12 @@ PALE = "0.7"
 def _outline(unit: Outline, frames: FloatArray) -> Outline:
     """Copies of a shape at (x, y, width, height), as one outline: then no renderer shows seams."""
     corners = np.asarray(unit.vertices, dtype=np.float64)
-    return Outline.make_compound_path(
-        *(Outline(corners * frame[2:] + frame[:2], unit.codes) for frame in frames)
-    )
+    copies = (Outline(corners * frame[2:] + frame[:2], unit.codes) for frame in frames)
+    return Outline.make_compound_path(*copies)
 
 
 def _discs(circles: FloatArray) -> Outline:
     return _outline(Outline.unit_circle(), circles[:, [0, 1, 2, 2]])
-
-
-def _boxes(rectangles: FloatArray) -> Outline:
-    return _outline(Outline.unit_rectangle(), rectangles)
 
 
 def _fill(axes: Axes, outline: Outline, colour: str) -> None:
@@ -82,7 +77,7 @@ def draw_sheet(target: Target, title: str | None = None) -> Figure:
     if len(ink.discs):
         _fill(axes, _discs(ink.discs), "black")
     if len(ink.rectangles):
-        _fill(axes, _boxes(ink.rectangles), "black")
+        _fill(axes, _outline(Outline.unit_rectangle(), ink.rectangles), "black")
 
     words: dict[str, Any] = {"fontsize": 8, "color": "0.2", "va": "center"}
     bottom = top + height
@@ -92,9 +87,8 @@ def draw_sheet(target: Target, title: str | None = None) -> Figure:
         for start, end in ((top, top + mark), (bottom, bottom - mark)):
             axes.plot([target.fold_x] * 2, [start, end], color="0.4", linewidth=0.6)
         axes.text(target.fold_x, top - 3, "fold here, away from you", ha="center", **words)
-    axes.text(
-        line, bottom + 5, f"{_caption(target, title)}. Print at 100 %, not fitted to the page.", **words
-    )
+    caption = f"{_caption(target, title)}. Print at 100 %, not fitted to the page."
+    axes.text(line, bottom + 5, caption, **words)
     ruler = bottom + 17
     axes.text(line, bottom + 10, f"Check: this line must be {RULER:g} mm long.", **words)
     axes.plot([line, line + RULER], [ruler, ruler], color="black", linewidth=0.5)
@@ -109,9 +103,8 @@ def write_sheet(target: Target, path: PathLike, *, title: str | None = None) -> 
     suffix = Path(path).suffix.lower()
     dates: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
     if suffix not in dates:
-        raise ValueError(
-            f"{path}: a sheet is written as .pdf or .svg, not as {suffix or 'a file without suffix'}"
-        )
+        found = suffix or "a file without suffix"
+        raise ValueError(f"{path}: a sheet is written as .pdf or .svg, not as {found}")
     page = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "endolab", "path.simplify": False}):
         draw_sheet(target, title).savefig(page, format=suffix[1:], metadata=dates[suffix])

@@ -28,11 +28,6 @@ def _places(owner: IntArray, blobs: Blobs) -> FloatArray:
     return np.where(owner[..., None] >= 0, blobs.centres[owner], np.nan)
 
 
-def _cells(owner: IntArray, blobs: Blobs) -> FloatArray:
-    """Area of a lattice's cells, px²."""
-    return cross(*steps(_places(owner, blobs)))
-
-
 def read_bits(owner: IntArray, blobs: Blobs, cell: FloatArray, gap: float) -> FloatArray:
     """How much larger or smaller each dot is than the mean of the two sizes: about -1 or 1; nan if none.
 
@@ -64,11 +59,8 @@ def _split(values: FloatArray, gap: float) -> FloatArray:
     return np.full(len(values), levels[np.minimum(miss, gap / 2).sum(axis=1).argmin()])
 
 
-_TURNS = [
-    np.array(entries).reshape(2, 2)
-    for entries in product((0, 1, -1, 2, -2), repeat=4)
-    if entries[0] * entries[3] - entries[1] * entries[2] == 1
-]
+_ENTRIES = product((0, 1, -1, 2, -2), repeat=4)
+_TURNS = [np.array([[a, b], [c, d]]) for a, b, c, d in _ENTRIES if a * d - b * c == 1]
 
 
 def _placements(
@@ -91,10 +83,8 @@ def _placements(
         i, j = np.indices(spare).reshape(2, -1)
         trials += len(i)
         score = table[spot[:, 0] + i[:, None], spot[:, 1] + j[:, None]] @ value
-        found += [
-            (float(score[best]), number, int(i[best] - low[0]), int(j[best] - low[1]))
-            for best in np.argsort(-score)[:2]
-        ]
+        i, j = i - low[0], j - low[1]
+        found += [(float(score[k]), number, int(i[k]), int(j[k])) for k in np.argsort(-score)[:2]]
     return sorted(found, reverse=True), trials
 
 
@@ -146,7 +136,8 @@ def detect_dots(image: FloatArray, target: DotGrid) -> Found:
     code = target.code
     sheet = np.full(code.shape, -1)
     for piece in pieces:
-        spot = match_code(read_bits(piece, blobs, _cells(piece, blobs), gap), code)
+        cell = cross(*steps(_places(piece, blobs)))
+        spot = match_code(read_bits(piece, blobs, cell, gap), code)
         if spot is not None:
             on = (piece >= 0) & np.all((spot >= 0) & (spot < code.shape), axis=-1)
             sheet[tuple(spot[on].T)] = piece[on]

@@ -19,17 +19,8 @@ LEAST_SPOTS = 12  # of a piece of a lattice
 MOST_PIECES = 6
 SLACK = 0.3  # px that a feature may lie off, beyond what is usual
 MOST_MISS = 0.12  # lattice steps
+_RIMS = ((1, 1), (0, 0), (0, 0)), ((0, 0), (1, 1), (0, 0))  # of an array that grows along an axis
 _AROUND = [step for step in product((-1, 0, 1), repeat=2) if step != (0, 0)]
-
-
-def _shift(grid: FloatArray, rows: int, columns: int) -> FloatArray:
-    """Return the grid whose element at (i, j) is that at (i + rows, j + columns), nan beyond."""
-    out = np.full_like(grid, np.nan)
-    height, width = grid.shape[:2]
-    out[max(0, -rows) : height - max(0, rows), max(0, -columns) : width - max(0, columns)] = grid[
-        max(0, rows) : height - max(0, -rows), max(0, columns) : width - max(0, -columns)
-    ]
-    return out
 
 
 def _mean(values: FloatArray) -> FloatArray:
@@ -41,10 +32,9 @@ def _mean(values: FloatArray) -> FloatArray:
 
 def steps(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Give the local steps in the picture along a row and along a column of the lattice, (h, w, 2)."""
-    shape = grid.shape
-    along = [_shift(grid, 0, 1) - grid, grid - _shift(grid, 0, -1)]
-    down = [_shift(grid, 1, 0) - grid, grid - _shift(grid, -1, 0)]
-    first, second = (_mean(np.stack(pair, axis=2).reshape(-1, 2, 2)).reshape(shape) for pair in (along, down))
+    along, down = (np.pad(np.diff(grid, axis=axis), _RIMS[axis], constant_values=np.nan) for axis in (1, 0))
+    pairs = (along[:, 1:], along[:, :-1]), (down[1:], down[:-1])  # to the next place, from the one before
+    first, second = (_mean(np.stack(pair, axis=2).reshape(-1, 2, 2)).reshape(grid.shape) for pair in pairs)
     return first, second
 
 

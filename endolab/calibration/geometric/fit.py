@@ -89,8 +89,7 @@ def _first_poses(
 def _approach(model: Reprojection, start: Geometry) -> Geometry:
     """Take the steps of the Huber stage, which forgives a poor start."""
     steps = takewhile(lambda step: step.stage == "huber", iterate_fit(model, start))
-    last: Geometry = list(steps)[-1].unknowns
-    return last
+    return list(steps)[-1].unknowns
 
 
 def _start(views: Sequence[View], target: Target, width: int, height: int) -> KannalaBrandt:
@@ -147,10 +146,8 @@ def _disagreeing(found: Fit, model: Reprojection) -> list[str]:
     used = np.bincount(model.group, weights=found.iterate.used).astype(int)
     total = np.bincount(model.group)
     few = used < np.maximum(LEAST, total / 2)
-    why = [
-        f"only {some} of its {of} points agree with the other views"
-        for some, of in zip(used, total, strict=True)
-    ]
+    shares = (f"{some} of its {of}" for some, of in zip(used, total, strict=True))
+    why = [f"only {share} points agree with the other views" for share in shares]
     return np.where(facing, np.where(few, why, ""), "it shows the paper from behind").tolist()
 
 
@@ -312,8 +309,6 @@ def _refuse_untold(result: GeometricFit) -> None:
     for name in NAMES[:4]:
         error = result.standard_errors[name]
         if not error < LARGEST_ERROR * focal:
-            raise ValueError(
-                f"the views do not tell {name}: its standard error is {error:.0f} px; {found}, and points "
-                f"lie up to {np.degrees(result.max_angle_seen):.0f}° off the axis; add tilted views that "
-                "fill the picture"
-            )
+            lie = f"points lie up to {np.degrees(result.max_angle_seen):.0f}° off the axis"
+            why = f"its standard error is {error:.0f} px; {found}, and {lie}"
+            raise ValueError(f"the views do not tell {name}: {why}; add tilted views that fill the picture")

@@ -25,8 +25,7 @@ def _equations(rays: FloatArray, plane: FloatArray) -> FloatArray:
 def _solve(equations: FloatArray) -> FloatArray:
     """Solve for homographies, (s, 3, 3), from the equations of each, (s, 2m, 9)."""
     _, vectors = np.linalg.eigh(np.swapaxes(equations, 1, 2) @ equations)
-    homography: FloatArray = vectors[:, :, 0].reshape(-1, 3, 3)
-    return homography
+    return vectors[:, :, 0].reshape(-1, 3, 3)
 
 
 def _misses(homography: FloatArray, rays: FloatArray, plane: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -35,8 +34,7 @@ def _misses(homography: FloatArray, rays: FloatArray, plane: FloatArray) -> tupl
     towards /= np.maximum(np.linalg.norm(towards, axis=2, keepdims=True), np.finfo(float).tiny)
     along = np.einsum("sni,ni->sn", towards, rays)
     sign = np.where(np.median(along, axis=1) < 0, -1.0, 1.0)
-    miss: FloatArray = np.sqrt(np.maximum(2 - 2 * sign[:, None] * along, 0.0))
-    return miss, sign
+    return np.sqrt(np.maximum(2 - 2 * sign[:, None] * along, 0.0)), sign
 
 
 def pose_from_rays(rays: FloatArray, points: FloatArray) -> Pose:

@@ -36,12 +36,9 @@ class View:
 def views_of(name: str, detection: Detection, target: Target) -> list[View]:
     """Split what was detected in the frame `name` by panels, without those of fewer than 8 points."""
     panel = target.panel_of(target.points[detection.ids])
-    views = []
-    for number in range(target.panels):
-        here = panel == number
-        if here.sum() >= LEAST:
-            views.append(View(name, number, detection.ids[here], detection.pixels[here]))
-    return views
+    which = ((number, panel == number) for number in range(target.panels))
+    every = (View(name, number, detection.ids[here], detection.pixels[here]) for number, here in which)
+    return [view for view in every if len(view.ids) >= LEAST]
 
 
 @dataclass(frozen=True)
@@ -65,8 +62,7 @@ class Geometry:
     @property
     def facing(self) -> BoolArray:
         """Which panels show their printed side, (views,)."""
-        towards: BoolArray = np.einsum("gi,gi->g", self.rotation[:, :, 2], self.translation) > 0
-        return towards
+        return np.einsum("gi,gi->g", self.rotation[:, :, 2], self.translation) > 0
 
 
 class Reprojection:
@@ -89,13 +85,9 @@ class Reprojection:
 
     def linearise(self, unknowns: Geometry) -> Linearised:  # noqa: D102
         seen = project(*self._at(unknowns))
-        return Linearised(
-            self.pixels - seen.pixels,
-            -seen.by_camera @ self.basis,
-            -seen.by_pose,
-            self._prior(unknowns),
-            self.basis[4:] / USUAL_K[:, None],
-        )
+        residual, by_common = self.pixels - seen.pixels, -seen.by_camera @ self.basis
+        prior, by_prior = self._prior(unknowns), self.basis[4:] / USUAL_K[:, None]
+        return Linearised(residual, by_common, -seen.by_pose, prior, by_prior)
 
     def _prior(self, unknowns: Geometry) -> FloatArray:
         return (unknowns.vector[4:] - self.usual) / USUAL_K
@@ -122,8 +114,8 @@ class Reprojection:
         return np.array([np.median(size[self.group == g]) for g in range(len(unknowns.rotation))])
 
     def usable(self, unknowns: Geometry) -> BoolArray:  # noqa: D102
-        good: BoolArray = self.angles(unknowns) < camera_of(unknowns.vector, 1, 1).max_angle
-        return good & unknowns.facing[self.group]
+        largest = camera_of(unknowns.vector, 1, 1).max_angle
+        return (self.angles(unknowns) < largest) & unknowns.facing[self.group]
 
 
 def linear_pose(view: View, target: Target, camera: KannalaBrandt) -> Pose:

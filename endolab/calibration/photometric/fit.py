@@ -251,12 +251,10 @@ def _check_bounds(model: LightModel, unknowns: LightUnknowns, spread: dict[str, 
     place = max(spread[f"light {axis}"] for axis in "xyz")
     tilt = max(spread["light tilt x"], spread["light tilt y"])
     if place > LIGHT_ERRORS[0] or tilt > LIGHT_ERRORS[1]:
-        raise NotIdentifiableError(
-            "light",
-            "the light's place and direction cannot be told from these samples: their standard errors "
-            f"are {place:.2g} mm and {np.rad2deg(tilt):.2g}°; vary the distance and the tilt, or take "
-            'the light as centred (light="centred")',
-        )
+        why = "the light's place and direction cannot be told from these samples"
+        errors = f"their standard errors are {place:.2g} mm and {np.rad2deg(tilt):.2g}°"
+        ways = 'vary the distance and the tilt, or take the light as centred (light="centred")'
+        raise NotIdentifiableError("light", f"{why}: {errors}; {ways}")
 
 
 def _standard_errors(
@@ -276,10 +274,6 @@ def _standard_errors(
     return {name: float(error) for name, error in errors.items()}
 
 
-def _range(values: FloatArray) -> tuple[float, float]:
-    return float(values.min()), float(values.max())
-
-
 def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], found: Fit) -> PhotometricFit:
     """Check a fit and put it into words."""
     last, used, samples = found.iterate, found.iterate.used, model.samples
@@ -297,11 +291,10 @@ def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], 
     place, tilt = unknowns.light[:3].tolist(), unknowns.light[3:].tolist()
     lights = (SpotLight(tuple(place), (*tilt, 1.0), unknowns.k),) if model.free_light else ()
     k, gain = 0.0 if lights else unknowns.k, float(gains[0]) if locked else None
-    ranges = {
-        "alpha": _range(np.arccos(np.minimum(samples.cos_alpha[used], 1.0))),
-        "theta": _range(model.geometry(unknowns)[0].theta[used]),
-        "distance": _range(samples.distance[used]),
-    }
+    alpha = np.arccos(np.minimum(samples.cos_alpha[used], 1.0))
+    theta = model.geometry(unknowns)[0].theta[used]
+    seen = {"alpha": alpha, "theta": theta, "distance": samples.distance[used]}
+    ranges = {name: (float(values.min()), float(values.max())) for name, values in seen.items()}
     known = np.isfinite(gain_errors)
     jumps = [] if locked else gain_jumps(frames[known], gains[known])
     verdict = describe_verdict(model, unknowns, expected, errors, last.sigma, ranges, jumps)

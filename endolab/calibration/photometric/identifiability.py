@@ -123,9 +123,8 @@ def strengths(model: LightModel, unknowns: LightUnknowns, sigma: float) -> dict[
             information = float(weight @ residual**2 + ridge @ solved**2)
         tiny = np.finfo(float).tiny
         total = max(weight.sum(), tiny)
-        return Strength(
-            sigma / np.sqrt(max(information, tiny)), np.sqrt(squares / total), np.sqrt(alone / total)
-        )
+        sd = sigma / np.sqrt(max(information, tiny))
+        return Strength(sd, np.sqrt(squares / total), np.sqrt(alone / total))
 
     found = {"k": left(geometry.log_cos_psi)}
     if not isinstance(model.gamma, float):
@@ -146,11 +145,10 @@ def refuse(model: LightModel, found: dict[str, Strength]) -> None:
             'tilt the sheet, or assume that it is matt (brdf="lambertian")',
         )
     if tabulated and frames == 1 and np.all(np.std(normals, axis=0) < 1e-3):
-        raise NotIdentifiableError(
-            "k",
-            "k cannot be told from a single frame of a flat sheet: an error of its one pose would pass for "
-            'fall-off; take more frames, or assume that the sheet is matt (brdf="lambertian")',
-        )
+        why = "k cannot be told from a single frame of a flat sheet"
+        error = "an error of its one pose would pass for fall-off"
+        ways = 'take more frames, or assume that the sheet is matt (brdf="lambertian")'
+        raise NotIdentifiableError("k", f"{why}: {error}; {ways}")
     if k.sd > LARGEST_ERROR["k"]:
         have = f"{len(normals)} samples of {frames} frame{'' if frames == 1 else 's'}"
         why = f"k cannot be told from these samples: its standard error would be {k.sd:.2g} with {have}"

@@ -222,9 +222,8 @@ class LightModel:
         for row, (column, _, _, sd) in enumerate(self._priors):
             by_prior[row, column] = 1 / sd
         residual = GREY * self.samples.level - level
-        return Linearised(
-            residual[:, None], by_common[:, None], -slope[:, None, None], self._prior(unknowns), by_prior
-        )
+        prior, by_gain = self._prior(unknowns), -slope[:, None, None]
+        return Linearised(residual[:, None], by_common[:, None], by_gain, prior, by_prior)
 
     def _by_light(self, unknowns: LightUnknowns, geometry: SampleGeometry, f: FloatArray) -> FloatArray:
         """∂L by the light's position and tilt, (n, 5)."""

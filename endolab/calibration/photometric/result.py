@@ -121,12 +121,7 @@ class PhotometricFit:
         power = np.where(known, power, 1.0)
         factor = 1 + grouped_sums(p * r, place, bins) / power
         gamma = self.photometry.gamma
-        return HeldOut(
-            np.asarray(edges, dtype=np.float64),
-            np.where(known, factor**gamma - 1, np.nan),
-            np.where(known, gamma * sigma / np.sqrt(power), np.nan),
-            np.bincount(place, minlength=bins),
-            residual,
-            used,
-            sigma,
-        )
+        error = np.where(known, factor**gamma - 1, np.nan)
+        standard_error = np.where(known, gamma * sigma / np.sqrt(power), np.nan)
+        counts, bounds = np.bincount(place, minlength=bins), np.asarray(edges, dtype=np.float64)
+        return HeldOut(bounds, error, standard_error, counts, residual, used, sigma)

@@ -167,11 +167,9 @@ def sample_surface(
     channels = image[..., None] if image.ndim == 2 else image
     level, places, towards = (a[rows, columns].astype(np.float64) for a in (channels, points, normals))
     frames = np.full(len(rows), frame)
-    parts = [
-        Samples(frames, values, places, towards, np.full(len(rows), channel))
-        for channel, values in enumerate(level.T)
-    ]
-    return Samples.concatenate(parts)
+    materials = (np.full(len(rows), channel) for channel in range(channels.shape[-1]))
+    parts = zip(level.T, materials, strict=True)
+    return Samples.concatenate([Samples(frames, one, places, towards, which) for one, which in parts])
 
 
 def sample_depth(
@@ -181,14 +179,13 @@ def sample_depth(
     mask: BoolArray,
     *,
     smooth: float = 2.0,
-    frame: int = 0,
-    most: int = 3000,
+    **how: int,
 ) -> Samples:
     """Read the brightness of a surface whose distance map, (H, W), mm, is known; its normals are computed.
 
     Places near the rim of `mask`, near unknown distances (nan) and near edges are left out. `smooth` is
     the standard deviation, px, of a Gaussian over the logarithm of the distance: it takes the steps out of
-    a depth map that was stored in whole numbers. The rest as for `sample_surface`.
+    a depth map that was stored in whole numbers. `how`: frame and most, as for `sample_surface`.
     """
     known = mask & field.valid & np.isfinite(distance) & (distance > 0)
     v = np.log(np.where(known, distance, 1.0))
@@ -196,4 +193,4 @@ def sample_depth(
     reach = int(np.ceil(3 * smooth)) + 1
     inner = ndimage.binary_erosion(known & ~jump, np.ones((3, 3)), iterations=reach)
     v = np.where(known, ndimage.gaussian_filter(v, smooth), np.nan)
-    return sample_surface(image, points_of(v, field), normals_of(v, field), inner, frame=frame, most=most)
+    return sample_surface(image, points_of(v, field), normals_of(v, field), inner, **how)
