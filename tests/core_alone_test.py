@@ -19,9 +19,6 @@ LAB = ["anywidget", "IPython", "ipywidgets", "jinja2", "jupyterlab", "open3d", "
 SENTENCE = '{} is not installed; pip install "endolab[lab]" brings it'
 
 
-# As it installs ----------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def python(tmp_path_factory):
     """The Python of a fresh environment that holds the core alone, of the versions in the lock."""
@@ -78,9 +75,6 @@ def test_the_core_alone_simulates_and_reconstructs(run, tmp_path):
     for name, package in (("record", "rerun"), ("show", "rerun"), ("tune", "ipywidgets")):
         done = run("-c", f"import endolab as el; el.{name}")
         assert done.stderr.splitlines()[-1] == f"endolab._extras.MissingPackage: {SENTENCE.format(package)}"
-
-
-# As if it were not installed ---------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -77,7 +77,7 @@ class GaussNewtonModel:
 
     def _data_adjoint(self, residual):
         around = (self.by_v_u * residual, self.by_v_v * residual)
-        return self.by_v * residual + gradient_adjoint(*around, self.problem.mask, self.problem.cuts)
+        return self.by_v * residual + gradient_adjoint(around, self.problem.mask, self.problem.cuts)
 
     def _smooth(self, xi):
         """Dᵀ (smoothness · D ξ)."""

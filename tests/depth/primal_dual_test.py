@@ -10,11 +10,8 @@ import endolab as el
 from endolab.depth.energy import energy_terms, model_image
 from endolab.depth.primal_dual import _average, _Path, primal_dual
 from endolab.depth.problem import Problem
-from endolab.depth.result import run
-from endolab.model.brdf import Glossy
 from endolab.model.surface import slant
 from endolab.numerics.derivatives import gradient
-from endolab.numerics.iteration import Status
 from tests.depth.primal_dual_model import PrimalDualModel
 from tests.tools.problems import energies, errors_of, every_regulariser, every_variant, problem_of
 
@@ -55,7 +52,7 @@ def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius)
 
 
 def test_another_brdf_than_a_lambertian_one(rng):
-    problem, v = holed(rng, Glossy(0.5, 0.02, 8.0), lam=0.3)
+    problem, v = holed(rng, el.Glossy(0.5, 0.02, 8.0), lam=0.3)
     path, twin = _Path.at(problem, v, 1, 0.8), PrimalDualModel(problem, v, 1, 0.8)
     for _ in range(3):
         path.advance(1, 1.0, 1.0)
@@ -124,16 +121,16 @@ def test_ripples_die_within_the_bound_and_grow_beyond_it(safety, stays, rng):
 @every_regulariser
 def test_near_the_truth_it_stays(regulariser):
     problem, seen = problem_of("plane", 80, xi="1/z", regulariser=regulariser, lam=0.01, epsilon=3e-4)
-    result = run(primal_dual(problem, np.log(seen.distance), max_iterations=200, tolerance=0))
+    result = el.run(primal_dual(problem, np.log(seen.distance), max_iterations=200, tolerance=0))
     assert errors_of(result, seen).mean_percent < 0.3
 
 
 @pytest.mark.parametrize(("scene", "mm"), [("plane", 0.4), ("curved", 0.2)])
 def test_simple_surfaces_are_found_from_the_papers_start(scene, mm):
     problem, seen = problem_of(scene, xi="1/z", lam=0.1, epsilon=3e-4)
-    result = run(primal_dual(problem))
+    result = el.run(primal_dual(problem))
     errors = errors_of(result, seen)
-    assert result.status is Status.CONVERGED
+    assert result.status is el.Status.CONVERGED
     assert result.energy < 0.2 * result.history[0]["energy"]
     assert errors.mean_mm < mm
     assert errors.mean_degrees < 5
@@ -142,32 +139,32 @@ def test_simple_surfaces_are_found_from_the_papers_start(scene, mm):
 @every_variant
 def test_no_combination_diverges_on_the_tube(xi, regulariser):
     problem, _ = problem_of("tube", 80, xi=xi, regulariser=regulariser, lam=0.1, epsilon=3e-4)
-    result = run(primal_dual(problem, tolerance=0, max_iterations=400, every=100))
+    result = el.run(primal_dual(problem, tolerance=0, max_iterations=400, every=100))
     assert energies(result)[-1] < 0.6 * energies(result)[0]
     assert np.all(np.isfinite(result.distance[problem.mask]))
 
 
 def test_steps_are_counted_and_too_few_are_said_to_be_so():
     problem, _ = problem_of("plane", 40)
-    result = run(primal_dual(problem, every=10, max_iterations=25))
-    assert result.status is Status.MAX_ITERATIONS
+    result = el.run(primal_dual(problem, every=10, max_iterations=25))
+    assert result.status is el.Status.MAX_ITERATIONS
     assert [entry["k"] for entry in result.history] == [0, 10, 20, 25]
     assert result.iterations == result.history[-1]["steps"] == 25
     last = result.history[-1]
     assert last["change"] > 2e-3 * 5 * last["tau"]
-    short = run(primal_dual(problem, every=10), max_iterations=20)
-    assert (short.status, short.iterations) == (Status.MAX_ITERATIONS, 20)
+    short = el.run(primal_dual(problem, every=10), max_iterations=20)
+    assert (short.status, short.iterations) == (el.Status.MAX_ITERATIONS, 20)
     # How often one looks does not change what is seen.
-    at_once = run(primal_dual(problem, every=25, max_iterations=25))
+    at_once = el.run(primal_dual(problem, every=25, max_iterations=25))
     np.testing.assert_array_equal(at_once.iterate.log_distance, result.iterate.log_distance)
 
 
 @pytest.mark.parametrize("options", [{"patch": 0.0}, {"coupling": 0.01}, {"decay": 0.5}])
 def test_small_steps_are_not_taken_for_the_end(options):
     problem, seen = problem_of("plane", 80, xi="1/z", lam=0.1, epsilon=3e-4)
-    result = run(primal_dual(problem, max_iterations=200, **options))
+    result = el.run(primal_dual(problem, max_iterations=200, **options))
     assert errors_of(result, seen).mean_percent > 1
-    assert result.status is Status.MAX_ITERATIONS
+    assert result.status is el.Status.MAX_ITERATIONS
 
 
 def test_islands_do_not_know_of_each_other():
@@ -180,7 +177,7 @@ def test_islands_do_not_know_of_each_other():
     for each in (one, other):  # what they have in common by definition
         each.__dict__["xi_median"] = problem.xi_median
     # The image's gradient, too, stops at the mask.
-    runs = (run(primal_dual(each, max_iterations=60, tolerance=0)) for each in (one, other))
+    runs = (el.run(primal_dual(each, max_iterations=60, tolerance=0)) for each in (one, other))
     here, there = (each.iterate.log_distance for each in runs)
     np.testing.assert_array_equal(here[:, :20], there[:, :20])
     assert np.all(here[:, 21:] != there[:, 21:])
@@ -191,7 +188,7 @@ def test_lone_pixels_and_no_regulariser():
     lone = np.zeros_like(problem.mask)
     lone[5, 5] = lone[20:22, 20:22] = True
     lone = replace(problem, mask=lone)
-    result = run(primal_dual(lone, tolerance=1e-12, max_iterations=100))
+    result = el.run(primal_dual(lone, tolerance=1e-12, max_iterations=100))
     assert np.isfinite(result.distance).sum() == 5
     assert result.iterate.log_distance[5, 5] == pytest.approx(lone.log_facing[5, 5])
     assert energy_terms(lone, result.iterate.log_distance)["data"] < 1e-5

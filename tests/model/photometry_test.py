@@ -190,14 +190,12 @@ def test_the_grey_channel_is_the_grey_of_the_channels(rng):
     assert_allclose(grey, by_opencv, rtol=1e-5)
 
 
-def test_channels_are_red_green_blue():
+def test_channels_are_red_green_blue_and_an_unknown_one_lists_the_choice():
     colour = model(Lambertian((0.75, 0.38, 0.30)))
     assert [colour.channel(name).brdf.albedo for name in ("red", "green", "blue")] == [0.75, 0.38, 0.30]
     assert model().channel("red") == model()
-
-
-def test_a_matt_surface_needs_no_table():
-    assert model().slant_table() is None
+    with pytest.raises(ValueError, match=r"'infrared'.*red, green, blue"):
+        model().channel("infrared")
 
 
 @pytest.mark.parametrize("brdf", [BRDFS["table"], BRDFS["glossy"]], ids=["table", "glossy"])
@@ -209,7 +207,8 @@ def test_the_slant_table_inverts_the_brightness(brdf):
     assert_allclose(np.interp(np.log(c), log_c, log_slant), -2 * np.log(cosine), rtol=0, atol=1e-4)
 
 
-def test_one_brightness_must_not_have_two_slants():
+def test_a_matt_surface_needs_no_table_and_one_brightness_must_not_have_two_slants():
+    assert model().slant_table() is None
     rising = TabulatedBRDF((0.0, 0.5, 0.6, 1.5), (0.2, 0.2, 0.4, 0.4))
     with pytest.raises(ValueError, match=r"(29|30|31|32|33|34)°"):
         model(rising).slant_table()
@@ -232,8 +231,3 @@ def test_intensity_needs_a_gain():
     for what, given in (("shade", (3.0, 0.0, 1.0)), ("intensity", ([0, 0, 50.0], [0, 0, -1.0]))):
         with pytest.raises(ValueError, match="gain is unknown"):
             getattr(model(gain=None), what)(*given)
-
-
-def test_unknown_channel_lists_the_choice():
-    with pytest.raises(ValueError, match=r"'infrared'.*red, green, blue"):
-        model().channel("infrared")

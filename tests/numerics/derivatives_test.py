@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from endolab.numerics.derivatives import forward_gradient, gradient, hessian, links, shifted
-from tests.tools.adjoints import forward_gradient_adjoint, gradient_adjoint, hessian_adjoint
+from tests.tools.adjoints import between, forward_gradient_adjoint, gradient_adjoint, hessian_adjoint
 
 SHAPES = [(1, 1), (1, 7), (7, 1), (2, 2), (2, 5), (3, 3), (9, 12)]
 ODD_SHAPES = [(1, 1), (1, 6), (6, 1), (2, 2), (1, 2), (3, 1), (5, 7), (13, 9)]
@@ -15,25 +15,13 @@ def two_pixel_gradient(f, mask=None, cuts=None):
     return np.stack(gradient(f, mask, cuts, edge_order=1))
 
 
-def two_pixel_gradient_adjoint(p, mask=None, cuts=None):
-    return gradient_adjoint(*p, mask, cuts)
-
-
 OPERATORS = [gradient, two_pixel_gradient, forward_gradient, hessian]
 PAIRS = [
-    (two_pixel_gradient, two_pixel_gradient_adjoint),
+    (two_pixel_gradient, gradient_adjoint),
     (forward_gradient, forward_gradient_adjoint),
     (hessian, hessian_adjoint),
 ]
 every_pair = pytest.mark.parametrize(("operator", "adjoint"), PAIRS, ids=["gradient", "forward", "hessian"])
-
-
-def between(labels):
-    """Cuts wherever the labels of neighbours differ."""
-    cuts = np.zeros((2, *labels.shape), dtype=bool)
-    cuts[0, :, :-1] = labels[:, 1:] != labels[:, :-1]
-    cuts[1, :-1] = labels[1:] != labels[:-1]
-    return cuts
 
 
 def polynomial(shape, c):

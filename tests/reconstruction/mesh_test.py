@@ -3,6 +3,7 @@
 import builtins
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -300,24 +301,15 @@ def test_a_wall_is_seen_where_it_is(open3d):
 def test_a_window_opens_where_there_is_a_screen(coloured, monkeypatch, open3d, opens):
     shown = []
 
-    class Window:
-        def create_window(self, **how):
-            return opens
-
-        def add_geometry(self, mesh):
-            shown.append(len(mesh.triangles))
-
-        def get_view_control(self):
-            return type("View", (), {"set_front": print, "set_up": print})
-
-        def run(self):
-            shown.append("run")
-
-        def destroy_window(self):
-            shown.append("closed")
-
+    window = SimpleNamespace(
+        create_window=lambda **how: opens,
+        add_geometry=lambda mesh: shown.append(len(mesh.triangles)),
+        get_view_control=lambda: SimpleNamespace(set_front=print, set_up=print),
+        run=lambda: shown.append("run"),
+        destroy_window=lambda: shown.append("closed"),
+    )
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr(open3d.visualization, "Visualizer", Window)
+    monkeypatch.setattr(open3d.visualization, "Visualizer", lambda: window)
     ax = mesh_views.show_mesh(coloured)
     assert (ax is None) == opens
     assert shown == ([len(coloured.triangles), "run", "closed"] if opens else [])

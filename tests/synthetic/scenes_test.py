@@ -76,9 +76,11 @@ def seen(scene, camera):
 
 @every_camera
 @every_shape
-def test_points_satisfy_the_equation(scene, camera):
-    _, distance, points, _ = seen(scene, camera)
+def test_points_satisfy_the_equation_and_normals_are_unit_and_face_the_camera(scene, camera):
+    rays, distance, points, normals = seen(scene, camera)
     assert np.abs(inside(scene, points) / distance).max() < 1e-12
+    assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=0, atol=1e-12)
+    assert np.einsum("ni,ni->n", rays, normals).max() < 0
 
 
 @every_camera
@@ -119,14 +121,6 @@ def test_rays_that_are_not_there(scene):
     assert np.isnan(distance[0])
     assert np.isfinite(distance[1])
     assert scene.distance(rays[1]).shape == ()
-
-
-@every_camera
-@every_shape
-def test_normals_are_unit_and_face_the_camera(scene, camera):
-    rays, _, _, normals = seen(scene, camera)
-    assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=0, atol=1e-12)
-    assert np.einsum("ni,ni->n", rays, normals).max() < 0
 
 
 @every_camera

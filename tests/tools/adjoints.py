@@ -1,4 +1,4 @@
-"""Adjoints of the derivatives on a masked grid: (n, H, W) to (H, W), 0 outside the mask."""
+"""Adjoints of the derivatives on a masked grid: (n, H, W) to (H, W), 0 outside the mask; and cuts."""
 
 import numpy as np
 
@@ -9,10 +9,18 @@ def _links(shape, mask, cuts):
     return links(np.ones(shape, dtype=bool) if mask is None else mask, cuts)
 
 
-def gradient_adjoint(f_u, f_v, mask=None, cuts=None):
+def between(labels):
+    """Cuts wherever the labels of neighbours differ."""
+    cuts = np.zeros((2, *labels.shape), dtype=bool)
+    cuts[0, :, :-1] = labels[:, 1:] != labels[:, :-1]
+    cuts[1, :-1] = labels[1:] != labels[:-1]
+    return cuts
+
+
+def gradient_adjoint(both, mask=None, cuts=None):
     """Of `gradient` with ``edge_order=1``."""
-    out = np.zeros(f_u.shape)
-    for p, joined, axis in zip((f_u, f_v), _links(f_u.shape, mask, cuts), (1, 0), strict=True):
+    out = np.zeros(both[0].shape)
+    for p, joined, axis in zip(both, _links(out.shape, mask, cuts), (1, 0), strict=True):
         before = shifted(joined, -1, axis, False)
         # The derivative is the mean of the differences that there are: each has its share of p.
         share = np.where(joined | before, p, 0.0) / np.maximum(1.0 * joined + before, 1.0)
