@@ -15,7 +15,8 @@ SHEET = "sheet"  # the scene of `simulate` that is a video of a target
 class _Bar:
     """Progress bars on stderr, one for each stage of a session."""
 
-    stage, bar = "", None  # type: str, Any
+    stage = ""
+    bar: Any = None
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         from tqdm import tqdm
