@@ -107,17 +107,15 @@ def test_a_folder_becomes_a_folder(film, out):
     write_image(film / "frame_3.png", np.full((8, 9), 0.4))
     told = []
     found = reconstruct_video(film, UNKNOWN, out, progress=lambda *each: told.append(each))
-    assert [(done, total, row["frame"]) for done, total, row in told] == [
-        (k + 1, COUNT, f"frame_{k}.png") for k in range(COUNT)
-    ]
+    expected = [(k + 1, COUNT, f"frame_{k}.png") for k in range(COUNT)]
+    assert [(done, total, row["frame"]) for done, total, row in told] == expected
     assert found.done_before == 0
     assert [path.relative_to(out).as_posix() for path in found.paths] == names(out) == OUTPUTS
     assert names(out / "frames") == ["frame_0", "frame_1", "frame_4"]
     assert [row["index"] for row in table(out)] == list("01234")
     assert [bool(row["error"]) for row in found.rows] == [False, False, True, True, False]
-    assert [float(row["energy"] or "nan") for row in table(out)] == pytest.approx(
-        [row["energy"] for row in found.rows], nan_ok=True
-    )
+    energies = [row["energy"] for row in found.rows]
+    assert [float(row["energy"] or "nan") for row in table(out)] == pytest.approx(energies, nan_ok=True)
     assert report(out)["complete"]
     assert "The gain is unknown" in report(out)["meaning"][0]
     assert set(report(out)["broken"]) == {"frame_2.png", "frame_3.png"}
@@ -141,8 +139,7 @@ def test_an_interrupted_video_goes_on_where_it_was(film, out, shots, stopped, fa
     assert all(row["iterations"].isdigit() and row["pixels"].isdigit() for row in table(out))
     lacks = np.array([np.nanmedian(one.distance / distances(out, k)) for k, one in enumerate(shots)])
     np.testing.assert_allclose(lacks / lacks[0], 1, atol=0.06)  # one scale for all, whoever did them
-    recording = el.read_recording(out / "recording.rrd")  # of all frames, also those of the first call
-    assert recording is not None
+    assert el.read_recording(out / "recording.rrd") is not None  # of all frames, also the first call's
     kept = {name: (out / name).read_bytes() for name in ("report.json", "frames.csv")}
     stamp = (out / "recording.rrd").stat().st_mtime_ns
     again = reconstruct_video(film, UNKNOWN, out)  # there is nothing left to do
@@ -163,10 +160,8 @@ def test_a_frame_between_takes_up_its_neighbours_scale(film, out, shots):
 
 
 def test_a_solver_that_was_stopped_ends_it(film, out, monkeypatch):
-    real = sequence.reconstruct
-    monkeypatch.setattr(
-        sequence, "reconstruct", lambda *a, **k: replace(real(*a, **k), status=el.Status.STOPPED)
-    )
+    real, stopped = sequence.reconstruct, {"status": el.Status.STOPPED}
+    monkeypatch.setattr(sequence, "reconstruct", lambda *a, **k: replace(real(*a, **k), **stopped))
     with pytest.raises(KeyboardInterrupt, match="interrupted"):
         reconstruct_video(film, UNKNOWN, out, **QUICK)
     assert not out.exists()
@@ -203,18 +198,15 @@ def test_other_settings_want_another_folder(film, out, tmp_path, shots, change, 
 
 
 @pytest.mark.parametrize("content", ["{}", "[]", "no"])
-def test_another_folder_is_left_alone(film, out, content):
+def test_another_folder_is_left_alone_and_at_least_one_frame_asked_for(film, out, content):
     out.mkdir()
     (out / "report.json").write_text(content)
     with pytest.raises(ValueError, match="holds other results; choose another folder"):
         reconstruct_video(film, UNKNOWN, out)
+    for option in ("every", "limit"):
+        with pytest.raises(ValueError, match=f"{option} must be at least 1, got 0"):
+            reconstruct_video(film, UNKNOWN, out, **{option: 0})
     assert names(out) == ["report.json"]
-
-
-@pytest.mark.parametrize("option", ["every", "limit"])
-def test_at_least_one_frame(film, out, option):
-    with pytest.raises(ValueError, match=f"{option} must be at least 1, got 0"):
-        reconstruct_video(film, UNKNOWN, out, **{option: 0})
 
 
 def test_without_rerun_there_is_no_recording(film, out, monkeypatch, call):

@@ -42,15 +42,10 @@ def write_frames(folder, *, count=6, target="vicalib_small", width=480, **how):
 def work(tmp_path_factory):
     """A simulated video `v`, and its calibration `cal.json` with its report."""
     folder = tmp_path_factory.mktemp("work")
-    done = call(
-        *("simulate", "sheet", "--out", folder / "v", "--frames", FRAMES, "--width", 640),
-        *("--target", "vicalib_folded", "--noise", 1, "--video"),
-    )
-    assert done == 0
-    done = calibrate(
-        folder / "v/sheet.mkv", folder / "cal.json", "--gamma", "free", "--record", target="vicalib_folded"
-    )
-    assert done == 0
+    how = ("--frames", FRAMES, "--width", 640, "--target", "vicalib_folded", "--noise", 1, "--video")
+    assert call("simulate", "sheet", "--out", folder / "v", *how) == 0
+    options = ("--gamma", "free", "--record")
+    assert calibrate(folder / "v/sheet.mkv", folder / "cal.json", *options, target="vicalib_folded") == 0
     return folder
 
 
@@ -95,9 +90,7 @@ def test_the_report_is_a_page_with_pictures_and_numbers(work):
     names = {path.name for path in report.iterdir()}
     assert {"report.html", "report.json", "camera.json", "camera.png", "light.png", "recording.rrd"} <= names
     assert json.loads((report / "report.json").read_text())["account"]
-    page = (report / "report.html").read_text()
-    for words in ("γ = 2.", "Correlations", "camera.png", "standard error"):
-        assert words in page
+    assert "γ = 2." in (report / "report.html").read_text()
     assert read_image(report / "light.png").std() > 0.05
 
 
@@ -161,9 +154,8 @@ def test_a_wall_is_not_made_of_paper(work, tmp_path, capsys):
 
 
 def test_one_flat_sheet_does_not_tell_gamma(work, tmp_path, refused):
-    frames = write_frames(tmp_path / "f", count=16)
     says = "gamma", "fold", "the camera alone is in"
-    refused(frames, tmp_path / "c.json", "--gamma", "free", says=says)
+    refused(write_frames(tmp_path / "f", count=16), tmp_path / "c.json", "--gamma", "free", says=says)
     assert not (tmp_path / "c.json").exists()
     assert (tmp_path / "c_report/report.html").is_file()
     camera = json.loads((tmp_path / "c_report/camera.json").read_text())["camera"]
@@ -176,23 +168,6 @@ def test_no_target_says_where_and_what_for(tmp_path, rng, refused):
         write_image(tmp_path / f"f/{number}.png", rng.random((120, 160)))
     says = "in none of 3 frames", "19 x 10 dots of two sizes, 4.2238 mm apart"
     refused(tmp_path / "f", tmp_path / "c.json", says=says)
-
-
-def test_a_single_frame(tmp_path, refused):
-    frames = write_frames(tmp_path / "f", count=1)
-    assert "3 views" in refused(frames, tmp_path / "c.json")
-
-
-def test_frames_of_mixed_sizes(tmp_path, refused):
-    frames = write_frames(tmp_path / "f", count=2)
-    write_image(frames / "002.png", np.zeros((50, 60)))
-    says = ["the frames differ in size: 000.png is 480x360 px, 002.png is 60x50 px"]
-    refused(frames, tmp_path / "c.json", says=says)
-
-
-def test_frontal_frames_do_not_tell_the_camera(tmp_path, refused):
-    frames = write_frames(tmp_path / "f", count=8, tilt=0.0)
-    refused(frames, tmp_path / "c.json", says=("the focal length", "the sheet's largest tilt is 0."))
 
 
 def test_frontal_frames_with_a_known_camera_do_not_tell_k(work, tmp_path, refused):
@@ -236,9 +211,3 @@ def test_a_sheet_to_print(tmp_path, capsys):
     assert "folded by 10 to 30°" in said
     assert call("target", "vicalib_small", "--out", tmp_path / "s.pdf") == 0
     assert "something flat" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("command", ["target", "calibrate"])
-def test_help(capsys, command):
-    assert call(command, "--help") == 0
-    assert capsys.readouterr().out.startswith("usage: endolab")

@@ -61,9 +61,8 @@ def started(tmp_path_factory):
 @pytest.fixture(scope="module")
 def ask(started):
     """Function that asks the server for a path, with or without its token."""
-    address, token = re.search(
-        r"(http://\S+)/lab/tree/notebooks\?token=(\w+)", started[2].read_text()
-    ).groups()
+    link = r"(http://\S+)/lab/tree/notebooks\?token=(\w+)"
+    address, token = re.search(link, started[2].read_text()).groups()
 
     def get(path, with_token=True):
         headers = {"Authorization": f"token {token}"} if with_token else {}
@@ -91,22 +90,17 @@ def test_nobody_gets_in_without_the_token(ask):
 
 
 def test_nothing_pops_up(ask):
-    page = ask("/lab")
-    config = json.loads(
-        re.search(r'id="jupyter-config-data" type="application/json">(.*?)</script>', page, re.S)[1]
-    )
+    data = r'id="jupyter-config-data" type="application/json">(.*?)</script>'
+    config = json.loads(re.search(data, ask("/lab"), re.S)[1])
     assert (config["buildCheck"], config["buildAvailable"]) == (False, False)
     plugin = json.loads(ask("/lab/api/settings/@jupyterlab/apputils-extension:notification"))
     defaults = {name: value["default"] for name, value in plugin["schema"]["properties"].items()}
     assert (defaults["fetchNews"], defaults["checkForUpdates"]) == ("false", False)
 
 
-def test_the_kernel_named_endolab_is_this_python(ask):
+def test_the_kernel_named_endolab_is_this_python_and_notebooks_are_trusted(ask):
     kernel = json.loads(ask("/api/kernelspecs"))["kernelspecs"]["endolab"]["spec"]
     assert (kernel["argv"][0], kernel["display_name"]) == (sys.executable, "endolab")
-
-
-def test_notebooks_are_trusted(ask):
     content = json.loads(ask("/api/contents/notebooks/00_quickstart.ipynb"))["content"]
     code = [cell for cell in content["cells"] if cell["cell_type"] == "code"]
     assert code
@@ -158,10 +152,8 @@ def test_interrupting_a_cell_leaves_the_best_iterate(tmp_path):
 
         reply = client.execute_interactive(LONG_SOLVE, output_hook=hook, timeout=120)
         assert reply["content"]["status"] == "ok", reply["content"]
-        asked = {
-            "answer": "result.status.name, result.iterations > 0, result.energy < result.history[0]['energy']"
-        }
-        reply = client.execute("", user_expressions=asked, reply=True, timeout=60)
+        asked = "result.status.name, result.iterations > 0, result.energy < result.history[0]['energy']"
+        reply = client.execute("", user_expressions={"answer": asked}, reply=True, timeout=60)
         answer = reply["content"]["user_expressions"]["answer"]["data"]["text/plain"]
         assert answer == "('STOPPED', True, True)"
     finally:

@@ -105,14 +105,11 @@ def test_a_written_picture_reads_back(tmp_path, rng, bits, channels):
         np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), stored)
 
 
-def test_a_mask_is_where_it_is_bright(tmp_path):
+def test_a_mask_is_where_it_is_bright_and_a_frame_is_read_with_it(tmp_path, rng):
     write_image(tmp_path / "grey.png", np.array([[0.0, 0.49, 0.51, 1.0]]))
     write_image(tmp_path / "colour.png", np.array([[[0, 0, 0], [0.4, 0.4, 0.4], [0, 0.9, 0]]]))
     np.testing.assert_array_equal(read_mask(tmp_path / "grey.png"), [[False, False, True, True]])
     np.testing.assert_array_equal(read_mask(tmp_path / "colour.png"), [[False, False, True]])
-
-
-def test_a_frame_with_its_mask(tmp_path, rng):
     image, mask = rng.uniform(size=(30, 40, 3)), rng.uniform(size=(30, 40)) < 0.5
     write_image(tmp_path / "f.png", image, 16)
     write_image(tmp_path / "m.png", mask.astype(float))

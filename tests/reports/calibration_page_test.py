@@ -77,12 +77,8 @@ def test_a_page_without_light_and_with_a_given_camera_says_so_at_the_top(tmp_pat
     session, frames, _ = simulated()
     session = replace(refused(session), geometry=None, dropped=dict.fromkeys(LOST, "a <b> & c"))
     write_report(session, frames, tmp_path)
-    assert {file.name for file in tmp_path.iterdir()} == {
-        "report.html",
-        "report.json",
-        "camera.json",
-        "detection.png",
-    }
+    files = {file.name for file in tmp_path.iterdir()}
+    assert files == {"report.html", "report.json", "camera.json", "detection.png"}
     content = (tmp_path / "report.html").read_text(encoding="utf-8")
     page = Page(content)
     assert "<one>" not in content
@@ -94,12 +90,11 @@ def test_a_page_without_light_and_with_a_given_camera_says_so_at_the_top(tmp_pat
 def test_the_frame_is_read_from_its_file(tmp_path):
     session, frames, _ = simulated()
     (tmp_path / "video").mkdir()
-    session = replace(
-        refused(session),
-        geometry=None,
-        detections={f"{name}.png": found for name, found in session.detections.items()},
-        poses={f"{name}.png": poses for name, poses in session.poses.items()},
-    )
+    renamed = {  # in files
+        part: {f"{name}.png": value for name, value in getattr(session, part).items()}
+        for part in ("detections", "poses")
+    }
+    session = replace(refused(session), geometry=None, **renamed)
     for name, image in frames:
         write_image(tmp_path / "video" / f"{name}.png", image)
     source = open_frames(tmp_path / "video")

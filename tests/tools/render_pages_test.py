@@ -19,25 +19,24 @@ def write(path, *code):
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_pages_stand_alone(tmp_path, capsys):
     pytest.importorskip("dash")  # the formulas' script
-    (tmp_path / "notebooks").mkdir()
-    (tmp_path / "notebooks" / "README.md").write_text("[one](01_a.ipynb)")
-    write(tmp_path / "notebooks" / "01_a.ipynb", SLIDER, "from ipywidgets import IntSlider\nIntSlider()")
-    assert pages.main([str(tmp_path / "notebooks"), str(tmp_path / "build" / "html")]) == 0
-    page = (tmp_path / "build" / "html" / "01_a.html").read_text(encoding="utf-8")
+    notebooks, html = tmp_path / "notebooks", tmp_path / "build" / "html"
+    notebooks.mkdir()
+    (notebooks / "README.md").write_text("[one](01_a.ipynb)")
+    write(notebooks / "01_a.ipynb", SLIDER, "from ipywidgets import IntSlider\nIntSlider()")
+    assert pages.main([str(notebooks), str(html)]) == 0
+    page = (html / "01_a.html").read_text(encoding="utf-8")
     assert "a is 4" in page
     assert pages.NO_WIDGET in page
     for link in ("02_b.html#end", "../../a/b.py#L1", "index.html", "https://x.org"):
         assert f'href="{link}"' in page
     assert set(re.findall(r'<script src="([^"]*)"', page)) == {"data:,", "mathjax.js"}
-    assert 'href="01_a.html"' in (tmp_path / "build" / "html" / "index.html").read_text(encoding="utf-8")
-    assert "MathJax" in (tmp_path / "build" / "html" / "mathjax.js").read_text(encoding="utf-8")
+    assert 'href="01_a.html"' in (html / "index.html").read_text(encoding="utf-8")
+    assert "MathJax" in (html / "mathjax.js").read_text(encoding="utf-8")
 
-    write(tmp_path / "notebooks" / "01_a.ipynb", "1 / 0")
-    assert pages.main([str(tmp_path / "notebooks"), str(tmp_path / "other")]) == 2
-    assert (
-        "endolab: 01_a.ipynb: a cell failed with ZeroDivisionError: division by zero"
-        in capsys.readouterr().err
-    )
+    write(notebooks / "01_a.ipynb", "1 / 0")
+    assert pages.main([str(notebooks), str(tmp_path / "other")]) == 2
+    said = "endolab: 01_a.ipynb: a cell failed with ZeroDivisionError: division by zero"
+    assert said in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
 
 

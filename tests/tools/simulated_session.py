@@ -34,12 +34,8 @@ def simulated(name="vicalib_small", **light):
     panel = target.panel_of(target.points)
     for name in names:
         if name in LOST:
-            few = (
-                (np.arange(5), rng.uniform(20, 100, (5, 2)), "")
-                if name == LOST[1]
-                else (np.zeros(0, int), np.zeros((0, 2)), "too dark")
-            )
-            detections[name] = Detection(*few)
+            few, reason = (5, "") if name == LOST[1] else (0, "too dark")
+            detections[name] = Detection(np.arange(few), rng.uniform(20, 100, (few, 2)), reason)
             continue
         exact = np.empty((len(target.points), 2))
         for number, pose in enumerate(poses[located.index(name)]):
@@ -89,6 +85,5 @@ def simulated(name="vicalib_small", **light):
 
 def refused(session):
     """Return the session as if the light could not be told."""
-    return replace(
-        session, light=None, scores=None, refused="γ cannot be told from <one> flat sheet & free gains"
-    )
+    said = "γ cannot be told from <one> flat sheet & free gains"
+    return replace(session, light=None, scores=None, refused=said)
