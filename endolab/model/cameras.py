@@ -263,8 +263,7 @@ class KannalaBrandt(_FocalCamera):
 
     @cached_property
     def max_angle(self) -> float:  # noqa: D102
-        k1, k2, k3, k4 = self.k
-        slope_in_square = [1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4]
+        slope_in_square = [1.0, *(odd * k for odd, k in zip((3, 5, 7, 9), self.k, strict=True))]
         return float(np.sqrt(smallest_positive_root(slope_in_square, np.pi**2)))
 
     @cached_property
@@ -275,17 +274,15 @@ class KannalaBrandt(_FocalCamera):
         k1, k2, k3, k4 = self.k
         s = theta * theta
         value = theta * (1 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
-        slope = 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)))
-        return value, slope
+        return value, 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)))
 
     def _radius(self, theta: FloatArray) -> FloatArray:
         return self._polynomial(theta)[0]
 
     def _angle(self, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
         theta = invert_increasing(self._polynomial, rho, 0.0, self.max_angle)
-        slope = self._polynomial(theta)[1]
         with np.errstate(divide="ignore"):
-            return theta, 1 / slope
+            return theta, 1 / self._polynomial(theta)[1]
 
 
 @dataclass(frozen=True)

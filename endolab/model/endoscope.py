@@ -47,11 +47,9 @@ def _brdf(section: Section) -> BRDF:
         theta, values = section.numbers("theta"), section.numbers("value")
         table: BRDF = section.build(TabulatedBRDF, theta=theta, values=values)
         return table
-    albedo = section.content.get("albedo")
-    value = (
-        section.numbers("albedo", 3) if isinstance(albedo, list | tuple) else section.positive("albedo", 1.0)
-    )
-    matt: BRDF = section.build(Lambertian, albedo=value)
+    three = isinstance(section.content.get("albedo"), list | tuple)
+    albedo = section.numbers("albedo", 3) if three else section.positive("albedo", 1.0)
+    matt: BRDF = section.build(Lambertian, albedo=albedo)
     return matt
 
 
@@ -66,15 +64,9 @@ def _photometry(section: Section) -> Photometry:
     lights = []
     for index, item in enumerate(listed):
         light = Section(item, f"{section.where}.lights[{index}]", section.file)
-        lights.append(
-            light.build(
-                SpotLight,
-                position=light.numbers("position", 3),
-                direction=light.numbers("direction", 3),
-                exponent=light.number("exponent", low=0.0),
-                weight=light.positive("weight", 1.0),
-            )
-        )
+        values: dict[str, Any] = {name: light.numbers(name, 3) for name in ("position", "direction")}
+        values |= {"exponent": light.number("exponent", low=0.0), "weight": light.positive("weight", 1.0)}
+        lights.append(light.build(SpotLight, **values))
     made: Photometry = section.build(Photometry, k=k, gamma=gamma, gain=gain, brdf=brdf, lights=tuple(lights))
     return made
 
@@ -131,12 +123,8 @@ class Endoscope:
             raise ValueError(
                 f"a calibration file holds Lambertian or tabulated BRDFs, not {type(brdf).__name__}"
             )
-        photometry: dict[str, Any] = {
-            "k": self.photometry.k,
-            "gamma": self.photometry.gamma,
-            "gain": self.photometry.gain,
-            "brdf": surface,
-        }
+        photometry = {name: getattr(self.photometry, name) for name in ("k", "gamma", "gain")}
+        photometry["brdf"] = surface
         if self.photometry.lights:
             photometry["lights"] = [asdict(light) for light in self.photometry.lights]
         whole = {"endolab": 1, "camera": camera_to_dict(self.camera), "photometry": photometry}

@@ -29,11 +29,7 @@ def vertex_normals(vertices: FloatArray, triangles: IndexArray) -> FloatArray:
     """Unit normals of the vertices: those of the triangles around, weighted by area."""
     towards = triangle_normals(vertices[triangles])
     total = np.stack(
-        [
-            sum(np.bincount(triangles[:, i], towards[:, axis], len(vertices)) for i in range(3))
-            for axis in range(3)
-        ],
-        axis=-1,
+        [sum(np.bincount(corner, part, len(vertices)) for corner in triangles.T) for part in towards.T], -1
     )
     # No sum is 0: seen from the camera, every triangle at a vertex has it in its plane.
     return total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), np.finfo(float).tiny)

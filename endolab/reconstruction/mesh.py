@@ -53,8 +53,7 @@ def make_mesh(
         If arrays do not fit or a threshold is out of range.
     """
     if isinstance(shown, Result | Iterate):
-        problem, unit = shown.problem, shown.problem.unit
-        points = shown.points
+        problem, points, unit = shown.problem, shown.points, shown.problem.unit
         colours = problem.picture if colours is None else colours
         colours = problem.image if colours is None else colours
         cuts = problem.cuts if cuts is None else cuts

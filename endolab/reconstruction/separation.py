@@ -327,10 +327,8 @@ def _bounced(
     def inflation(albedo: FloatArray) -> FloatArray:
         place = np.interp(albedo, LEVELS, np.arange(len(LEVELS)))
         low = np.minimum(place.astype(int), len(LEVELS) - 2)
-        parts = [
-            (1 - p) * table[..., i] + p * table[..., i + 1] for p, i in zip(place - low, low, strict=True)
-        ]
-        return np.stack(parts, axis=-1)
+        p = place - low
+        return (1 - p) * table[..., low] + p * table[..., low + 1]
 
     found = estimated_albedo(colours, inflation)
     return inflation(found), found
