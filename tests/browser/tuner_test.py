@@ -1,6 +1,5 @@
 """The tuner in JupyterLab: a slider moves the picture, an error is a line, the page stays alive."""
 
-import json
 import re
 
 import pytest
@@ -40,9 +39,8 @@ def test_a_slider_changes_the_picture(opened):
     before, lam = page.locator(PICTURE).first.get_attribute("src"), lam_of(page)
     for _ in range(8):
         press(page, "ArrowLeft")
-    page.wait_for_function(
-        f"old => document.querySelector('{PICTURE}').src !== old && ({FINE})()", arg=before
-    )
+    changed = f"old => document.querySelector('{PICTURE}').src !== old && ({FINE})()"
+    page.wait_for_function(changed, arg=before)
     page.wait_for_timeout(1500)
     assert page.locator(PICTURE).first.get_attribute("src") != before
     assert lam_of(page) == pytest.approx(lam * 10**-0.4, rel=0.02)
@@ -60,14 +58,11 @@ def test_ends_errors_and_a_kept_result_leave_the_page_alive(opened):
     page.get_by_role("button", name="keep as A").click()
     page.locator(KEPT).wait_for(state="visible")
     page.get_by_role("button", name="show code").click()
-    page.wait_for_function(
-        "() => document.querySelector('.endolab-tuner textarea').value.includes('el.reconstruct')"
-    )
+    code = "document.querySelector('.endolab-tuner textarea').value"
+    page.wait_for_function(f"() => {code}.includes('el.reconstruct')")
     with page.expect_file_chooser() as choosing:
         page.locator(".endolab-tuner .widget-upload").click()
-    choosing.value.set_files(
-        [{"name": "broken.json", "mimeType": "application/json", "buffer": json.dumps([1]).encode()}]
-    )
+    choosing.value.set_files([{"name": "broken.json", "mimeType": "application/json", "buffer": b"[1]"}])
     page.wait_for_function(f"() => document.querySelector('{STATUS}').innerText.includes('broken.json')")
     opened.photograph("06_tuner_error")
     for index in (0, 1, 2):
@@ -89,11 +84,8 @@ def section_of(page):
 
 
 def section_is(page, percent):
-    page.wait_for_function(
-        "([index, wished]) => Math.abs(wished - parseFloat("
-        "document.querySelectorAll('.endolab-tuner .widget-readout')[index].innerText)) < 1",
-        arg=[6, percent],
-    )
+    said = "document.querySelectorAll('.endolab-tuner .widget-readout')[6].innerText"
+    page.wait_for_function(f"wished => Math.abs(wished - parseFloat({said})) < 1", arg=percent)
 
 
 def test_the_section_follows_the_pointer(opened):
@@ -128,10 +120,8 @@ def test_a_stands_beside_b_and_is_dropped_again(opened):
     page.locator(KEPT).wait_for(state="visible")
     for _ in range(20):
         press(page, "ArrowLeft")
-    page.wait_for_function(
-        "() => document.querySelector('.endolab-now .endolab-caption')"
-        ".innerText.startsWith('B (now): λ = 0.1')",
-    )
+    caption = "document.querySelector('.endolab-now .endolab-caption').innerText"
+    page.wait_for_function(f"() => {caption}.startsWith('B (now): λ = 0.1')")
     assert page.locator(".endolab-kept .endolab-caption").inner_text().startswith("A: λ = 1 ")
     kept, now = (page.locator(picture).bounding_box() for picture in (KEPT, PICTURE))
     assert kept["y"] == now["y"]
@@ -142,9 +132,8 @@ def test_a_stands_beside_b_and_is_dropped_again(opened):
     section_is(page, 20)
     page.get_by_role("button", name="drop A").click()
     page.locator(KEPT).wait_for(state="hidden")
-    page.wait_for_function(
-        f"width => document.querySelector('{PICTURE}').offsetWidth > 1.5 * width", arg=now["width"]
-    )
+    wider = f"width => document.querySelector('{PICTURE}').offsetWidth > 1.5 * width"
+    page.wait_for_function(wider, arg=now["width"])
     assert opened.state()["complaints"] == []
 
 
