@@ -16,9 +16,8 @@ import numpy as np
 import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import compare, occlusion_cuts
-from endolab.model.brdf import Lambertian
 
-TISSUE = Lambertian((0.75, 0.38, 0.30))
+TISSUE = el.Lambertian((0.75, 0.38, 0.30))
 WAYS = {
     "facing": {"solver": "facing"},
     "marched": {"solver": "fast_marching"},
@@ -52,7 +51,7 @@ def tell(name, way, frame, calibration, truth, normals=None, most=90.0, scale="n
 
 
 def without_albedo(calibration):
-    return replace(calibration, photometry=replace(calibration.photometry, brdf=Lambertian(0.38)))
+    return replace(calibration, photometry=replace(calibration.photometry, brdf=el.Lambertian(0.38)))
 
 
 def traced():

@@ -16,8 +16,6 @@ import numpy as np
 
 import endolab as el
 from endolab import datasets
-from endolab.batch.sweep import sweep
-from endolab.reconstruction.sequence import reconstruct_sequence
 from tests.tools.problems import moved_colon
 
 SIZES = (("simple", 320), ("paper", 1440))  # 320x240 and 1440x1080
@@ -46,13 +44,13 @@ def video(name: str, width: int) -> None:
     frames, calibration = shots(name, width)
     camera = calibration.camera
     _ = camera.field
-    list(reconstruct_sequence(frames[:2], calibration, width=80))  # compile
+    list(el.reconstruct_sequence(frames[:2], calibration, width=80))  # compile
     before, cold = peak(), []
     for title, image in frames[1:4]:
         started = time.perf_counter()
         el.reconstruct(el.Frame(image, np.ones(image.shape[:2], bool), title), calibration)
         cold.append(time.perf_counter() - started)
-    steps = list(reconstruct_sequence(frames, calibration))
+    steps = list(el.reconstruct_sequence(frames, calibration))
     warm = [step.seconds for step in steps[1:]]
     ratio = [step.result.iterations for step in steps if step.result is not None]
     print(
@@ -74,7 +72,7 @@ def cores() -> None:
                 started = time.perf_counter()
                 table = Path(folder) / f"{jobs}{backend}{turn}.csv"
                 lam = (0.1, 0.3, 1.0, 3.0, 10.0) if turn == "measure" else (1.0,)
-                sweep(pictures, calibration, lam=lam, table=table, n_jobs=jobs, backend=backend)
+                el.sweep(pictures, calibration, lam=lam, table=table, n_jobs=jobs, backend=backend)
                 taken[jobs, backend] = time.perf_counter() - started
     one = taken[1, "loky"]
     for (jobs, backend), seconds in taken.items():

@@ -20,7 +20,6 @@ from endolab.depth.fast_marching import March
 from endolab.depth.grid import Grid
 from endolab.depth.primal_dual import _Path
 from endolab.depth.problem import Problem
-from endolab.depth.result import run
 from endolab.depth.solvers import solve
 from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.numerics.compiled import inner
@@ -45,7 +44,7 @@ PAPER = (  # Table I: scene, ξ, order, iterations, mean / median %, mean / medi
 )
 
 
-def shot_of(scene: str | el.Scene, width: int = 320, **how: float) -> Shot:
+def shot_of(scene, width=320, **how):
     """A frame of one albedo and its truth."""
     calibration = datasets.load_calibration("simple", width)
     return Shot(scene, calibration, calibration.photometry.channel("green"), **how)
@@ -109,19 +108,19 @@ def sizes() -> None:
         problem = problem_of(shot)
         solvers = ("fast_marching", "gauss_newton", "primal_dual")
         for solver in solvers if width in PRIMAL_DUAL_SIZES else solvers[:2]:
-            result = run(solve(fresh(problem), solver))
+            result = el.run(solve(fresh(problem), solver))
             repeats = 1 if solver == "primal_dual" or width > 640 else 3
-            seconds = median(run(solve(fresh(problem), solver)).seconds for _ in range(repeats))
+            seconds = median(el.run(solve(fresh(problem), solver)).seconds for _ in range(repeats))
             measured = fresh(problem)
             gc.collect()
             tracemalloc.start()
-            run(solve(measured, solver), max_iterations=400 if solver == "primal_dual" else None)
+            el.run(solve(measured, solver), max_iterations=400 if solver == "primal_dual" else None)
             peak = tracemalloc.get_traced_memory()[1]
             tracemalloc.stop()
             warm = ""
             if solver == "gauss_newton":
                 moved, start = replace(problem, lam=1.1 * problem.lam), result.iterate.log_distance
-                again = [run(solve(fresh(moved), solver, start=start)).seconds for _ in range(repeats)]
+                again = [el.run(solve(fresh(moved), solver, start=start)).seconds for _ in range(repeats)]
                 warm = f"{1e3 * median(again):.0f}"
             e, pixels = shot.errors(result), int(problem.mask.sum())
             times = f"{1e3 * seconds:.0f}", warm, f"{1e6 * seconds / pixels:.2f}"
@@ -151,10 +150,10 @@ def sensitivity() -> None:
         shot = shot_of(scene)
         problem = problem_of(shot)
         middle = np.full(problem.mask.shape, float(np.median(problem.log_facing)))
-        march = run(solve(problem, "fast_marching")).iterate.log_distance
+        march = el.run(solve(problem, "fast_marching")).iterate.log_distance
         starts = {"none": None, "march": march, "d₀": problem.log_facing, "constant": middle}
         for name, start in starts.items():
-            result = run(solve(problem, "gauss_newton", start=start))
+            result = el.run(solve(problem, "gauss_newton", start=start))
             e, least = shot.errors(result), f"{result.energy:.3e}"
             rows.append([scene, name, ended(result), least, both(e, "percent"), both(e, "degrees", 3)])
     heads = ("scene", "start", "iterations", "energy", "% mean / median", "° mean / median")

@@ -12,7 +12,6 @@ from endolab import datasets
 from endolab.cli import main as cli
 from endolab.datasets import endomapper
 from endolab.io.descriptions import read_camera
-from endolab.model.cameras import KannalaBrandt, Pinhole
 
 # Written as Vicalib does; the numbers are of the data set's Endoscope_01.
 GEOMETRY = """<rig>
@@ -72,7 +71,7 @@ def write(tmp_path):
 
 def test_the_camera(write):
     camera = endomapper.read_vicalib(write()[0])
-    assert isinstance(camera, KannalaBrandt)
+    assert isinstance(camera, el.KannalaBrandt)
     assert (camera.width, camera.height) == (1440, 1080)
     assert endomapper.read_vicalib(write("734.7278", "0.51")[0]).cx == 0.51
     theta, k = 0.7, (-0.1396589, -0.0003139987, 0.001505504, -0.0001316715)
@@ -84,7 +83,7 @@ def test_the_camera(write):
 def test_a_pinhole(write):
     text = re.sub(r"_kb4|; -0\.139[^]]*", "", GEOMETRY)
     camera = endomapper.read_vicalib(write(geometry=text)[0])
-    assert camera == Pinhole(1440, 1080, 717.6911, 718.0214, 734.7278, 552.0724)
+    assert camera == el.Pinhole(1440, 1080, 717.6911, 718.0214, 734.7278, 552.0724)
 
 
 def test_a_light_off_the_axis_is_in_mm(write):
@@ -241,10 +240,14 @@ def test_files_that_are_not_read(tmp_path, content, message):
     refused(endomapper.read_vicalib, path, message)
 
 
-def test_files_that_are_not_there(tmp_path):
+def test_files_that_are_not_there_and_several_of_a_kind(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none\.xml: there is no such XML file"):
         endomapper.read_vicalib(tmp_path / "none.xml")
     with pytest.raises(FileNotFoundError, match=r"expected a file \*_geometrical\.xml"):
+        endomapper.find_calibrations(tmp_path)
+    for name in ("Endoscope_01", "Endoscope_02"):
+        (tmp_path / f"{name}_geometrical.xml").touch()
+    with pytest.raises(ValueError, match=r"expected one \*_geometrical\.xml, found 2"):
         endomapper.find_calibrations(tmp_path)
 
 
@@ -295,10 +298,3 @@ def test_convert_refuses(write, capsys, change, message):
     assert error.count("\n") == 1
     assert message in error
     assert sorted(geometry.parent.iterdir()) == before
-
-
-def test_several_files_of_a_kind(write):
-    geometry, _ = write()
-    geometry.with_name("Endoscope_02_geometrical.xml").write_text(GEOMETRY)
-    with pytest.raises(ValueError, match=r"expected one \*_geometrical\.xml, found 2"):
-        endomapper.find_calibrations(geometry.parent)

@@ -10,9 +10,8 @@ import endolab as el
 from endolab import datasets
 from endolab.datasets import folders
 from endolab.metrics.depth_errors import compare
-from endolab.model.cameras import Pinhole
 
-UCL = Pinhole(256, 256, 128.0, 128.0, 127.5, 127.5)  # 90° wide, for the sake of a number
+UCL = el.Pinhole(256, 256, 128.0, 128.0, 127.5, 127.5)  # 90° wide, for the sake of a number
 SERIES = "T1_L2_1_resized"
 
 
