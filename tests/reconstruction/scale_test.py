@@ -19,7 +19,6 @@ from endolab.reconstruction.scale import (
     scale_of,
     with_known_length,
 )
-from endolab.reconstruction.sequence import reconstruct_sequence
 from tests.tools.problems import Shot
 
 CAMERA = el.Pinhole(200, 150, 110.0, 110.0, 99.5, 74.5)
@@ -176,14 +175,14 @@ def test_a_good_length_passes():
 def test_the_first_frames_length_is_that_of_all(shot):
     frames = [(name, light * shot.frame.image) for name, light in (("a", 1.0), ("b", 0.9), ("c", 0.95))]
     length = (30.0, *ONE)
-    steps = list(reconstruct_sequence(frames, shot.up_to_scale, known_distance=length))
+    steps = list(el.reconstruct_sequence(frames, shot.up_to_scale, known_distance=length))
     results = [step.result for step in steps]
     assert [scale_of(result) for result in results] == ["known distance", "frame before", "frame before"]
     for result in results:
         assert result.metric
         assert 1 / factor_of_distance(result, 1.0, *ONE) == pytest.approx(30, rel=0.05)
     assert "carried over from the frame before" in meaning(results[1])[0]
-    plain = [step.result for step in reconstruct_sequence(frames[:2], shot.up_to_scale)]
+    plain = [step.result for step in el.reconstruct_sequence(frames[:2], shot.up_to_scale)]
     assert [scale_of(result) for result in plain] == ["none", "frame before"]
     assert "nearly that of the frame before" in meaning(plain[1])[0]
 
@@ -191,11 +190,12 @@ def test_the_first_frames_length_is_that_of_all(shot):
 def test_a_length_in_a_broken_first_frame_is_not_taken_for_another_frames(shot):
     frames = [("a", None), ("b", shot.frame.image)]
     with pytest.raises(ValueError, match="a: cannot be read"):
-        list(reconstruct_sequence(frames, shot.up_to_scale, known_distance=(30.0, *ONE)))
+        list(el.reconstruct_sequence(frames, shot.up_to_scale, known_distance=(30.0, *ONE)))
 
 
 def test_how_the_scale_was_fixed_is_said(shot, relative, known):
-    assert scale_of(relative) == "none"
+    assert scale_of(relative) == scale_of(relative.iterate) == "none"
+    assert meaning(relative.iterate) == meaning(relative)
     assert scale_of(known) == "gain"
     assert "the gain of the endoscope is known" in meaning(known)[0]
     assert "their unit is arbitrary" in meaning(relative)[0]
@@ -264,11 +264,6 @@ def test_bounced_light_and_notes_are_told(relative):
     result = posed(relative, origin=Origin(albedo=(0.75, 0.38, 0.3), notes=("The colours say little.",)))
     assert "with albedos of 0.75, 0.38, 0.3 (R, G, B), and taken out" in said(result, "bounced")
     assert meaning(result)[-1] == "The colours say little."
-
-
-def test_an_iterate_means_what_its_result_means(relative):
-    assert meaning(relative.iterate) == meaning(relative)
-    assert scale_of(relative.iterate) == "none"
 
 
 @pytest.mark.parametrize("size", [(200, 150), (60, 150), (200, 40)])

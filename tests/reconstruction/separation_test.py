@@ -9,7 +9,6 @@ import pytest
 import endolab as el
 from endolab.depth.problem import AT_LEAST, NONE
 from endolab.metrics.depth_errors import compare
-from endolab.model.brdf import Lambertian
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.iteration import Status, finish
 from endolab.reconstruction.problem_setup import make_problem
@@ -99,7 +98,7 @@ def test_the_computed_share_is_the_renderers(dry):
 
 def test_albedos_are_found_in_the_colours(dry, separated):
     """Whatever the calibration says of one albedo: the ratios and the level come from the picture."""
-    grey = without(dry.calibration, brdf=Lambertian(0.38))
+    grey = without(dry.calibration, brdf=el.Lambertian(0.38))
     result = solved(dry.frame, grey)
     found = np.array(result.problem.settings["albedo"])
     np.testing.assert_allclose(found / found[0], ALBEDO / ALBEDO[0], rtol=0.25)
@@ -196,7 +195,7 @@ def test_estimated_albedos_are_exact_where_the_model_is(dry):
     np.testing.assert_allclose(found, ALBEDO, rtol=0.01)
 
 
-@pytest.mark.parametrize("brdf", [Lambertian(0.38), Lambertian(tuple(ALBEDO))])
+@pytest.mark.parametrize("brdf", [el.Lambertian(0.38), el.Lambertian(tuple(ALBEDO))])
 def test_without_colour_one_channel_is_taken(dry, brdf):
     grey = el.Frame(np.repeat(dry.frame.image[..., 1:2], 3, axis=-1), dry.frame.mask, "grey")
     result = solved(grey, without(dry.calibration, brdf=brdf))
@@ -208,7 +207,7 @@ def test_colours_of_one_ratio_tell_nothing(dry):
     """A white wall: noise differs, albedos do not."""
     rng = np.random.default_rng(3)
     white = np.clip(dry.frame.image[..., 1:2] + rng.normal(scale=0.02, size=dry.frame.image.shape), 0, 1)
-    plain = without(dry.calibration, brdf=Lambertian(0.38))
+    plain = without(dry.calibration, brdf=el.Lambertian(0.38))
     result = solved(el.Frame(white, dry.frame.mask, "w"), plain, width=160, smooth=0.0)
     assert "colours tell nothing of bounced light" in note(result)
     with pytest.raises(NoColour, match="as good as equal"):
@@ -224,7 +223,7 @@ def test_colours_of_one_ratio_tell_nothing(dry):
 )
 def test_albedos_that_cannot_be_used(dry, albedo, sentence):
     with pytest.raises(ValueError, match=sentence):
-        solved(dry.frame, without(dry.calibration, brdf=Lambertian(albedo)))
+        solved(dry.frame, without(dry.calibration, brdf=el.Lambertian(albedo)))
 
 
 def test_a_grey_frame_and_an_unknown_way_with_highlights(dry):

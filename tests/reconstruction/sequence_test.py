@@ -8,7 +8,6 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.depth.energy import energy_terms
-from endolab.numerics.iteration import Status
 from endolab.reconstruction import reconstruct as reconstruct_module
 from endolab.reconstruction import sequence
 from endolab.reconstruction.scale import rescaled
@@ -101,7 +100,7 @@ def test_a_start_from_the_last_is_as_good_as_a_cold_one():
     for step, one in zip(warm, seen, strict=True):
         cold = el.reconstruct(el.Frame(one.image, one.mask), KNOWN)
         assert step.result.energy <= 1.05 * cold.energy
-        assert step.result.status is Status.CONVERGED
+        assert step.result.status is el.Status.CONVERGED
 
 
 def test_a_cut_in_the_film_is_begun_anew():
@@ -134,7 +133,7 @@ def test_an_interruption_ends_it(monkeypatch):
     seen, real = named(shots(WAYS["tube"][:3])), reconstruct_module.reconstruct
 
     def interrupted(*arguments, **options):
-        return replace(real(*arguments, **options), status=Status.STOPPED)
+        return replace(real(*arguments, **options), status=el.Status.STOPPED)
 
     monkeypatch.setattr(sequence, "reconstruct", interrupted)
     assert [step.name for step in reconstruct_sequence(seen, KNOWN)] == ["f0"]
