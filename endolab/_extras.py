@@ -1,7 +1,5 @@
 """The packages of the extra `lab`, which the core does without: what is missing is said in a sentence."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 

@@ -1,7 +1,5 @@
 """Frames of a target in, endoscope.json and its report out; a call that was cut off goes on where it was."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

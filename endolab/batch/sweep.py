@@ -1,7 +1,5 @@
 """Many reconstructions as one table: λ × ξ × order × frame, on as many cores or machines as there are."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools

@@ -1,7 +1,5 @@
 """A table of reconstructions, one a row, as CSV: what is not known is nan, and an empty cell."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

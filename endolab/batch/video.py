@@ -276,9 +276,8 @@ class _Recording:
     def add(self, name: str, result: Result) -> None:
         """Log a frame."""
         problem = result.problem
-        picture = problem.image if problem.picture is None else problem.picture
         if self.possible:
-            self._log(name, picture, result.distance, result.normals, problem.camera)
+            self._log(name, problem.shown, result.distance, result.normals, problem.camera)
 
     def _log(
         self, name: str, picture: FloatArray, distance: FloatArray, normals: FloatArray, camera: Camera

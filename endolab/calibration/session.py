@@ -1,7 +1,5 @@
 """A calibration from end to end: frames of a target in, the endoscope's camera and light out."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

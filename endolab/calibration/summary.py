@@ -1,7 +1,5 @@
 """What came of a calibration, in numbers and in words: the evidence of `endoscope.json`, a summary."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any

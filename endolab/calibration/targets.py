@@ -5,8 +5,6 @@ feature in the upper left; all in mm. A sheet that is folded along one line has 
 each with a pose of its own, and keeps the coordinates that it had before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property

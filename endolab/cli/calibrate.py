@@ -1,7 +1,5 @@
 """The commands about calibration: target, calibrate, convert, and simulate's sheet."""
 
-from __future__ import annotations
-
 import argparse
 from contextlib import closing
 from pathlib import Path

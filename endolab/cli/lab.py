@@ -1,7 +1,5 @@
 """JupyterLab on the notebooks: no pop-ups, no network, a free port, a kernel named endolab."""
 
-from __future__ import annotations
-
 import json
 import os
 import secrets

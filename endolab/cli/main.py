@@ -1,7 +1,5 @@
 """The command line: python -m endolab reconstruct, sweep, calibrate, target, simulate, evaluate, lab."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -1,7 +1,5 @@
 """How the command line says how to solve: the options, in one place, and the keywords they stand for."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The commands that solve: reconstruct, of a frame or a video, and sweep."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from typing import Any

@@ -1,7 +1,5 @@
 """C3VD (Bobrow et al., 2023): frames of a colon phantom with its depth."""
 
-from __future__ import annotations
-
 from endolab._deprecated import callable_as_before
 from endolab.datasets.known_endoscopes import CALIBRATIONS
 from endolab.datasets.sample import Sample, load_sample, stored_depth

@@ -1,7 +1,5 @@
 """Folders of published frames: any known layout opens in one call, told by the names of its files."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

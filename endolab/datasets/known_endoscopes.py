@@ -1,7 +1,5 @@
 """The endoscopes that endolab knows by name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from endolab.io.atomic import PathLike

@@ -5,8 +5,6 @@ distances in mm, nan where the truth is unknown. Nothing is downloaded. `folders
 opens any layout; EndoMapper's calibrations are in `endomapper`.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """SimCol3D (Rau et al., 2023): rendered frames of a colon with its depth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -12,8 +12,6 @@ Rows of the uint16 hold differences to the left, modulo 65536, which pack better
 the scene's own at the stored distance.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

@@ -11,8 +11,6 @@ along the axis, and so it is taken here. The camera is documented nowhere that w
    depth prediction in endoscopy", IJCARS 14, 2019.
 """
 
-from __future__ import annotations
-
 from endolab._deprecated import callable_as_before
 from endolab.datasets.sample import Sample, load_sample, stored_depth
 from endolab.io.atomic import PathLike

@@ -16,8 +16,6 @@ Normals in the model are from central differences of v, and from two pixels wher
 is missing: then the normal equations couple no pixels further apart than the Hessian's do.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from endolab.depth.problem import AT_LEAST, EXACT, Problem

@@ -4,8 +4,6 @@ What is computed here is written readably in `energy.py`; the tests hold the two
 are padded, see `numerics.compiled`; what is meant by each is in `grid.Grid`.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, NamedTuple
 

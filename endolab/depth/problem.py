@@ -1,7 +1,5 @@
 """A frame to be explained: everything a solver needs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -96,6 +94,11 @@ class Problem:
     def field(self) -> RayField:
         """The camera's ray field."""
         return self.camera.field
+
+    @property
+    def shown(self) -> FloatArray:
+        """The frame as it looked, (H, W) or (H, W, 3), or else the channel that is explained."""
+        return self.image if self.picture is None else self.picture
 
     @property
     def unit(self) -> str:

@@ -1,7 +1,5 @@
 """The solvers by their names, and the simplest of them."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Endoscopes, cameras and targets in JSON files."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Self

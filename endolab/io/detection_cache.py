@@ -1,7 +1,5 @@
 """What was detected in a video, kept in a file as it comes, so that nothing is looked for twice."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import asdict, replace

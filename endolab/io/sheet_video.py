@@ -1,7 +1,5 @@
 """Simulated calibration videos in files, with their truth."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Frames of a folder or a video, in order; and a video written."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Collection, Iterable, Iterator

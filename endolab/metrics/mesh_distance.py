@@ -1,7 +1,5 @@
 """How far a mesh is from another, by Open3D."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

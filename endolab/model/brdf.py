@@ -3,8 +3,6 @@
 In the simplified model the light sits at the camera, and the two angles are one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -7,8 +7,6 @@ Frame: x right, y down, z forward. Pixel coordinates are (column, row), the orig
 centre of the top-left pixel.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self

@@ -1,7 +1,5 @@
 """What is known of an endoscope: its camera and its light, and how `endoscope.json` tells them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self

@@ -1,7 +1,5 @@
 """Lights of an endoscope."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A surface of triangles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ For the ray field r(u) with metric G and v = log d (`../README.md` has the symbo
 Normals face the camera. Masked pixels are nan and never reach their neighbours.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

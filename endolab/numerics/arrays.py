@@ -1,7 +1,5 @@
 """Types of arrays, and arrays that nobody may write into."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

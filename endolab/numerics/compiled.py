@@ -1,7 +1,5 @@
 """Compiled loops: how they are compiled, and the padding that spares them their borders."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -7,8 +7,6 @@ from each pixel to its right (first) and lower (second) neighbour. Both come dow
 there are.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ They are generators that yield their steps and return the `Status` with which th
 to see the steps is an observer: any callable ``step -> bool | None``, whose True ends the run.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager

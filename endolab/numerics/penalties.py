@@ -1,7 +1,5 @@
 """Robust penalties, in the convention with one half: near zero each is r squared over two."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,7 +1,5 @@
 """Roots of polynomials and inverses of increasing functions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -4,8 +4,6 @@ As in `maps`, every function but the two pages draws into the axes ``ax`` it is 
 new ones, under ``title``, and returns the axes. The figures of the light are in `light`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -29,7 +27,7 @@ from endolab.plots.light import (
     show_scores,
 )
 from endolab.plots.maps import show_picture
-from endolab.plots.plain import round_length
+from endolab.plots.scales import round_length
 from endolab.plots.style import (
     BLUE,
     GREEN,

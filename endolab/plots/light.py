@@ -4,8 +4,6 @@ As in `maps`, every function draws into the axes ``ax`` it is given, or into new
 ``title``, and returns the axes.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -6,8 +6,6 @@ which is shown in neutral grey; ``unit`` is that of the distances. Colours are s
 colour-blind readers, and axes carry units (`style`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -300,7 +298,7 @@ def overview(
     iterate = shown.iterate if isinstance(shown, Result) else shown
     problem, unit = iterate.problem, iterate.problem.unit
     if picture is None:
-        picture = problem.image if problem.picture is None else problem.picture
+        picture = problem.shown
     start = np.exp(np.where(problem.mask, problem.log_facing, np.nan))
     curves = {"start": start, "estimate": iterate.distance}
     if truth is not None:

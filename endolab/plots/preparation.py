@@ -1,7 +1,5 @@
 """The figure of a frame that was prepared: as it came, without μ′, what was masked, what is solved."""
 
-from __future__ import annotations
-
 import textwrap
 
 import numpy as np
@@ -12,7 +10,7 @@ from matplotlib.patches import Patch
 from endolab.depth.result import Result
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.maps import show_depth, show_normals, show_picture, show_section
-from endolab.plots.plain import in_colour
+from endolab.plots.scales import in_colour
 from endolab.plots.style import BLUE, GREEN, LEFT_OUT, ORANGE, PAGE_SIZE, house
 from endolab.preprocessing.prepare import Prepared
 

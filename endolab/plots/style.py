@@ -6,8 +6,6 @@ page. Where a caller's axes lie on a dark figure, what is drawn inside them stil
 paper, and what is written outside them keeps the caller's ink.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -20,7 +18,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar  # type: ignore[import-untyped]
 
-from endolab.plots.plain import round_length
+from endolab.plots.scales import round_length
 
 LEFT_OUT = (0.72, 0.72, 0.72)
 BACKDROP = (0.09, 0.10, 0.12)  # of a surface in space

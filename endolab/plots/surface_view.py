@@ -1,7 +1,5 @@
 """A surface seen from beside the camera: the view, the light, and a depth map's surface in it."""
 
-from __future__ import annotations
-
 import os
 import sys
 
@@ -12,7 +10,7 @@ from matplotlib.collections import PolyCollection
 from endolab.metrics.mesh_distance import caster, load_open3d, to_open3d
 from endolab.model.mesh import Mesh, triangle_normals
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.plain import in_colour
+from endolab.plots.scales import in_colour
 from endolab.plots.style import BACKDROP, house, new_axes, scale_bar
 
 VIEW_WIDTH = 320  # columns of a surface that `show_cloud` draws; more cost time and show no more

@@ -7,8 +7,6 @@ vessel, a highlight's rim) falls. The end of a blind tube is such a step too, al
 hidden there: the picture alone does not tell.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from scipy import ndimage

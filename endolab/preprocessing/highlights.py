@@ -8,8 +8,6 @@ lies at the end of a slope or has the tissue's colour, and what lies between ves
 no paler than the tissue elsewhere.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from scipy.ndimage import percentile_filter

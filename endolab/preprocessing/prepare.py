@@ -1,7 +1,5 @@
 """A real frame made ready: what it shows, what in it is not tissue, what it looks like without μ′."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the numbers of a result mean and what they rest on, in sentences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

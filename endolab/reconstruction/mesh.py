@@ -1,7 +1,5 @@
 """A mesh out of a result."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,8 +52,7 @@ def make_mesh(
     """
     if isinstance(shown, Result | Iterate):
         problem, points, unit = shown.problem, shown.points, shown.problem.unit
-        colours = problem.picture if colours is None else colours
-        colours = problem.image if colours is None else colours
+        colours = problem.shown if colours is None else colours
         cuts = problem.cuts if cuts is None else cuts
     else:
         points, unit = np.asarray(shown, dtype=np.float64), "mm"

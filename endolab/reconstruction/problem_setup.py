@@ -3,8 +3,6 @@
 This is the stage "prepared" of a reconstruction; nothing is solved here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

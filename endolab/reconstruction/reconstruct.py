@@ -11,8 +11,6 @@ Stages, each of which hands the next one plain value:
 All that is solved on the way is yielded, so that observers see it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any

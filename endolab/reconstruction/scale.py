@@ -5,8 +5,6 @@ distance, the distance to one point, or that between two. The energy is the same
 distances go with the square root of the gain, so that a result is scaled after it was found.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -4,8 +4,6 @@ The timeline "frame" shows what was found and how well it is explained, "iterati
 was fitted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,7 +20,7 @@ from endolab.calibration.targets import Target
 from endolab.io.atomic import PathLike
 from endolab.io.video import Frames
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.plain import blue_white_red
+from endolab.plots.scales import blue_white_red
 from endolab.recording import layouts
 from endolab.recording.stream import NOW, OUTLIER, START, THIN, Sink, camera_shape, jpeg
 from endolab.recording.stream import TRUTH as GREY

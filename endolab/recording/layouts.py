@@ -5,8 +5,6 @@ several runs side by side, `sequence` a video's frames, `calibration` a calibrat
 sheet and fit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -21,7 +21,7 @@ from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.plain import blue_white_red, in_colour, round_length
+from endolab.plots.scales import blue_white_red, in_colour, round_length
 from endolab.recording.layouts import BLUEPRINTS, TIMELINE, Shown, comparison
 from endolab.recording.stream import (
     NOW,
@@ -284,7 +284,7 @@ class Recorder:
         self._range = near, far
         error = model_image(problem, iterate.log_distance)[inside] - problem.image[inside]
         self._grey_levels = max(5.0, float(np.ceil(255 * np.percentile(np.abs(error), 98))))
-        picture = in_colour(problem.image if problem.picture is None else problem.picture)
+        picture = in_colour(problem.shown)
         self._log_of_stage("input", png(picture[thin]))
         classes = rr.AnnotationContext([(0, "left out", (0, 0, 0, 255)), (1, "used", (0, 0, 0, 0))])
         mask = rr.SegmentationImage(inside[thin].astype(np.uint8), opacity=1.0)

@@ -1,7 +1,5 @@
 """A recording of a video's frames for the Rerun viewer, on the timeline "frame"."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import cv2
@@ -11,7 +9,7 @@ import rerun as rr
 from endolab.io.atomic import PathLike
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.plain import in_colour
+from endolab.plots.scales import in_colour
 from endolab.recording.layouts import sequence
 from endolab.recording.stream import Sink, as_bytes, camera_shape, depth_map, every, jpeg
 

@@ -1,7 +1,5 @@
 """The Rerun viewer: native, or in a notebook; for this machine only."""
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import io

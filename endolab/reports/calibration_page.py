@@ -1,7 +1,5 @@
 """The report of a calibration: a page with pictures, and its numbers as JSON."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any

@@ -11,6 +11,7 @@ from endolab.depth.result import Result
 from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_cloud, write_mesh
+from endolab.plots.scales import in_colour
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.mesh import make_mesh
 from endolab.reconstruction.scale import scale_of
@@ -71,9 +72,7 @@ def save_result(
 
     with staged_folder(folder) as staging:
         save_depth(staging / "depth.npz", result, result.metric)
-        picture = result.problem.picture if result.problem.picture is not None else result.problem.image
-        colour = np.broadcast_to(picture[..., None], (*picture.shape, 3)) if picture.ndim == 2 else picture
-        inside = result.mask
+        colour, inside = in_colour(result.problem.shown), result.mask
         write_cloud(staging / "cloud.ply", result.points[inside], result.normals[inside], colour[inside])
         write_atomically(staging / "report.json", as_json(report(result)))
         write_figure(staging / "overview.png", overview(result))

@@ -1,7 +1,5 @@
 """Sheets to print: a target as a PDF or SVG of true size, and its description as JSON."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any

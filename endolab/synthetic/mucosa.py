@@ -1,7 +1,5 @@
 """What the wall of a colon looks like: mottled, with vessels, under a wet film."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from endolab.model.lights import SpotLight

@@ -17,8 +17,6 @@ names none, the whole joint exponent k is taken for the spread of the light at t
 the direct layer cannot tell the two apart, the indirect one can.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from importlib import import_module

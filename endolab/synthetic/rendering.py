@@ -1,7 +1,5 @@
 """Frames that an endoscope would make of a scene, by the general model, with their truth."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -8,8 +8,6 @@ Each is a surface in the camera frame (mm), whatever the camera. 1 to 3 are met 
 closed form, 4 by marching to the first root and polishing it with Newton's method.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

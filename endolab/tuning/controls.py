@@ -1,7 +1,5 @@
 """What the tuner is made of: choices and sliders, and its two pictures, which can be pointed at."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any

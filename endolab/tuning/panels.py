@@ -1,7 +1,5 @@
 """What the tuner shows of an outcome: one board of six linked panels, with the same limits throughout."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -117,8 +115,7 @@ def outcome_board(outcome: Outcome, cut: Cut, limits: Shared | None = None, colu
     assert result is not None
     limits = limits or limits_of(outcome)
     problem, shape = result.problem, result.mask.shape
-    seen = problem.image if problem.picture is None else problem.picture
-    frame = map_panel(f"Input, {shape[1]} x {shape[0]} px", grey_or_colour(seen))
+    frame = map_panel(f"Input, {shape[1]} x {shape[0]} px", grey_or_colour(problem.shown))
     colours = coloured(result.distance, limits.depth)
     depth = map_panel(f"Distance [{problem.unit}], {outcome.label}", colours, limits.depth)
     for panel in (frame, depth):

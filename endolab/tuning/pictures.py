@@ -4,8 +4,6 @@ For what follows a hand on a slider; `plots` draws the same better and ten times
 Pictures are (H, W, 3) arrays of bytes, R, G, B.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -14,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.plain import blue_white_red, in_colour
+from endolab.plots.scales import blue_white_red, in_colour
 
 Picture = NDArray[np.uint8]
 Limits = tuple[float, float]

@@ -1,7 +1,5 @@
 """Find a target's features in a picture, and which of them they are."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -3,8 +3,6 @@
 A dot's bit is its darkness over the area of its lattice cell, which neither tilt nor blur changes.
 """
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -4,8 +4,6 @@ All steps are local in the picture, so no camera is needed: each next spot is pr
 neighbours, which follows fisheye curvature, perspective and the kink at a fold.
 """
 
-from __future__ import annotations
-
 from itertools import product
 
 import cv2

@@ -6,8 +6,6 @@ an equidistant camera the poses follow linearly from the rays (`planar_pose`), t
 the full model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile

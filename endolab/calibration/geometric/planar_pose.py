@@ -1,7 +1,5 @@
 """The pose of a flat target from the rays to its points: a start without a guess, at any field of view."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from endolab.calibration.geometric.pose import Pose

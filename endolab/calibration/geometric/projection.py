@@ -9,8 +9,6 @@ The camera is a vector here, in the order of `NAMES`; its polynomial is used as 
 where it no longer grows, because a solver may pass there.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -12,8 +12,6 @@ material in 1/sr: ``dataclasses.replace(fit.photometry, brdf=Lambertian(0.4))``.
 gains stay valid, up to the one factor by which the true paper is darker than paper_albedo.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 

@@ -14,8 +14,6 @@ The regression gives f many more nodes than the fit has. Else the error of inter
 few nodes would count as information, and would fix γ at a wrong value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

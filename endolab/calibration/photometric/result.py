@@ -1,7 +1,5 @@
 """What a photometric calibration returns: the model, its uncertainties, and its score on other frames."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 

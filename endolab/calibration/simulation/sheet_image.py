@@ -4,8 +4,6 @@ The dots are averaged over each pixel in linear light. What the camera does to t
 response, noise, saturation, rounding) comes last.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """How a hand moves a sheet of paper in front of a camera."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A calibration video as an endoscope would take it: a sheet of paper, moved by hand, with its truth."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any

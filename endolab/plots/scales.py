@@ -1,6 +1,4 @@
-"""What figures share with recordings and the tuner, of NumPy alone: colours, round lengths."""
-
-from __future__ import annotations
+"""Scales that figures share with recordings and the tuner, of NumPy alone: of colours and of lengths."""
 
 import numpy as np
 from numpy.typing import NDArray
