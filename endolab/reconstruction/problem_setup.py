@@ -133,8 +133,8 @@ def in_units(problem: Problem) -> Problem:
     """Choose the gain, if it is not known, that makes the median of d₀ one unit."""
     if problem.metric:
         return problem
-    unit = float(np.median(np.exp(problem.log_facing[problem.mask])))
-    gain = (problem.photometry.gain or 1.0) / unit**2
+    factor = 1 / float(np.median(np.exp(problem.log_facing[problem.mask])))
+    gain = (problem.photometry.gain or 1.0) * factor**2
     return replace(problem, photometry=replace(problem.photometry, gain=gain))
 
 
