@@ -83,12 +83,12 @@ def read_target(name_or_path: PathLike) -> Target:
     values["margin"] = top.positive("margin", Target.margin)
     if top.content.get("fold") is not None:
         values["fold"] = top.whole("fold")
-    top.content.pop("fold", None)
+    top.take("fold", None)
     if kind == "dots":
         values["seed"] = top.whole("seed", DotGrid.seed)
         if top.content.get("greys") is not None:
             values["greys"] = top.positive("greys")
-        top.content.pop("greys", None)
+        top.take("greys", None)
     if kind == "charuco":
         values["dictionary"] = top.take("dictionary", Charuco.dictionary)
         if not isinstance(values["dictionary"], str):

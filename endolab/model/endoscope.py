@@ -54,7 +54,7 @@ def _brdf(section: Section) -> BRDF:
 def _photometry(section: Section) -> Photometry:
     k, gamma = section.number("k", low=0.0), section.positive("gamma")
     gain = None if section.content.get("gain", ...) is None else section.positive("gain")
-    section.content.pop("gain", None)
+    section.take("gain", None)
     brdf = _brdf(section.section("brdf"))
     listed = section.take("lights", [])
     if not isinstance(listed, list):

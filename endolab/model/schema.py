@@ -2,9 +2,29 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
+from collections.abc import Iterable
 from typing import Any
+
+
+def nearest(found: object, choices: Iterable[str]) -> str:
+    """The one of some names that a misspelt one is like, whatever its case; "" if there is none."""
+    plain = {name.lower(): name for name in choices}
+    return next((plain[name] for name in difflib.get_close_matches(str(found).lower(), plain, 1)), "")
+
+
+def unknown(what: str, found: object, choices: Iterable[str], other: str = "") -> ValueError:
+    """Make the error that names all there is to choose, and the nearest if one is misspelt.
+
+    `other` is what can be given beside the choices, such as a file.
+    """
+    names = list(choices)
+    meant = nearest(found, names)
+    *most, last = [*names, other] if other else names
+    hint = f"; did you mean {meant}?" if meant else ""
+    return ValueError(f"unknown {what} {found!r}; choose {', '.join(most)} or {last}{hint}")
 
 
 def _is_finite(value: Any) -> bool:
@@ -25,6 +45,7 @@ class Section:
         if not isinstance(content, dict):
             raise self.error("", f"expected an object {{…}}, found {json.dumps(content)[:40]}")
         self.content = dict(content)
+        self.asked: dict[str, None] = {}  # the keys that this part may have, in order
 
     def error(self, key: str, what: str) -> ValueError:
         """Make the error that says what is wrong with a key; "" means this part as a whole."""
@@ -33,8 +54,10 @@ class Section:
 
     def take(self, key: str, default: Any = ...) -> Any:
         """Take out a value of any kind; it must be there unless a default is given."""
+        self.asked[key] = None
         if key not in self.content and default is ...:
-            raise self.error(key, "missing")
+            like = nearest(key, self.content)
+            raise self.error(key, f'missing; is "{like}" a misspelling of it?' if like else "missing")
         return self.content.pop(key, default)
 
     def section(self, key: str) -> Section:
@@ -77,13 +100,17 @@ class Section:
         """Take out one of a few words."""
         value = self.take(key)
         if value not in choices:
-            raise self.error(key, f"expected one of {', '.join(choices)}, found {json.dumps(value)}")
+            like = nearest(value, choices)
+            hint = f"; did you mean {like}?" if like else ""
+            raise self.error(key, f"expected one of {', '.join(choices)}, found {json.dumps(value)}{hint}")
         return str(value)
 
     def end(self) -> None:
-        """Complain of a key that nobody took."""
-        if self.content:
-            raise self.error(sorted(self.content)[0], "unknown key")
+        """Complain of keys that nobody took."""
+        first, *others = sorted(self.content) or [""]
+        if first:
+            more = f" (as {', '.join(others)})" if others else ""
+            raise self.error(first, f"unknown key{more}; expected {', '.join(self.asked)}")
 
     def build(self, make: Any, **values: Any) -> Any:
         """Call a constructor whose own complaint names the value; say where it stands."""

@@ -160,10 +160,39 @@ def test_a_missing_key(tmp_path, key):
 
 
 @pytest.mark.parametrize(
-    "key", ["Camera", "camera.f", "photometry.Gamma", "photometry.brdf.albdo", "photometry.lights.0.pos"]
+    ("key", "expected"),
+    [
+        ("Camera", "endolab, camera, photometry, evidence"),
+        ("camera.f", "model, width, height, fx, fy, cx, cy, k"),
+        ("photometry.Gamma", "k, gamma, gain, brdf, lights"),
+        ("photometry.brdf.albdo", "model, albedo"),
+        ("photometry.lights.0.pos", "position, direction, exponent, weight"),
+    ],
 )
-def test_a_misspelt_key(tmp_path, key):
-    assert complaint(tmp_path / "c.json", content(**{key: 1.0})) == f"{named(key)}: unknown key"
+def test_a_key_that_is_none(tmp_path, key, expected):
+    sentence = complaint(tmp_path / "c.json", content(**{key: 1.0}))
+    assert sentence == f"{named(key)}: unknown key; expected {expected}"
+
+
+@pytest.mark.parametrize(
+    ("key", "misspelt", "named_as"),
+    [
+        *(("photometry.k", "kk", "photometry.k"), ("photometry.k", "K", "photometry.k")),
+        *(("photometry.gamma", "gama", "photometry.gamma"), ("camera.fx", "f_x", "camera.fx")),
+        *(("camera.width", "widht", "camera.width"), ("camera", "camrea", "camera")),
+        ("photometry.lights.0.position", "postion", "photometry.lights[0].position"),
+    ],
+)
+def test_a_misspelt_key_is_named_beside_the_one_that_is_missing(tmp_path, key, misspelt, named_as):
+    whole = content(**{key: ..., f"{key.rpartition('.')[0]}.{misspelt}".lstrip("."): 1.0})
+    assert (
+        complaint(tmp_path / "c.json", whole) == f'{named_as}: missing; is "{misspelt}" a misspelling of it?'
+    )
+
+
+def test_all_keys_that_are_none_are_named(tmp_path):
+    sentence = complaint(tmp_path / "c.json", content(**{"photometry.bias": 1, "photometry.Alpha": 2}))
+    assert sentence.startswith("photometry.Alpha: unknown key (as bias); expected k, gamma, ")
 
 
 @pytest.mark.parametrize(
@@ -174,6 +203,10 @@ def test_a_misspelt_key(tmp_path, key):
         ("camera", [], "camera: expected an object"),
         ("camera.model", "fisheye", "camera.model: expected one of kannala_brandt, pinhole, scaramuzza"),
         ("camera.model", ["pinhole"], "camera.model: expected one of"),
+        (
+            *("camera.model", "pinhol"),
+            "camera.model: expected one of kannala_brandt, pinhole, scaramuzza, found",
+        ),
         ("camera.width", 0, "camera.width: expected a positive number, found 0"),
         ("camera.width", 12.5, "camera.width: expected a whole number of pixels, found 12.5"),
         ("camera.height", -5, "camera.height: expected a positive number, found -5"),
