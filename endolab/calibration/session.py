@@ -20,6 +20,7 @@ from endolab.calibration.photometric.samples import Samples, sample_sheet
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
+from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 
 Progress = Callable[[str, int, int], None]
@@ -214,7 +215,7 @@ def calibrate(
         If the frames differ in size, the target is in none of them, or they cannot tell the camera.
     """
     if channel not in (*CHANNELS, "grey"):
-        raise ValueError(f"unknown channel {channel!r}; choose red, green, blue or grey")
+        raise unknown_name("channel", channel, (*CHANNELS, "grey"))
     if isinstance(every, bool) or int(every) != every or every < 1:
         raise ValueError(f"every must be a whole number of frames, at least 1, got {every}")
     if detections is None:

@@ -7,6 +7,7 @@ from endolab.io.descriptions import Calibration
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
 from endolab.model.photometry import Photometry
+from endolab.model.schema import unknown_name
 
 CALIBRATIONS: dict[str, Calibration] = {
     # The paper's endoscope (Section IV-A) over tissue of a colon's mean albedo.
@@ -61,9 +62,7 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
     if name in CALIBRATIONS and not Path(name).exists():
         found = CALIBRATIONS[name]
     elif not Path(name).exists() and Path(name).suffix.lower() != ".json":
-        raise ValueError(
-            f"unknown calibration {name!r}; choose {', '.join(CALIBRATIONS)}, or give a JSON file"
-        )
+        raise unknown_name("calibration", name, CALIBRATIONS, "a JSON file")
     else:
         found = Calibration.load(name)
     if width is None:

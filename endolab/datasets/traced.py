@@ -23,6 +23,7 @@ from endolab._deprecated import callable_as_before
 from endolab.datasets.sample import Sample
 from endolab.io.atomic import PathLike
 from endolab.io.descriptions import Calibration
+from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame
 from endolab.synthetic.scenes import Colon
@@ -91,7 +92,7 @@ def load_traced(name: str = "diffuse-1") -> TracedSample:
         In one sentence, if there is none of that name or it cannot be read.
     """
     if name not in TRACED:
-        raise ValueError(f"unknown traced frame {name!r}; choose {', '.join(TRACED)}")
+        raise unknown_name("traced frame", name, TRACED)
     return read(FOLDER / f"{name}.npz")
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from endolab.model.cameras import Camera, RayField
 from endolab.model.photometry import Photometry
+from endolab.model.schema import unknown_name
 from endolab.model.surface import check_xi, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import REFERENCE_WIDTH, forward_gradient
@@ -68,7 +69,7 @@ class Problem:
     def __post_init__(self) -> None:
         check_xi(self.xi)
         if self.regulariser not in REGULARISERS:
-            raise ValueError(f"unknown regulariser {self.regulariser!r}; choose {' or '.join(REGULARISERS)}")
+            raise unknown_name("regulariser", self.regulariser, REGULARISERS)
         if not (np.isfinite(self.lam) and self.lam >= 0):
             raise ValueError(f"lam must be finite and at least 0, got {self.lam}")
         for name in ("epsilon", "threshold"):

@@ -9,6 +9,7 @@ from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.primal_dual import primal_dual
 from endolab.depth.problem import Problem
 from endolab.depth.result import Iterate, Solver
+from endolab.model.schema import unknown_name
 from endolab.numerics.iteration import Status
 
 
@@ -33,7 +34,7 @@ DEFAULT_SOLVER = "gauss_newton"
 def checked_solver(name: str, options: Mapping[str, Any]) -> Callable[..., Solver]:
     """Return the solver of that name, if there is one and it has these options."""
     if name not in SOLVERS:
-        raise ValueError(f"unknown solver {name!r}; choose {', '.join(SOLVERS)}")
+        raise unknown_name("solver", name, SOLVERS)
     known = options_of(name)
     for option in options:
         if option not in known:

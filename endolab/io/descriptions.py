@@ -10,7 +10,7 @@ from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Endoscope, camera_from_dict, camera_to_dict
-from endolab.model.schema import Section
+from endolab.model.schema import Section, unknown_name
 
 
 def read_camera(path: PathLike) -> Camera:
@@ -71,7 +71,7 @@ def read_target(name_or_path: PathLike) -> Target:
     if name in TARGETS:
         return TARGETS[name]
     if not Path(name).exists() and Path(name).suffix.lower() != ".json":
-        raise ValueError(f"unknown target {name!r}: choose {', '.join(TARGETS)}, or give a JSON file")
+        raise unknown_name("target", name, TARGETS, "a JSON file")
     top = Section(read_json(name, "target file"), "", name)
     version = top.take("endolab_target")
     if version != 1 or isinstance(version, bool):

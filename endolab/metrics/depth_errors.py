@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import forward_gradient, links
 
@@ -83,7 +84,7 @@ def compare(
         If the sizes differ, if no pixel is known in both, or if `scale` is neither.
     """
     if scale not in ("none", "median"):
-        raise ValueError(f"unknown scale {scale!r}; choose none or median")
+        raise unknown_name("scale", scale, ("none", "median"))
     if distance.shape != truth.shape:
         raise ValueError(
             f"the depth map is {distance.shape[1]}x{distance.shape[0]} px, "

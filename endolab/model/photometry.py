@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from endolab.model.brdf import BRDF, Lambertian
 from endolab.model.lights import SpotLight
+from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 
 CHANNELS = ("red", "green", "blue")
@@ -71,7 +72,7 @@ class Photometry:
         Grey is the weighted sum of the stored values (ITU-R BT.601).
         """
         if name not in (*CHANNELS, "grey"):
-            raise ValueError(f"unknown channel {name!r}; choose red, green, blue or grey")
+            raise unknown_name("channel", name, (*CHANNELS, "grey"))
         albedo = getattr(self.brdf, "albedo", None)
         if not (isinstance(self.brdf, Lambertian) and isinstance(albedo, tuple)):
             return self

@@ -15,7 +15,7 @@ def nearest(found: object, choices: Iterable[str]) -> str:
     return next((plain[name] for name in difflib.get_close_matches(str(found).lower(), plain, 1)), "")
 
 
-def unknown(what: str, found: object, choices: Iterable[str], other: str = "") -> ValueError:
+def unknown_name(what: str, found: object, choices: Iterable[str], other: str = "") -> ValueError:
     """Make the error that names all there is to choose, and the nearest if one is misspelt.
 
     `other` is what can be given beside the choices, such as a file.

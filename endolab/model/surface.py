@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from endolab.model.cameras import RayField
+from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import gradient
 
@@ -20,7 +21,7 @@ XI = ("1/z", "d", "1/d")
 def check_xi(xi: str) -> str:
     """Return `xi` if it is one of the maps; raise a ValueError that names them otherwise."""
     if xi not in XI:
-        raise ValueError(f"unknown xi {xi!r}; choose {', '.join(XI)}")
+        raise unknown_name("xi", xi, XI)
     return xi
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
+from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 DARK = 4 / 255  # below this rounding and noise say more than the surface does
@@ -100,7 +101,7 @@ class Frame:
         if name == "grey":
             return name, self.image @ GREY_WEIGHTS
         if name not in CHANNELS:
-            raise ValueError(f"unknown channel {name!r}; choose red, green, blue or grey")
+            raise unknown_name("channel", name, (*CHANNELS, "grey"))
         return name, self.image[..., CHANNELS.index(name)]
 
     def resize(self, width: int, height: int, gamma: float) -> Frame:

@@ -14,6 +14,7 @@ from scipy.ndimage import percentile_filter
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
+from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.frame import QUIET, noise_level
 
@@ -113,7 +114,7 @@ def check_highlights(treatment: str | None) -> str:
     """Return what is to be done with highlights, "keep" by default, if it is one of `HIGHLIGHTS`."""
     treatment = HIGHLIGHTS[0] if treatment is None else treatment
     if treatment not in HIGHLIGHTS:
-        raise ValueError(f"unknown way with highlights {treatment!r}; choose {', '.join(HIGHLIGHTS)}")
+        raise unknown_name("way with highlights", treatment, HIGHLIGHTS)
     return treatment
 
 

@@ -20,6 +20,7 @@ from endolab.depth.energy import model_image
 from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate
 from endolab.io.atomic import PathLike
+from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import blue_white_red, in_colour, round_length
 from endolab.recording.layouts import BLUEPRINTS, TIMELINE, Shown, comparison
@@ -90,7 +91,7 @@ def record(
     if (path is not None) + spawn + live != 1:
         raise ValueError("give record() either a path or spawn=True or live=True")
     if blueprint not in BLUEPRINTS:
-        raise ValueError(f"unknown blueprint {blueprint!r}; choose {', '.join(BLUEPRINTS)}")
+        raise unknown_name("blueprint", blueprint, BLUEPRINTS)
     return Recorder(Sink(path, live), truth, max_width, blueprint)
 
 

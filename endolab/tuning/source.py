@@ -12,6 +12,7 @@ import cv2
 
 from endolab.depth.result import Result
 from endolab.model.photometry import Photometry
+from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame, check_size
 from endolab.synthetic.rendering import render
@@ -180,7 +181,7 @@ class Source:
             gamma = gamma or (own if settings.gamma is None else settings.gamma)
             return self._once((settings.width, gamma), lambda: self._shrunk_frame(settings.width, gamma))
         if settings.scene not in SCENES:
-            raise ValueError(f"unknown scene {settings.scene!r}; choose {', '.join(SCENES)}")
+            raise unknown_name("scene", settings.scene, SCENES)
         if settings.width < 1:
             raise ValueError(f"width must be at least 1 px, got {settings.width}")
         return self._once((settings.scene, settings.width, settings.noise), lambda: self._rendered(settings))

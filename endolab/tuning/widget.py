@@ -22,6 +22,7 @@ from endolab import datasets
 from endolab.io.atomic import staged_folder, write_atomically
 from endolab.io.descriptions import Calibration
 from endolab.io.images import read_frame
+from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame
 from endolab.reports.result import save_result
@@ -64,7 +65,7 @@ def tune(
         If frame, calibration and truth do not go together, or if there is no such scene.
     """
     if scene not in SCENES:
-        raise ValueError(f"unknown scene {scene!r}; choose {', '.join(SCENES)}")
+        raise unknown_name("scene", scene, SCENES)
     return TunerBox(frame, calibration or datasets.load_calibration("paper"), truth, scene, width)
 
 

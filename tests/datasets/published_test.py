@@ -71,7 +71,9 @@ def test_known_endoscopes(name):
 
 
 def test_an_unknown_endoscope():
-    with pytest.raises(ValueError, match="unknown calibration 'pig'; choose paper, simple, c3vd, simcol3d"):
+    with pytest.raises(
+        ValueError, match="unknown calibration 'pig'; choose paper, simple, c3vd, simcol3d or a JSON file"
+    ):
         datasets.load_calibration("pig")
 
 

@@ -348,7 +348,7 @@ def test_edges_of_the_image_weigh_less(tiny):
         *(("lam", x, "lam must be finite and at least 0") for x in (-1.0, np.nan, np.inf, -np.inf)),
         *(("epsilon", x, "epsilon must be positive and finite") for x in (0.0, -1e-4, np.nan, np.inf)),
         *(("threshold", x, "threshold must be positive and finite") for x in (0.0, -1e-4, np.nan, np.inf)),
-        ("xi", "z", "unknown xi 'z'; choose 1/z, d, 1/d"),
+        ("xi", "z", "unknown xi 'z'; choose 1/z, d or 1/d"),
         ("regulariser", "third", "unknown regulariser 'third'; choose first or second"),
         ("image", np.zeros((7, 5)), "image has shape (7, 5), the camera (5, 7)"),
         ("mask", np.ones((5, 6), bool), "mask has shape (5, 6), the camera (5, 7)"),

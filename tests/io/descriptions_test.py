@@ -90,7 +90,7 @@ def test_a_file_that_is_no_description_is_refused(content, complaint, tmp_path):
 
 
 def test_an_unknown_name_lists_those_that_are_known_and_a_missing_file_is_named(tmp_path):
-    with pytest.raises(ValueError, match="unknown target 'vicalib': choose vicalib_big, vicalib_small"):
+    with pytest.raises(ValueError, match="unknown target 'vicalib'; choose vicalib_big, vicalib_small"):
         read_target("vicalib")
     with pytest.raises(FileNotFoundError, match="no such target file"):
         read_target(tmp_path / "none.json")

@@ -68,7 +68,7 @@ def test_xi_where_there_is_none():
     for xi in surface.XI:
         assert np.all(np.isnan(surface.from_xi([0.0, -1.0], xi, 1.0)))
     for function in (surface.to_xi, surface.from_xi):
-        with pytest.raises(ValueError, match="unknown xi 'depth'; choose 1/z, d, 1/d"):
+        with pytest.raises(ValueError, match="unknown xi 'depth'; choose 1/z, d or 1/d"):
             function(3.0, "depth", 1.0)
 
 

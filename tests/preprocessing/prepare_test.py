@@ -217,7 +217,7 @@ def test_a_grey_and_a_saturated_frame_are_prepared_and_a_black_one_is_not(known,
 def test_what_does_not_fit_is_said(known, colon):
     frame, other = el.Frame(colon.image, colon.mask), known.resize(320, 240)
     for call, message in (
-        (lambda: prepare(frame, known, highlights="paint"), "choose keep, ignore, inpaint"),
+        (lambda: prepare(frame, known, highlights="paint"), "choose keep, ignore or inpaint"),
         (lambda: prepare(frame, other), "480x360 px, but the calibration is for 320x240 px"),
         (lambda: undistorted(frame, known.camera, 180), "between 0 and 170"),
         (lambda: undistorted(frame, other.camera), "but the camera is for 320x240"),

@@ -230,5 +230,7 @@ def test_a_grey_frame_and_an_unknown_way_with_highlights(dry):
     grey = el.Frame(dry.frame.image[..., 1], dry.frame.mask, "old.png")
     with pytest.raises(ValueError, match=r"old.png is grey, and channel='separated' needs its three colours"):
         solved(grey, dry.calibration)
-    with pytest.raises(ValueError, match="unknown way with highlights 'melt'; choose keep, ignore, inpaint"):
+    with pytest.raises(
+        ValueError, match="unknown way with highlights 'melt'; choose keep, ignore or inpaint"
+    ):
         el.reconstruct(dry.frame, dry.calibration, highlights="melt")

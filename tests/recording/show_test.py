@@ -143,5 +143,5 @@ assert "WebGL" in hint.value
 def test_blueprints_are_chosen_by_name(tmp_path):
     for name in ("reconstruction", "convergence"):
         el.record(tmp_path / "run.rrd", blueprint=name).close()
-    with pytest.raises(ValueError, match="unknown blueprint 'nice'; choose reconstruction, convergence"):
+    with pytest.raises(ValueError, match="unknown blueprint 'nice'; choose reconstruction or convergence"):
         el.record(tmp_path / "run.rrd", blueprint="nice")
