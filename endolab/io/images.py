@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,13 +11,19 @@ import cv2
 import numpy as np
 
 from endolab.io.atomic import PathLike, write_atomically
+from endolab.io.picture_size import picture_size
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.memory import check_memory
 from endolab.preprocessing.frame import Frame, check_size
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from endolab.model.endoscope import Endoscope
+
+Check = Callable[[tuple[int, int]], None]  # refuses columns and rows by raising
+DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes, and what was stored
+UNREADABLE = "not a picture that can be read (PNG, JPEG, TIFF or BMP)"
 
 
 def write_image(path: PathLike, image: FloatArray, bits: int = 8) -> None:
@@ -35,48 +42,59 @@ def write_figure(path: PathLike, figure: Figure) -> None:
     write_atomically(path, content.getvalue())
 
 
-def read_image(path: PathLike) -> FloatArray:
-    """Read a grey or colour picture of 8 or 16 bits (PNG, JPEG, TIFF) as (H, W) or (H, W, 3).
+def read_image(path: PathLike, check: Check | None = None) -> FloatArray:
+    """Read a grey or colour picture of 8 or 16 bits (PNG, JPEG, TIFF, BMP) as (H, W) or (H, W, 3).
 
-    Stored values over their maximum (255 or 65535); R, G, B. An alpha channel is dropped. OSError or
-    ValueError in one sentence, if there is no such file or it is not such a picture.
+    Stored values over their maximum (255 or 65535); R, G, B. An alpha channel is dropped. `check` as of
+    `read_stored`. OSError or ValueError in one sentence, if there is no such file or it is not such a
+    picture; MemoryError, if it is too large for this machine.
     """
-    stored = read_stored(path)
+    stored = read_stored(path, check)
     if stored.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: expected 8 or 16 bits a channel, found {stored.dtype}")
     if stored.ndim == 3:  # grey with alpha, or BGR(A) to RGB
-        stored = stored[..., 0] if len(stored[0, 0]) == 2 else stored[..., 2::-1]
+        stored = stored[..., 0] if stored.shape[2] == 2 else stored[..., 2::-1]
     return stored / float(np.iinfo(stored.dtype).max)
 
 
-def read_stored(path: PathLike) -> np.ndarray:
-    """Read a picture as the numbers that the file holds, channels in OpenCV's order."""
+def read_stored(path: PathLike, check: Check | None = None) -> np.ndarray:
+    """Read a picture as the numbers that the file holds, channels in OpenCV's order.
+
+    `check` is given columns and rows before anything is decoded, to refuse them by raising.
+    """
     source = Path(path)
     if not source.exists():
         raise FileNotFoundError(f"{source}: there is no such file")
+    if not (source.is_file() or source.is_dir()):  # a pipe or a device may never end
+        raise ValueError(f"{source}: not a file")
     try:
-        content = source.read_bytes()
+        with source.open("rb") as stream:
+            size = picture_size(stream)
+            if size is None:
+                raise ValueError(f"{source}: {UNREADABLE}")
+            if check is not None:
+                check(size)
+            needed = source.stat().st_size + size[0] * size[1] * DECODED
+            check_memory(needed, f"{source}: a picture of {size[0]}x{size[1]} px")
+            stream.seek(0)
+            content = stream.read()
     except OSError as error:
         raise OSError(f"{source}: cannot be read: {error.strerror or error}") from error
     level = cv2.utils.logging.setLogLevel(0)  # what OpenCV would print is said in the exception
     try:
-        stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
+        stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         stored = None
     finally:
         cv2.utils.logging.setLogLevel(level)
-    if stored is None:
-        raise ValueError(f"{source}: not a picture that can be read (PNG, JPEG or TIFF)")
+    if stored is None or stored.shape[1::-1] != size:
+        raise ValueError(f"{source}: {UNREADABLE}")
     return stored
 
 
-def _size(picture: np.ndarray) -> str:
-    return f"{picture.shape[1]}x{picture.shape[0]} px"
-
-
-def read_mask(path: PathLike) -> BoolArray:
-    """Read a mask, (H, W): True where the picture is brighter than half."""
-    image = read_image(path)
+def read_mask(path: PathLike, check: Check | None = None) -> BoolArray:
+    """Read a mask, (H, W): True where the picture is brighter than half; `check` as of `read_stored`."""
+    image = read_image(path, check)
     return (image if image.ndim == 2 else image.max(axis=-1)) > 0.5
 
 
@@ -86,7 +104,7 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     Parameters
     ----------
     path : path
-        PNG, JPEG or TIFF of 8 or 16 bits, grey or colour.
+        PNG, JPEG, TIFF or BMP of 8 or 16 bits, grey or colour.
     calibration : Endoscope, optional
         If given, the frame must have its size.
     mask : path, optional
@@ -96,13 +114,22 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     ------
     OSError, ValueError
         In one sentence, if a file cannot be used.
+    MemoryError
+        If it is too large for this machine, before it is decoded.
     """
-    image = read_image(path)
-    if calibration is not None:
-        check_size(str(path), (image.shape[1], image.shape[0]), calibration.camera)
-    inside = np.ones(image.shape[:2], dtype=bool) if mask is None else read_mask(mask)
-    if inside.shape != image.shape[:2]:
-        raise ValueError(f"the mask {mask} is {_size(inside)}, the frame {_size(image)}")
+
+    def fits(size: tuple[int, int]) -> None:
+        if calibration is not None:
+            check_size(str(path), size, calibration.camera)
+
+    image = read_image(path, fits)
+
+    def covers(size: tuple[int, int]) -> None:
+        if size != (image.shape[1], image.shape[0]):
+            frame = f"{image.shape[1]}x{image.shape[0]} px"
+            raise ValueError(f"the mask {mask} is {size[0]}x{size[1]} px, the frame {frame}")
+
+    inside = np.ones(image.shape[:2], dtype=bool) if mask is None else read_mask(mask, covers)
     if not inside.any():
         raise ValueError(f"the mask {mask} is empty: no pixel in it is brighter than half")
     return Frame(image, inside, Path(path).name)
