@@ -1,7 +1,5 @@
 """Many reconstructions as one table: λ × ξ × order × frame, on as many cores or machines as there are."""
 
-import csv
-import io
 import itertools
 import math
 import os
@@ -15,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.batch.table import Row, measured, read_numbers, write_rows
+from endolab.batch.table import Row, measured, read_numbers, read_rows, write_rows
 from endolab.depth.result import Result
 from endolab.depth.solvers import DEFAULT_SOLVER
 from endolab.io.atomic import PathLike, as_json
@@ -104,12 +102,19 @@ def sweep(
     ]
     if not tasks:
         raise ValueError("a sweep needs at least one frame, lam, xi and regulariser")
+    if any(math.isnan(task[0]["lam"]) for task in tasks):
+        raise ValueError("lam must be a number, got nan")
     target = Path(table)
     rows = read_table(target) if target.exists() else {}
+    place = {_key(task[0]): number for number, task in enumerate(tasks)}  # of a row, whoever is done first
+
+    def write() -> None:
+        write_rows(target, COLUMNS, (rows[key] for key in sorted(rows, key=lambda key: place.get(key, -1))))
+
     todo = [task for task in tasks if _unfinished(rows.get(_key(task[0])), task[2] is not None)]
     total = len(tasks)
     calibration = replace(calibration, camera=replace(calibration.camera))  # its ray field stays here
-    write_rows(target, COLUMNS, rows.values())  # now, rather than after an hour's run
+    write()  # now, rather than after an hour's run
     with _config(backend):
         parallel = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
         try:
@@ -124,7 +129,7 @@ def sweep(
                     raise KeyboardInterrupt(_interruption(done, total))
                 done += 1
                 rows[_key(row)] = row
-                write_rows(target, COLUMNS, rows.values())
+                write()
                 if progress is not None:
                     progress(done, total, row)
         except KeyboardInterrupt as interrupt:
@@ -172,7 +177,9 @@ def _key(row: Row) -> tuple[object, ...]:
 
 
 def _unfinished(row: Row | None, compared: bool) -> bool:
-    return row is None or bool(row["error"]) or (compared and math.isnan(row["mean_percent"]))
+    if row is None or row["error"] or row["status"] not in Status.__members__ or math.isnan(row["energy"]):
+        return True
+    return compared and math.isnan(row["mean_percent"])
 
 
 def _solved(
@@ -209,21 +216,13 @@ def read_table(path: PathLike) -> dict[tuple[object, ...], Row]:
 
     ValueError or OSError in one sentence, if it cannot be read or is another table.
     """
-    try:
-        content = Path(path).read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a table of a sweep") from error
-    except OSError as error:
-        raise OSError(f"{path}: cannot be read: {error.strerror or error}") from error
-    reader = csv.DictReader(io.StringIO(content))
-    if tuple(reader.fieldnames or ()) != COLUMNS:
-        raise ValueError(f"{path}: not a table of a sweep; its columns must be {', '.join(COLUMNS)}")
     rows = {}
-    for number, cells in enumerate(reader, start=2):
+    for number, cells in read_rows(path, COLUMNS, "a sweep"):
         try:
-            values = read_numbers(cells, ("lam", *MEASURED))
-        except (AttributeError, ValueError) as error:
-            raise ValueError(f"{path}, line {number}: not a row of a sweep") from error
-        row = {name: values.get(name, cells[name]) for name in COLUMNS}
+            row = {**cells, **read_numbers(cells, ("lam", *MEASURED))} if cells else {}
+        except ValueError:
+            row = {}
+        if not row or math.isnan(row["lam"]):
+            raise ValueError(f"{path}, line {number}: not a row of a sweep")
         rows[_key(row)] = row
     return rows

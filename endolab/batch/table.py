@@ -3,7 +3,8 @@
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from endolab.depth.result import Result
@@ -26,10 +27,35 @@ def measured(result: Result) -> Row:
     }
 
 
+def read_rows(
+    path: PathLike, columns: Sequence[str], what: str
+) -> Iterator[tuple[int, dict[str, str] | None]]:
+    """Give the rows of a table as text, each with its number in the table, the head's being 1.
+
+    A row of fewer or more cells is None. ValueError or OSError in one sentence that names the file, if it
+    is not a table of `what`.
+    """
+    try:
+        text = Path(path).read_bytes().decode()  # a name may hold any end of a line
+        head, *rows = csv.reader(io.StringIO(text, newline=""))
+    except OSError as error:
+        raise OSError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"{path}: not a table of {what}") from error
+    if head != [*columns]:
+        raise ValueError(f"{path}: not a table of {what}; its columns must be {', '.join(columns)}")
+    for number, row in enumerate(filter(None, rows), start=2):
+        yield number, dict(zip(columns, row, strict=True)) if len(row) == len(columns) else None
+
+
 def read_numbers(cells: Mapping[str, str], names: Iterable[str]) -> Row:
-    """Read the cells of these columns; ValueError if one is no number."""
+    """Read the cells of these columns; ValueError if one is no number, or a count is not whole."""
     values: Row = {name: float(cells[name].strip() or "nan") for name in names}
-    return values | {n: int(values[n]) for n in COUNTS if n in values and not math.isnan(values[n])}
+    for name in (name for name in COUNTS if not math.isnan(values.get(name, math.nan))):
+        if not (values[name] >= 0 and values[name].is_integer()):
+            raise ValueError(f"{name} must be a whole number, found {cells[name]}")
+        values[name] = int(values[name])
+    return values
 
 
 def write_rows(path: PathLike, columns: Sequence[str], rows: Iterable[Row]) -> None:

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import inspect
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
-from endolab.depth.problem import Scale
-from endolab.depth.result import Result
+from endolab.depth.problem import Problem, Scale
+from endolab.depth.result import Iterate, Result
 from endolab.depth.solvers import DEFAULT_SOLVER, SOLVERS
 from endolab.model.endoscope import Endoscope
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import FloatArray, frozen
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
@@ -51,6 +51,51 @@ class Surface:
 
 
 @dataclass(frozen=True)
+class Carried:
+    """All that a frame hands to the next: with it a sequence goes on as if it had never been left."""
+
+    result: Result  # of which `from_arrays` knows only the surface, its unit, and whether it is torn
+    light: float  # how bright the picture was, see `_light`
+    least: float  # energy of the last cold start
+    age: int  # frames since
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Give it as arrays from which `from_arrays` makes the same, to the bit."""
+        problem = self.result.problem
+        numbers = problem.photometry.gain or 1.0, self.light, self.least, self.age
+        flags = problem.metric, problem.cuts is not None
+        return {
+            "log_distance": self.result.iterate.log_distance,
+            "numbers": np.array(numbers, dtype=np.float64),
+            "flags": np.array(flags),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, np.ndarray], calibration: Endoscope) -> Self:
+        """Take it from arrays; ValueError in one sentence, if they cannot be what `to_arrays` gave."""
+        forms = {"log_distance": (np.float64, 2), "numbers": (np.float64, 1), "flags": (np.bool_, 1)}
+        fits = {name: (array.dtype, array.ndim) for name, array in arrays.items()} == forms
+        if not (fits and arrays["numbers"].shape == (4,) and arrays["flags"].shape == (2,)):
+            raise ValueError("not what a frame hands to the next")
+        v, (gain, light, least, age), (metric, torn) = (arrays[name] for name in forms)
+        inside, finite = np.isfinite(v), np.isfinite([gain, light, least, age]).all()
+        if (
+            not (finite and min(gain, light) > 0 <= least and age >= 1)
+            or not inside.any()
+            or np.isinf(v).any()
+        ):
+            raise ValueError("what a frame hands to the next must be finite and positive")
+        camera = calibration.camera
+        if v.shape != (camera.height, camera.width):
+            camera = camera.resize(v.shape[1], v.shape[0])
+        photometry = replace(calibration.photometry, gain=float(gain))
+        cuts = np.zeros((2, *v.shape), dtype=bool) if torn else None
+        problem = Problem(np.zeros(v.shape), inside, camera, photometry, metric=bool(metric), cuts=cuts)
+        result = Result(Iterate(problem, 0, frozen(v), {}), Status.CONVERGED, [], 0.0)
+        return cls(result, float(light), float(least), int(age))
+
+
+@dataclass(frozen=True)
 class Step:
     """What became of one frame."""
 
@@ -60,13 +105,14 @@ class Step:
     error: str = ""  # one sentence; empty if there is a result
     warm: bool = False  # whether the result was started from the last frame's
     seconds: float = 0.0  # what the frame took, a second try from cold included
+    carried: Carried | None = None  # what the next frame takes up; None if there is an error
 
 
 def reconstruct_sequence(
     frames: Iterable[tuple[str, Frame | FloatArray | None]],
     calibration: Endoscope,
     *,
-    before: Surface | None = None,
+    before: Surface | Carried | None = None,
     **options: Any,
 ) -> Iterator[Step]:
     """Reconstruct the frames of a video, one after the other.
@@ -82,8 +128,9 @@ def reconstruct_sequence(
         Names and pictures, as `endolab.open_frames` gives them; None for a broken one.
     calibration : Endoscope
         For pictures of that size.
-    before : Surface, optional
-        The frame before the first, if that one's scale is to go on.
+    before : Surface or Carried, optional
+        Of the frame before the first: its surface, if its scale is to go on, or `Step.carried`, with which
+        all goes on as if there had been no break.
     **options
         See `endolab.reconstruct`. What fixes the scale, such as `median_distance`, is said of the
         first frame and fixes that of all; it is not used with `before`.
@@ -106,18 +153,20 @@ def reconstruct_sequence(
     solver = SOLVERS.get(options.get("solver", DEFAULT_SOLVER))
     can_start = solver is not None and "start" in inspect.signature(solver).parameters
     known_gain = calibration.photometry.gain is not None
-    last: Result | None = None
-    last_light = 1.0
-    least, age = np.inf, 0  # energy of the last cold start, and frames since
+    carried = before if isinstance(before, Carried) else None
+    surface = Surface.of(before.result) if isinstance(before, Carried) else before
     for index, (name, picture) in enumerate(frames):
         started = time.perf_counter()
         try:
-            frame = _framed(name, picture)
+            frame = framed(name, picture)
             light = _light(frame, calibration.photometry.gamma)
-            how = options if before is None else {k: v for k, v in options.items() if k not in SCALES}
-            result, warm = None, False
-            if last is not None and can_start:
-                start = last if known_gain else _as_bright(last, light / last_light)
+            how = options if surface is None else {k: v for k, v in options.items() if k not in SCALES}
+            result, warm, least, age = None, False, np.inf, 0
+            if carried is not None:
+                least, age = carried.least, carried.age
+            if carried is not None and can_start:
+                last = carried.result
+                start = last if known_gain else _as_bright(last, light / carried.light)
                 result = reconstruct(frame, calibration, start=start, **how)
                 warm = result.status is Status.STOPPED or (
                     result.status is Status.CONVERGED and result.energy <= WORSE * least and age < REFRESH
@@ -128,28 +177,27 @@ def reconstruct_sequence(
                 warm = result is not None and result.energy < cold.energy
                 if result is None or not warm:
                     result = cold
-            if before is None:
+            if surface is None:
                 size = (frame.width, frame.height)
                 result = with_known_length(result, **lengths, size=size)
         except (ValueError, OSError) as error:
-            if before is None and any(length is not None for length in lengths.values()):
+            if surface is None and any(length is not None for length in lengths.values()):
                 raise ValueError(_sentence(name, error)) from error  # another frame shows other places
             yield Step(index, name, None, _sentence(name, error), False, time.perf_counter() - started)
             continue
-        age += 1
-        if before is not None:
+        if surface is not None:
             gain = result.problem.photometry.gain or 1.0
-            factor = np.sqrt(before.gain / gain) if known_gain else scale_between(before, result)
+            factor = np.sqrt(surface.gain / gain) if known_gain else scale_between(surface, result)
             linked = None if known_gain and np.isclose(factor, 1) else Scale("frame before")
-            result = rescaled(result, float(factor), before.metric, linked)
-        before = Surface.of(result)
-        last, last_light = result, light
-        yield Step(index, name, result, "", warm, time.perf_counter() - started)
+            result = rescaled(result, float(factor), surface.metric, linked)
+        carried, surface = Carried(result, light, least, age + 1), Surface.of(result)
+        yield Step(index, name, result, "", warm, time.perf_counter() - started, carried)
         if result.status is Status.STOPPED:
             return
 
 
-def _framed(name: str, picture: Frame | FloatArray | None) -> Frame:
+def framed(name: str, picture: Frame | FloatArray | None) -> Frame:
+    """Make a frame of a picture that has no mask; ValueError in one sentence, if there is none."""
     if picture is None:
         raise ValueError(f"{name}: cannot be read")
     if isinstance(picture, Frame):
