@@ -12,6 +12,7 @@ import numpy as np
 
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.io.picture_size import picture_size
+from endolab.io.quiet import quiet
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
 from endolab.preprocessing.frame import Frame, check_size
@@ -80,13 +81,11 @@ def read_stored(path: PathLike, check: Check | None = None) -> np.ndarray:
             content = stream.read()
     except OSError as error:
         raise OSError(f"{source}: cannot be read: {error.strerror or error}") from error
-    level = cv2.utils.logging.setLogLevel(0)  # what OpenCV would print is said in the exception
     try:
-        stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+        with quiet():
+            stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         stored = None
-    finally:
-        cv2.utils.logging.setLogLevel(level)
     if stored is None or stored.shape[1::-1] != size:
         raise ValueError(f"{source}: {UNREADABLE}")
     return stored

@@ -40,7 +40,16 @@ def _numbers(stream: BinaryIO, form: str) -> tuple[int, ...]:
 
 def _png(stream: BinaryIO) -> tuple[int, int] | None:
     _, kind, width, height = _numbers(stream, ">I4sII")
-    return (width, height) if kind == b"IHDR" else None
+    if kind != b"IHDR":
+        return None
+    end, place = stream.seek(0, 2), 8
+    while kind != b"IEND":  # libpng makes room for a chunk as long as it says it is
+        stream.seek(place)
+        length, kind = _numbers(stream, ">I4s")
+        place += 12 + length
+        if place > end:
+            return None
+    return width, height
 
 
 def _jpeg(stream: BinaryIO) -> tuple[int, int] | None:
@@ -70,7 +79,7 @@ def _tiff(stream: BinaryIO, order: str, big: bool) -> tuple[int, int] | None:
     else:
         stream.seek(4)
         (offset,) = _numbers(stream, f"{order}I")
-    if offset >= 1 << 62:  # beyond what any file can hold
+    if offset >= 1 << 40:  # beyond what any file holds
         return None
     stream.seek(offset)
     (count,) = _numbers(stream, order + ("Q" if big else "H"))

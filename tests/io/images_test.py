@@ -1,5 +1,6 @@
 """Pictures, masks and frames in files, against other programs."""
 
+import os
 import struct
 import zlib
 
@@ -91,6 +92,69 @@ def test_what_is_not_a_picture_is_said_once(tmp_path, capfd, content):
         read_image(tmp_path / "none.png")
     with pytest.raises(OSError, match="cannot be read: Is a directory"):
         read_image(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif"])
+def test_a_damaged_picture_is_said_once(tmp_path, capfd, rng, suffix):
+    path = tmp_path / f"a{suffix}"
+    Image.fromarray(rng.integers(0, 256, (60, 80, 3)).astype(np.uint8)).save(path)
+    whole = path.read_bytes()
+    for _ in range(100):
+        damaged = bytearray(whole)
+        place = int(rng.integers(len(damaged)))
+        damaged[place : place + 3] = rng.bytes(3)
+        path.write_bytes(damaged)
+        try:
+            assert read_image(path).ndim in (2, 3)
+        except (ValueError, OSError, MemoryError) as error:
+            assert str(error).startswith(f"{path}: ")  # noqa: PT017
+    assert capfd.readouterr() == ("", "")
+
+
+def huge(path, width, height):
+    """Write a PNG that promises a size and holds nothing."""
+    png(path, np.zeros((1, 1), np.uint8), 8)
+    head = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    content = bytearray(path.read_bytes())
+    content[12:33] = head + struct.pack(">I", zlib.crc32(head))
+    path.write_bytes(content)
+
+
+def test_a_size_is_refused_before_anything_is_decoded(tmp_path):
+    huge(tmp_path / "huge.png", 20000, 20000)
+    write_image(tmp_path / "f.png", np.full((30, 40), 0.5))
+    undecodable = tmp_path / "huge.png"
+    with pytest.raises(ValueError, match="is 20000x20000 px, but the calibration is for 40x30 px"):
+        el.read_frame(undecodable, CALIBRATION)
+    with pytest.raises(ValueError, match=r"the mask .*huge\.png is 20000x20000 px, the frame 40x30 px"):
+        el.read_frame(tmp_path / "f.png", CALIBRATION, undecodable)
+    huge(undecodable, 2**30, 2**30)
+    sentence = r"huge\.png: a picture of 1073741824x1073741824 px needs about \d+\.\d GB of memory, .* free$"
+    for read in (read_image, read_mask, el.read_frame):
+        with pytest.raises(MemoryError, match=sentence):
+            read(undecodable)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+def test_a_pipe_is_no_picture(tmp_path):
+    os.mkfifo(tmp_path / "pipe.png")
+    with pytest.raises(ValueError, match=r"pipe\.png: not a file"):
+        read_image(tmp_path / "pipe.png")
+
+
+MASKS = {
+    "one bit": Image.new("1", (4, 3), 1),
+    "palette": Image.new("RGB", (4, 3), (255, 255, 255)).convert("P"),
+    "alpha": Image.new("LA", (4, 3), (255, 0)),
+    "colours and alpha": Image.new("RGBA", (4, 3), (255, 255, 255, 0)),
+    "16 bits": Image.fromarray(np.full((3, 4), 65535, np.uint16)),
+}
+
+
+@pytest.mark.parametrize("name", MASKS)
+def test_a_mask_may_be_stored_as_one_likes(tmp_path, name):
+    MASKS[name].save(tmp_path / "m.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png"), np.ones((3, 4), bool))
 
 
 @pytest.mark.parametrize("bits", [8, 16])
