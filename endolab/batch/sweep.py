@@ -11,15 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from endolab.batch.table import Row, measured, read_numbers, read_rows, write_rows
 from endolab.depth.result import Result
 from endolab.depth.solvers import DEFAULT_SOLVER
 from endolab.io.atomic import PathLike, as_json
 from endolab.io.images import read_frame
 from endolab.io.surfaces import read_depth
-from endolab.metrics.depth_errors import compare
+from endolab.metrics.depth_errors import compare, resampled_truth
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
@@ -64,7 +62,7 @@ def sweep(
         The same for all, see `endolab.reconstruct`; the column `options` tells them.
     truth : sequence, optional
         For each frame the true distances (H, W), mm, or a pair of these and the normals (H, W, 3),
-        or the path of a ``truth.npz``.
+        or the path of a ``truth.npz``; resampled if the frame is shrunk.
     table : path
         CSV with the columns `COLUMNS`, a row for every reconstruction: errors in mm, % and degrees
         (of results in relative units after scaling by the median); an error is one sentence. It is
@@ -102,7 +100,7 @@ def sweep(
     ]
     if not tasks:
         raise ValueError("a sweep needs at least one frame, lam, xi and regulariser")
-    if any(math.isnan(task[0]["lam"]) for task in tasks):
+    if any(key["lam"] != key["lam"] for key, _, _ in tasks):
         raise ValueError("lam must be a number, got nan")
     target = Path(table)
     rows = read_table(target) if target.exists() else {}
@@ -203,7 +201,9 @@ def _errors(result: Result, truth: Truth) -> Row:
         maps = read_depth(truth, ("distance",))
         truth = maps["distance"], maps.get("normals")
     distance, normals = truth if isinstance(truth, tuple) else (truth, None)
-    distance, cos_alpha = distance.astype(np.float64), result.problem.field.cos_alpha
+    shape, cos_alpha = result.mask.shape, result.problem.field.cos_alpha
+    distance = resampled_truth(distance, shape)
+    normals = None if normals is None else resampled_truth(normals, shape)
     scale = "none" if result.metric else "median"
     found = compare(
         result.distance, distance, cos_alpha, normals=result.normals, true_normals=normals, scale=scale

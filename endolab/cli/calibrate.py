@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from endolab._extras import lacking
+from endolab.cli.options import add_command, add_overwrite, number, whole
 
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
 
@@ -44,11 +45,13 @@ def _numbers(text: str, option: str) -> float | tuple[float, float]:
 
 def _target(arguments: argparse.Namespace) -> None:
     from endolab.calibration.session import describe_target
+    from endolab.io.atomic import staged_file
     from endolab.io.descriptions import read_target
     from endolab.reports.target_sheet import write_sheet
 
     target = read_target(arguments.name)
-    write_sheet(target, arguments.out)
+    with staged_file(arguments.out, overwrite=arguments.overwrite, inputs=[arguments.name]) as temporary:
+        write_sheet(target, temporary)
     glue = "something flat" if target.fold is None else "two boards, folded by 10 to 30°, away from you"
     print(f"{describe_target(target)}; print at 100 %, check the ruler, and glue it on {glue}")
     print(f"written to {arguments.out}")
@@ -69,6 +72,8 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
             arguments.frames,
             fold=radians(arguments.fold),
             progress=bar,
+            overwrite=arguments.overwrite,
+            inputs=[arguments.calibration, arguments.target],
             **{name: getattr(arguments, name) for name in names},
         )
     what = "sheet.mkv" if arguments.video else f"{arguments.frames} pictures"
@@ -95,16 +100,17 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     from endolab.io.video import open_frames
     from endolab.model.cameras import KannalaBrandt
 
-    frames, target = open_frames(arguments.source), read_target(arguments.target)
+    frames, target = open_frames(*arguments.source), read_target(arguments.target)
     folder = report_folder(arguments.out)
     camera = None if arguments.camera is None else read_camera(arguments.camera)
     if not isinstance(camera, KannalaBrandt | None):
         raise ValueError(f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}")
     options = _light_options(arguments, target)
-    options |= {name: getattr(arguments, name) for name in ("every", "channel", "record")}
+    options |= {name: getattr(arguments, name) for name in ("every", "channel", "record", "overwrite")}
+    inputs = [path for path in (arguments.target, arguments.camera) if path is not None]
     with closing(_Bar()) as bar:
         session = calibrate_to_files(
-            frames, target, arguments.out, camera=camera, progress=bar, say=print, **options
+            frames, target, arguments.out, camera=camera, progress=bar, say=print, inputs=inputs, **options
         )
     print("\n".join(account(session)))
     pageless = lacking("jinja2")
@@ -119,6 +125,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 
 def _convert(arguments: argparse.Namespace) -> None:
     from endolab.datasets.endomapper import find_calibrations, read_endomapper, read_vicalib
+    from endolab.io.atomic import staged_file
     from endolab.io.descriptions import write_camera
 
     geometry, photometry, out = arguments.geometry, arguments.photometry, Path(arguments.out)
@@ -128,12 +135,15 @@ def _convert(arguments: argparse.Namespace) -> None:
         if photometry is not None:
             raise ValueError(f"{geometry} is a folder, where both files are looked for; name no other")
         geometry, photometry = find_calibrations(geometry)
+    how = {"overwrite": arguments.overwrite, "inputs": [path for path in (geometry, photometry) if path]}
     if photometry is None:
-        write_camera(read_vicalib(geometry), out)
+        with staged_file(out, **how) as temporary:
+            write_camera(read_vicalib(geometry), temporary)
         print(f"written to {out}: the camera alone; `endolab calibrate --camera {out}` adds the light")
         return
     calibration = read_endomapper(geometry, photometry)
-    calibration.save(out)
+    with staged_file(out, **how) as temporary:
+        calibration.save(temporary)
     light, fits = calibration.photometry, calibration.evidence["converted"]["lights"]
     lights = len(light.lights) or "one at the optical centre"
     print(f"γ = {light.gamma:g}, k = {light.k:.3g}, lights: {lights}")
@@ -146,30 +156,46 @@ def add_sheet_options(add: argparse.ArgumentParser) -> None:
     """Add what `simulate sheet` can be told."""
     option = add.add_argument_group("a calibration video (SCENE sheet)").add_argument
     option("--target", default="vicalib_small", metavar="NAME", help="as for target")
-    option("--frames", type=int, default=300, metavar="N", help="how many (default 300)")
-    option("--fold", type=float, default=20.0, metavar="DEG", help="of a folded target (default 20)")
-    option("--outliers", type=float, default=0.0, metavar="SHARE", help="of the pixels that are wrong")
-    option("--motion", type=float, default=0.0, metavar="PX", help="of motion blur")
+    option("--frames", type=whole, default=300, metavar="N", help="how many (default 300)")
+    option("--fold", type=number, default=20.0, metavar="DEG", help="of a folded target (default 20)")
+    option("--outliers", type=number, default=0.0, metavar="SHARE", help="of the pixels that are wrong")
+    option("--motion", type=number, default=0.0, metavar="PX", help="of motion blur")
     option("--video", action="store_true", help="write one video instead of pictures")
 
 
 def add_calibration_commands(commands: Any) -> None:
     """Add the parsers of `target`, `calibrate` and `convert`."""
-    add = commands.add_parser("target", help="a calibration sheet to print, at true size")
-    option = add.add_argument
+    command = add_command(
+        commands,
+        "target",
+        _target,
+        "a calibration sheet to print, at true size",
+        "endolab target vicalib_folded --out sheet.pdf",
+        "endolab target target.json --out sheet.svg",
+    )
+    option = command.add_argument
     names = "vicalib_big, vicalib_small, vicalib_folded, vicalib_grey, charuco, chessboard, circles"
     option("name", metavar="NAME", help=f"{names}, or TARGET.json")
     option("--out", required=True, metavar="SHEET.pdf", help="a PDF or SVG")
-    add.set_defaults(run=_target)
+    add_overwrite(command)
 
-    add = commands.add_parser("calibrate", help="frames of a target in, endoscope.json out")
-    option = add.add_argument
-    option("source", metavar="FOLDER_OR_VIDEO")
+    command = add_command(
+        commands,
+        "calibrate",
+        _calibrate,
+        "frames of a target in, endoscope.json out",
+        "endolab calibrate v.mp4 --target vicalib_folded --gamma free --out cal.json",
+        "endolab calibrate pictures/*.png --target chessboard --out cal.json",
+        "endolab calibrate v.mp4 --camera camera.json --target charuco --out cal.json",
+    )
+    option = command.add_argument
+    option("source", nargs="+", metavar="SOURCE", help="a video, a folder of pictures, or pictures")
     option("--target", required=True, help="its name, as for target, or TARGET.json")
     option("--out", required=True, metavar="CAL.json", help="the report goes into CAL_report beside it")
+    add_overwrite(command)
     option("--camera", metavar="CAL.json", help="calibrate the light only, with the camera of this file")
     how = "one frame of a video in N goes into the geometry (default 20)"
-    option("--every", type=int, default=20, metavar="N", help=how)
+    option("--every", type=whole, default=20, metavar="N", help=how)
     how = "whose response: grey (default), red, green or blue"
     option("--channel", choices=("grey", "red", "green", "blue"), default="grey", help=how)
     how = "a number (default 2.2), a number and its standard deviation (2.2,0.1), or free"
@@ -183,13 +209,19 @@ def add_calibration_commands(commands: Any) -> None:
     how = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"
     option("--reflectance", action="append", default=[], metavar="R", help=how)
     option("--record", action="store_true", help="write a recording for the Rerun viewer too")
-    add.set_defaults(run=_calibrate)
 
-    add = commands.add_parser("convert", help="EndoMapper's calibration XML in, endoscope.json out")
-    option = add.add_argument
+    command = add_command(
+        commands,
+        "convert",
+        _convert,
+        "EndoMapper's calibration XML in, endoscope.json out",
+        "endolab convert Endoscope_01 --out endoscope.json",
+        "endolab convert geometry.xml photometry.xml --out endoscope.json",
+    )
+    option = command.add_argument
     how = "of Vicalib; or a folder Endoscope_XX with both files"
     option("geometry", metavar="GEOMETRY.xml", help=how)
     how = "without it, the camera alone is written"
     option("photometry", nargs="?", metavar="PHOTOMETRY.xml", help=how)
     option("--out", required=True, metavar="CAL.json")
-    add.set_defaults(run=_convert)
+    add_overwrite(command)

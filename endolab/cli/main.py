@@ -5,12 +5,15 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import NoReturn
+from typing import Any, NoReturn
 
+from endolab import __version__
 from endolab._deprecated import callable_as_before
 from endolab._extras import MissingPackage
 from endolab.cli.calibrate import SHEET, add_calibration_commands, add_sheet_options, simulate_sheet
+from endolab.cli.options import add_command, add_overwrite, number, whole
 from endolab.cli.reconstruct import add_reconstruct_commands
+from endolab.cli.streams import in_one_line, patient_streams
 
 
 def _simulate(arguments: argparse.Namespace) -> None:
@@ -20,11 +23,12 @@ def _simulate(arguments: argparse.Namespace) -> None:
     from endolab.io.atomic import staged_folder
     from endolab.io.images import write_image
     from endolab.io.surfaces import save_depth
+    from endolab.model.schema import unknown_name
     from endolab.synthetic.rendering import render
     from endolab.synthetic.scenes import SCENES
 
     if arguments.scene not in (*SCENES, SHEET):
-        raise ValueError(f"unknown scene {arguments.scene!r}; choose {', '.join(SCENES)} or {SHEET}")
+        raise unknown_name("scene", arguments.scene, (*SCENES, SHEET))
     calibration = load_calibration(arguments.calibration)
     if arguments.width is not None:
         if arguments.width < 16:
@@ -36,14 +40,15 @@ def _simulate(arguments: argparse.Namespace) -> None:
         return
     names = ("noise", "bits", "texture", "fog", "highlights", "seed")
     how = {name: getattr(arguments, name) for name in names}
-    rendered = render(SCENES[arguments.scene], calibration.camera, calibration.photometry, **how)
-    with staged_folder(arguments.out) as folder:
+    files, inputs = ("endoscope.json", "frame.png", "truth.npz"), [arguments.calibration]
+    with staged_folder(arguments.out, files, overwrite=arguments.overwrite, inputs=inputs) as folder:
+        rendered = render(SCENES[arguments.scene], calibration.camera, calibration.photometry, **how)
         write_image(folder / "frame.png", rendered.image, arguments.bits)
         replace(calibration, photometry=rendered.photometry).save(folder / "endoscope.json")
         save_depth(folder / "truth.npz", rendered, True)
     known = rendered.distance[rendered.mask]
     print(f"{arguments.scene}: {known.min():.1f} to {known.max():.1f} mm, median {np.median(known):.1f} mm")
-    print(f"written to {arguments.out}: endoscope.json, frame.png, truth.npz")
+    print(f"written to {arguments.out}: {', '.join(files)}")
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
@@ -51,33 +56,35 @@ def _evaluate(arguments: argparse.Namespace) -> None:
 
     from endolab.datasets.folders import true_z
     from endolab.io.surfaces import read_depth
-    from endolab.metrics.depth_errors import compare
+    from endolab.metrics.depth_errors import compare, resampled_truth
 
     depth = read_depth(arguments.depth)
     distance = depth["distance"].astype(np.float64)
     distance[~(distance > 0)] = np.nan
-    cos_alpha = depth["z"] / distance
-    maps: dict[str, np.ndarray] = {}
+    cos_alpha, shape = depth["z"] / distance, distance.shape
     if arguments.truth.endswith(".npz"):
         maps = read_depth(arguments.truth)
-        truth = maps["distance"].astype(np.float64)
+        size, normals = maps["distance"].shape, maps.get("normals")
+        truth = resampled_truth(maps["distance"], shape)
+        normals = None if normals is None else resampled_truth(normals, shape)
     else:
-        z = true_z(arguments.truth)
-        if z.shape != cos_alpha.shape:
-            both = f"{arguments.depth} and {arguments.truth}"
-            raise ValueError(f"{both} differ in size; reconstruct without --width to compare them")
-        truth = z / cos_alpha
+        z, normals = true_z(arguments.truth), None
+        size, truth = z.shape, resampled_truth(z, shape) / cos_alpha
     mask = cos_alpha >= np.cos(np.deg2rad(arguments.max_angle))
     metric = bool(depth.get("metric", True))
     scale = arguments.scale or ("none" if metric else "median")
     if scale == "none" and not metric:
         raise ValueError(f"{arguments.depth} is in relative units: compare it with --scale median")
-    known = {"normals": depth.get("normals"), "true_normals": maps.get("normals")}
+    known = {"normals": depth.get("normals"), "true_normals": normals}
     e = compare(distance, truth, cos_alpha, mask=mask, scale=scale, **known)
     if arguments.json:
-        content = {key: None if np.isnan(value) else value for key, value in asdict(e).items()}
+        content: dict[str, Any] = {k: None if np.isnan(value) else value for k, value in asdict(e).items()}
+        if size != shape:
+            content["truth_resampled_from"] = size[::-1]
         print(json.dumps(content, indent=2))
         return
+    if size != shape:
+        print(f"The truth, {size[1]}x{size[0]} px, is resampled to the result's {shape[1]}x{shape[0]} px.")
     print(f"{e.pixels} pixels, estimate multiplied by {e.scale:.4g} (scale: {scale})")
     print(f"distance  mean {e.mean_mm:.4g} mm, median {e.median_mm:.4g} mm, RMSE {e.rmse_mm:.4g} mm")
     print(f"          mean {e.mean_percent:.4g} % (AbsRel), median {e.median_percent:.4g} %")
@@ -96,62 +103,96 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose complaint is one sentence."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"endolab: {message}; see {self.prog} --help\n")
+        self.exit(2, f"endolab: {in_one_line(message)}; see {self.prog} --help\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        for text in args or ():
+            if text.startswith("--") and text.endswith("=--"):  # of which argparse makes an empty list
+                self.error(f"argument {text[:-3]}: expected a value, found --")
+        return super().parse_known_args(args, namespace)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="endolab", description="See how one endoscope frame becomes 3D.")
+    parser.epilog = "endolab COMMAND --help shows what a command takes, with examples."
+    parser.add_argument("--version", action="version", version=f"endolab {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     add_reconstruct_commands(commands)
 
-    command = commands.add_parser("simulate", help="render a scene: a frame with its truth")
+    command = add_command(
+        commands,
+        "simulate",
+        _simulate,
+        "render a scene: a frame with its truth",
+        "endolab simulate colon --out sim",
+        "endolab simulate tube --calibration simple --width 320 --noise 0 --out sim",
+        "endolab simulate sheet --target vicalib_folded --video --out v",
+    )
     option = command.add_argument
     option("scene", metavar="SCENE", help="plane, curved, tube or colon; sheet: a calibration video")
-    option("--out", required=True, metavar="DIR")
+    option("--out", required=True, metavar="DIR", help="folder for the results")
+    add_overwrite(command)
     option("--calibration", default="paper", metavar="CAL", help="endoscope.json, or a name (default paper)")
-    option("--width", type=int, default=640, metavar="PX", help="of the frame (default 640)")
-    option("--noise", type=float, default=1.0, metavar="GREY", help="standard deviation (default 1 of 255)")
-    option("--bits", type=int, default=8, choices=(8, 16))
-    option("--texture", type=float, default=0.0, metavar="S", help="sd of the albedo's logarithm")
-    option("--fog", type=float, default=0.0, metavar="PER_MM", help="attenuation")
-    option("--highlights", type=float, default=0.0, metavar="S", help="share of light a wet film mirrors")
-    option("--seed", type=int, default=0)
+    option("--width", type=whole, default=640, metavar="PX", help="of the frame (default 640)")
+    option("--noise", type=number, default=1.0, metavar="GREY", help="standard deviation (default 1 of 255)")
+    option("--bits", type=whole, default=8, choices=(8, 16), help="of each channel (default 8)")
+    option("--texture", type=number, default=0.0, metavar="S", help="sd of the albedo's logarithm")
+    option("--fog", type=number, default=0.0, metavar="PER_MM", help="attenuation")
+    option("--highlights", type=number, default=0.0, metavar="S", help="share of light a wet film mirrors")
+    option("--seed", type=whole, default=0, metavar="N", help="of all that is random (default 0)")
     add_sheet_options(command)
-    command.set_defaults(run=_simulate)
 
     add_calibration_commands(commands)
 
-    command = commands.add_parser("evaluate", help="compare a depth map with the truth")
+    command = add_command(
+        commands,
+        "evaluate",
+        _evaluate,
+        "compare a depth map with the truth",
+        "endolab evaluate result/depth.npz sim/truth.npz",
+        "endolab evaluate result/depth.npz sim/truth.npz --max-angle 60 --json",
+        "endolab evaluate result/depth.npz 0001_depth.png --scale median",
+    )
     option = command.add_argument
-    option("depth", metavar="DEPTH.npz")
+    option("depth", metavar="DEPTH.npz", help="of a result, or of a frame of a video")
     option("truth", metavar="TRUTH", help="truth.npz, or a depth map of C3VD, SimCol3D or UCL 2019")
     option("--scale", choices=("none", "median"), help="default: median for relative units, else none")
-    option("--max-angle", type=float, default=90.0, metavar="DEG", help="only pixels this near the axis")
+    option("--max-angle", type=number, default=90.0, metavar="DEG", help="only pixels this near the axis")
     option("--json", action="store_true", help="print JSON")
-    command.set_defaults(run=_evaluate)
 
-    command = commands.add_parser("lab", help="open JupyterLab on the notebooks")
+    command = add_command(
+        commands,
+        "lab",
+        _lab,
+        "open JupyterLab on the notebooks",
+        "endolab lab",
+        "endolab lab --notebooks mine --port 9000 -- --no-browser",
+    )
     option = command.add_argument
-    option("--notebooks", metavar="DIR", help="other notebooks than endolab's own")
-    option("--port", type=int, default=8888, metavar="N", help="the next free one (default 8888)")
+    option("--notebooks", metavar="DIR", help="other notebooks than endolab's own; its parent is shown too")
+    option("--port", type=whole, default=8888, metavar="N", help="the next free one (default 8888)")
     option("jupyter", nargs="*", metavar="OPTION", help="passed on to JupyterLab, after --")
-    command.set_defaults(run=_lab)
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command: 0 when all is done, 2 after bad input, which is said in one sentence on stderr."""
-    arguments = _parser().parse_args(argv)
     try:
-        arguments.run(arguments)
+        with patient_streams():
+            arguments = _parser().parse_args(sys.argv[1:] if argv is None else argv)
+            arguments.run(arguments)
     except (ValueError, OSError, MemoryError, MissingPackage) as error:
-        print(f"endolab: {str(error) or 'out of memory'}", file=sys.stderr)
-        return 2
+        return _failed(2, str(error).replace("overwrite=True", "--overwrite"))
     except KeyboardInterrupt as interrupt:
-        print(f"endolab: {str(interrupt) or 'interrupted; nothing was written'}", file=sys.stderr)
-        return 130
+        return _failed(130, str(interrupt) or "interrupted; nothing was written")
     return 0
+
+
+def _failed(status: int, why: object) -> int:
+    with patient_streams():
+        print(f"endolab: {in_one_line(why)}", file=sys.stderr)
+    return status
 
 
 callable_as_before(__name__)

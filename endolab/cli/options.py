@@ -6,8 +6,50 @@ from dataclasses import replace
 from typing import Any
 
 CHANNELS = ("red", "green", "blue", "grey", "separated")
+MOST = 2**31 - 1  # that a whole number may be; no count is larger
 CONTOURS = {"auto": None, "yes": True, "no": False}
+CHOSEN = ("highlights", "epsilon", "threshold", "max_iterations")  # handed on only if they were given
 KNOWN = {"distance": "MM,COLUMN,ROW", "diameter": "MM,COLUMN1,ROW1,COLUMN2,ROW2"}
+
+
+def whole(text: str) -> int:
+    """Read a whole number that an option was given."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = MOST + 1
+    if abs(value) > MOST:
+        raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}")
+    return value
+
+
+def number(text: str) -> float:
+    """Read a number that an option was given."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a number, found {text!r}") from None
+
+
+def add_command(
+    commands: Any, name: str, run: Callable[[argparse.Namespace], None], does: str, *examples: str
+) -> argparse.ArgumentParser:
+    """Add the parser of a command, whose help ends with `examples`, and return it."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=does,
+        description=f"{does[0].upper()}{does[1:]}.",
+        epilog="\n  ".join(["examples:", *examples]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_overwrite(parser: argparse.ArgumentParser) -> None:
+    """Add the option of every command that writes results."""
+    how = "replace files that endolab did not write, too"
+    parser.add_argument("--overwrite", action="store_true", help=how)
 
 
 def _of_a_wall(calibration: Any, albedo: str | None) -> Any:
@@ -37,39 +79,49 @@ def calibration_of(arguments: argparse.Namespace) -> Any:
 def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) -> None:
     """Add what `solving_keywords` and `calibration_of` read; `several`: λ, ξ and order may be lists."""
     add = parser.add_argument
-    more = "; several as 1,2,3" if several else ""
+    more, orders, weights = (
+        f"; several as {example}" if several else "" for example in ("d,1/d", "first,second", "0.1,1,10")
+    )
     add("--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name")
-    add("--solver", help="facing, fast_marching, gauss_newton (default) or primal_dual")
-    add("--xi", default="1/d", help=f"what the regulariser sees: 1/z, d or 1/d (default){more}")
-    add("--regulariser", default="second", help=f"first or second (default){more}")
-    weight = f"its weight; larger is smoother (default 1){more}"
-    add("--lam", type=str if several else float, default=1.0, metavar="λ", help=weight)
+    add("--solver", metavar="NAME", help="facing, fast_marching, gauss_newton (default) or primal_dual")
+    add("--xi", default="1/d", metavar="ξ", help=f"what the regulariser sees: 1/z, d or 1/d (default){more}")
+    add("--regulariser", default="second", metavar="ORDER", help=f"first or second (default){orders}")
+    weight = f"its weight; larger is smoother (default 1){weights}"
+    add("--lam", type=str if several else number, default=1.0, metavar="λ", help=weight)
     channels = "red, green (default), blue or grey; separated: all three, light that bounced taken out"
-    add("--channel", help=channels)
+    size = "derivative of ξ above which the regulariser charges its size, not its square (default 1e-3)"
+    add("--epsilon", type=number, metavar="ε", help=size)
+    size = "error of a stored value above which the picture is charged so (default 0.05)"
+    add("--threshold", type=number, metavar="ρ", help=size)
+    add("--max-iterations", type=whole, metavar="N", help="steps of the solver at most")
+    add("--channel", metavar="NAME", help=channels)
     add("--albedo", metavar="A", help="of a matt wall, or R,G,B, in place of the calibration's BRDF")
     folds = "whether folds may hide what is behind them"
     add("--contours", choices=tuple(CONTOURS), default="auto", help=folds)
     add("--highlights", choices=("keep", "ignore", "inpaint"), help="what to do with mirrored light")
-    add("--median-distance", type=float, metavar="MM", help="fix the scale of the result")
+    add("--median-distance", type=number, metavar="MM", help="fix the scale of the result")
     if not several:
         add("--known-distance", metavar=KNOWN["distance"], help="fix it by the distance at a pixel")
         length = "fix it by the length between the surface at two pixels: a polyp, the lumen"
         add("--known-diameter", metavar=KNOWN["diameter"], help=length)
-    add("--width", type=int, metavar="PX", help="shrink the frame to this width first")
-    add("--smooth", type=float, metavar="PX", help="blur the light first (default: by the noise)")
+    add("--width", type=whole, metavar="PX", help="shrink the frame to this width first")
+    add("--smooth", type=number, metavar="PX", help="blur the light first (default: by the noise)")
 
 
 def solving_keywords(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the keywords of `endolab.reconstruct` that the options stand for."""
     from endolab.depth.solvers import DEFAULT_SOLVER
+    from endolab.model.schema import unknown_name
 
     names = ("xi", "regulariser", "lam", "channel", "width", "smooth", "median_distance")
     keywords = {name: getattr(arguments, name) for name in names}
     if arguments.channel not in (None, *CHANNELS):
-        choice = f"{', '.join(CHANNELS[:-1])} or {CHANNELS[-1]}"
-        raise ValueError(f"unknown channel {arguments.channel!r}; choose {choice}")
+        raise unknown_name("channel", arguments.channel, CHANNELS)
+    if arguments.max_iterations is not None and arguments.max_iterations < 1:
+        raise ValueError(f"--max-iterations must be at least 1, got {arguments.max_iterations}")
     solver = DEFAULT_SOLVER if arguments.solver is None else arguments.solver
-    chosen = {"contours": CONTOURS[arguments.contours], "highlights": arguments.highlights}
+    chosen = {name: getattr(arguments, name) for name in CHOSEN}
+    chosen["contours"] = CONTOURS[arguments.contours]
     return {"solver": solver} | keywords | {key: value for key, value in chosen.items() if value is not None}
 
 

@@ -5,7 +5,16 @@ import time
 from typing import Any
 
 from endolab._extras import lacking
-from endolab.cli.options import add_solving_options, calibration_of, known_length, listed, solving_keywords
+from endolab.cli.options import (
+    add_command,
+    add_overwrite,
+    add_solving_options,
+    calibration_of,
+    known_length,
+    listed,
+    solving_keywords,
+    whole,
+)
 
 SNAPSHOTS = 12  # of a march, in its recording
 
@@ -29,6 +38,13 @@ class _Progress:
 def _reconstruct(arguments: argparse.Namespace) -> None:
     from endolab.io.video import is_sequence
 
+    source, *others = arguments.frame
+    if others:
+        wanted = "one picture, one folder of a video's frames, or one video"
+        raise ValueError(
+            f"reconstruct takes {wanted}, got {len(others) + 1}; sweep takes pictures that are apart"
+        )
+    arguments.frame = source
     if is_sequence(arguments.frame):
         _reconstruct_video(arguments)
     else:
@@ -43,7 +59,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     from endolab.preprocessing.prepare import prepare
     from endolab.reconstruction.assumptions import notes
     from endolab.reconstruction.reconstruct import reconstruct
-    from endolab.reports.result import save_result
+    from endolab.reports.result import result_files, save_result
 
     for option in ("every", "limit"):
         if getattr(arguments, option) is not None:
@@ -59,7 +75,9 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
         keywords["snapshots"] = snapshots
     unrecorded = lacking("rerun")
     started = time.perf_counter()
-    with staged_folder(arguments.out) as folder:
+    files = (*result_files(arguments.mesh, arguments.prepare), *(() if unrecorded else ("recording.rrd",)))
+    inputs = [path for path in (arguments.frame, arguments.calibration, arguments.mask) if path is not None]
+    with staged_folder(arguments.out, files, overwrite=arguments.overwrite, inputs=inputs) as folder:
         observers: list[Any] = [_Progress(snapshots)]
         if not unrecorded:
             from endolab.recording.recorder import record
@@ -115,6 +133,7 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
             calibration,
             arguments.out,
             mask=arguments.mask,
+            overwrite=arguments.overwrite,
             every=arguments.every or 1,
             limit=arguments.limit,
             progress=show,
@@ -183,28 +202,44 @@ def _sweep(arguments: argparse.Namespace) -> None:
 
 def add_reconstruct_commands(commands: Any) -> None:
     """Add the commands `reconstruct` and `sweep` to a parser."""
-    command = commands.add_parser("reconstruct", help="a frame or a video and a calibration in, surfaces out")
+    command = add_command(
+        commands,
+        "reconstruct",
+        _reconstruct,
+        "a frame or a video and a calibration in, surfaces out",
+        "endolab reconstruct frame.png --calibration endoscope.json --out result",
+        "endolab reconstruct frame.png --calibration paper --width 480 --out quick",
+        "endolab reconstruct frame.png --calibration c3vd --channel separated --out r",
+        "endolab reconstruct video.mp4 --calibration paper --every 5 --out video",
+    )
     option = command.add_argument
-    option("frame", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video")
+    how = "PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video"
+    option("frame", nargs="+", metavar="FRAME", help=how)
     add_solving_options(command)
     option("--out", required=True, metavar="DIR", help="folder for the results")
+    add_overwrite(command)
     option("--mask", metavar="M.png", help="bright where the frame is to be used")
     how = f"of fast_marching in the recording (default {SNAPSHOTS})"
-    option("--snapshots", type=int, metavar="N", help=how)
+    option("--snapshots", type=whole, metavar="N", help=how)
     how = "leave out text and dark lumen, undo interlacing, and draw it all: preparation.png"
     option("--prepare", action="store_true", help=how)
     option("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
-    option("--every", type=int, metavar="N", help="of a video, every N-th frame only")
-    option("--limit", type=int, metavar="N", help="of a video, N frames at most")
-    command.set_defaults(run=_reconstruct)
+    option("--every", type=whole, metavar="N", help="of a video, every N-th frame only")
+    option("--limit", type=whole, metavar="N", help="of a video, N frames at most")
 
-    how = "frames × λ × ξ × order: one table, which can be gone on with"
-    command = commands.add_parser("sweep", help=how)
+    command = add_command(
+        commands,
+        "sweep",
+        _sweep,
+        "frames × λ × ξ × order: one table, which can be gone on with",
+        "endolab sweep frame.png --calibration endoscope.json --lam 0.1,1,10 --xi d,1/d",
+        "endolab sweep *.png --calibration endoscope.json --jobs -1 --out sweep.csv",
+        "endolab sweep a.png b.png --calibration endoscope.json --truth a.npz b.npz",
+    )
     option = command.add_argument
     option("frames", nargs="+", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits")
     option("--out", default="sweep.csv", metavar="T.csv", help="the table (default sweep.csv)")
     add_solving_options(command, several=True)
     option("--truth", nargs="+", metavar="T.npz", help="truth.npz of each frame")
-    option("--jobs", type=int, default=1, metavar="N", help="at once; -1: as many as cores")
+    option("--jobs", type=whole, default=1, metavar="N", help="at once; -1: as many as cores")
     option("--backend", help="of joblib: loky (processes, the default), threading or dask")
-    command.set_defaults(run=_sweep)

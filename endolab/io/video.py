@@ -2,7 +2,9 @@
 
 import os
 import re
-from collections.abc import Collection, Iterable, Iterator
+import zlib
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import numpy as np
 
 from endolab.io.atomic import PathLike, staged_file
 from endolab.io.images import read_image
+from endolab.io.quiet import quiet
 from endolab.numerics.arrays import FloatArray
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
@@ -95,21 +98,45 @@ def is_sequence(path: PathLike) -> bool:
     return suffix not in PICTURES and (suffix in VIDEOS or source.is_dir())
 
 
-def open_frames(path: PathLike) -> Frames:
-    """Find the frames of a folder of pictures or of a video.
+def _listed(paths: Sequence[PathLike]) -> Frames:
+    """Take pictures, in one folder or not, as frames; their names are paths from the folder they share."""
+    files = [Path(os.path.abspath(path)) for path in paths]
+    count = Counter(files)
+    for path, file in zip(paths, files, strict=True):
+        if file.is_dir() or file.suffix.lower() not in PICTURES:
+            kind = "a folder" if file.is_dir() else "no picture by its name"
+            raise ValueError(f"{path} is {kind}: give one folder, one video, or pictures alone")
+        if not file.exists():
+            raise FileNotFoundError(f"{path}: there is no such file")
+        if count[file] > 1:
+            raise ValueError(f"{path} is given twice")
+    try:
+        folder = Path(os.path.commonpath([file.parent for file in files]))
+    except ValueError as error:  # of Windows
+        raise ValueError("the pictures must all lie on one drive") from error
+    files = sorted(files, key=lambda file: (file.parent, _by_number(file)))
+    return Frames(folder, tuple(file.relative_to(folder).as_posix() for file in files))
+
+
+def open_frames(*paths: PathLike) -> Frames:
+    """Find the frames of a folder of pictures, of a video, or of pictures that are named one by one.
 
     Parameters
     ----------
-    path : path
-        A folder with PNG, JPEG, TIFF or BMP files, taken in the order of the numbers in their
-        names; or a video that OpenCV can read.
+    *paths : path
+        A folder with PNG, JPEG, TIFF or BMP files; or a video that OpenCV can read; or such files,
+        wherever they are. Files are taken in the order of the numbers in their names.
 
     Raises
     ------
     FileNotFoundError, ValueError
         In one sentence, if there is no such thing, or nothing in it that can be read.
     """
-    source = Path(path)
+    if not paths:
+        raise ValueError("give a folder, a video, or pictures")
+    source = Path(paths[0])
+    if len(paths) > 1 or (source.suffix.lower() in PICTURES and source.is_file()):
+        return _listed(paths)
     if source.is_dir():
         files = sorted((f for f in source.iterdir() if f.suffix.lower() in PICTURES), key=_by_number)
         if not files:
@@ -143,16 +170,54 @@ def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0
     if target.suffix != ".mkv":
         raise ValueError(f"a video's name ends in .mkv, got {target.name}")
     writer: cv2.VideoWriter | None = None
+    sums: list[int] = []
     with staged_file(target) as temporary:
-        for image in images:
-            grey = np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
-            stored = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR if grey.ndim == 2 else cv2.COLOR_RGB2BGR)
-            if writer is None:
-                size = stored.shape[1], stored.shape[0]
-                writer = cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*"FFV1"), rate, size)
-                if not writer.isOpened():
-                    raise OSError(f"cannot write {target}: OpenCV has no FFV1 encoder here")
-            writer.write(stored)
-        if writer is None:
+        try:
+            for stored in _as_bytes(images):
+                if writer is None:
+                    how = cv2.VideoWriter.fourcc(*"FFV1"), rate, stored.shape[1::-1]
+                    with quiet():
+                        writer = cv2.VideoWriter(str(temporary), *how)
+                    if not writer.isOpened():
+                        raise OSError(f"cannot write {target}: OpenCV has no FFV1 encoder here")
+                with quiet():  # a full disk would be printed, and is not said here
+                    writer.write(stored)
+                sums.append(zlib.crc32(stored.tobytes()))
+        finally:
+            if writer is not None:
+                with quiet():
+                    writer.release()
+        if not sums:
             raise ValueError(f"cannot write {target}: there is no frame")
-        writer.release()
+        whole = _same_frames(temporary, sums)
+        if whole < len(sums):
+            what = f"only {whole} of {len(sums)} frames can be read back; the disk may be full"
+            raise OSError(f"cannot write {target}: {what}")
+
+
+def _as_bytes(images: Iterable[FloatArray]) -> Iterator[np.ndarray]:
+    """Give pictures as OpenCV stores them; ValueError, if they are no pictures or not of one size."""
+    shape = None
+    for number, image in enumerate(images):
+        picture = image.ndim >= 2 and image.shape[2:] in ((), (3,))
+        if not picture or image.shape != (shape or image.shape):
+            expected = shape or "(H, W) or (H, W, 3)"
+            raise ValueError(f"frame {number} of a video: expected {expected}, found {image.shape}")
+        shape = image.shape
+        stored = np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
+        yield cv2.cvtColor(stored, cv2.COLOR_GRAY2BGR if stored.ndim == 2 else cv2.COLOR_RGB2BGR)
+
+
+def _same_frames(path: Path, sums: Sequence[int]) -> int:
+    """Count the frames of a video, from the first, that have these checksums."""
+    with quiet():
+        capture = cv2.VideoCapture(str(path))
+    try:
+        for number, expected in enumerate(sums):
+            with quiet():
+                done, stored = capture.read()
+            if not done or zlib.crc32(stored.tobytes()) != expected:
+                return number
+    finally:
+        capture.release()
+    return len(sums)

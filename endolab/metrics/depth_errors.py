@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -53,6 +55,46 @@ def occlusion_cuts(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
     return links(known) & (np.abs(forward_gradient(log_distance)) > threshold)
 
 
+def resampled_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
+    """Resample a true map to the grid of a result, whose frame may have been shrunk.
+
+    Parameters
+    ----------
+    truth : (H, W) or (H, W, 3) float array
+        Distances or z, any unit, or unit normals; nan where unknown.
+    shape : (h, w)
+        Rows and columns of the same picture.
+
+    Returns
+    -------
+    (h, w) or (h, w, 3) float array
+        In each pixel the mean over the part of it that is known; nan where that is less than half.
+
+    Raises
+    ------
+    ValueError
+        If the two are not of one picture, for their proportions differ.
+    """
+    truth, (height, width), (rows, columns) = truth.astype(np.float64), truth.shape[:2], shape
+    if (height, width) == shape:
+        return truth
+    if abs(rows - height * columns / width) > 1 and abs(columns - width * rows / height) > 1:
+        raise ValueError(
+            f"the depth map is {columns}x{rows} px, the truth {width}x{height} px, of other proportions"
+        )
+    how = cv2.INTER_AREA if columns <= width else cv2.INTER_LINEAR
+
+    def mean(a: NDArray) -> FloatArray:
+        return np.asarray(cv2.resize(a, (columns, rows), interpolation=how), dtype=np.float64)
+
+    known = np.isfinite(truth).reshape(height, width, -1).all(axis=-1)
+    part = known if truth.ndim == 2 else known[..., None]
+    share = mean(known.astype(np.float64))
+    share = np.where(share >= 0.5, share, np.nan)
+    found = mean(np.where(part, truth, 0.0)) / (share if truth.ndim == 2 else share[..., None])
+    return found if truth.ndim == 2 else found / np.linalg.norm(found, axis=-1, keepdims=True)
+
+
 def compare(
     distance: FloatArray,
     truth: FloatArray,
@@ -68,7 +110,7 @@ def compare(
     Parameters
     ----------
     distance, truth : (H, W) float arrays
-        Euclidean distances, mm; nan where unknown.
+        Euclidean distances, mm, positive; anything else where unknown.
     cos_alpha : (H, W) float array
         z of the unit rays, which turns distance into z.
     normals, true_normals : (H, W, 3) float arrays, optional
@@ -90,7 +132,7 @@ def compare(
             f"the depth map is {distance.shape[1]}x{distance.shape[0]} px, "
             f"the truth {truth.shape[1]}x{truth.shape[0]} px"
         )
-    known = np.isfinite(distance) & np.isfinite(truth)
+    known = np.isfinite(distance) & np.isfinite(truth) & (distance > 0) & (truth > 0)
     if mask is not None:
         known &= mask
     if not known.any():

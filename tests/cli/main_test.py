@@ -203,9 +203,12 @@ def test_options_arrive(work, solve, tmp_path):
     write_image(tmp_path / "mask.png", np.arange(160) < np.full((120, 1), 80))
     options = ["--mask", tmp_path / "mask.png", "--xi", "d", "--regulariser", "first", "--lam", "0.5"]
     options += ["--channel", "red", "--median-distance", "33", "--width", "80", "--smooth", "1.5"]
+    options += ["--epsilon", "2e-3", "--threshold", "0.04", "--max-iterations", "2"]
     assert solve("--out", tmp_path / "o", *options, calibration=work / "unknown.json") == 0
     report = json.loads((tmp_path / "o/report.json").read_text(encoding="utf-8"))
     expected = {"xi": "d", "regulariser": "first", "lam": 0.5, "channel": "red", "width": 80, "smooth": 1.5}
+    expected |= {"epsilon": 2e-3, "threshold": 0.04}
+    assert report["iterations"] <= 2
     assert report["settings"] | expected == report["settings"]
     depth = maps(tmp_path / "o/depth.npz")
     assert depth["distance"].shape == (60, 80)
@@ -314,17 +317,48 @@ def test_evaluate_reads_a_data_sets_depth_map(work, sim, tmp_path, capsys):
     assert errors["mean_degrees"] is None
 
 
+def test_evaluate_takes_a_result_of_a_shrunk_frame(work, solve, sim, tmp_path, capsys):
+    """The truth is resampled to its grid, and says as much as at full size."""
+
+    def errors(depth, truth):
+        assert call("evaluate", depth, truth, "--json") == 0
+        return json.loads(capsys.readouterr().out)
+
+    assert solve("--width", "80", "--out", tmp_path / "small") == 0
+    write_image(tmp_path / "0001_depth.png", maps(sim / "truth.npz")["z"] / 100, 16)
+    capsys.readouterr()
+    whole = errors(work / "out/depth.npz", sim / "truth.npz")
+    for truth in (sim / "truth.npz", tmp_path / "0001_depth.png"):
+        shrunk = errors(tmp_path / "small/depth.npz", truth)
+        assert shrunk["mean_percent"] < whole["mean_percent"] + 0.2
+        assert (shrunk["truth_resampled_from"], shrunk["pixels"]) == ([160, 120], 80 * 60)
+    assert errors(tmp_path / "small/depth.npz", sim / "truth.npz")["mean_degrees"] < 2
+    assert "truth_resampled_from" not in whole
+    assert call("evaluate", tmp_path / "small/depth.npz", sim / "truth.npz") == 0
+    said = capsys.readouterr().out
+    assert said.startswith("The truth, 160x120 px, is resampled to the result's 80x60 px.\n4800 pixels, ")
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--solver", "magic"], f"unknown solver 'magic'; choose {', '.join(SOLVERS)}"),
+        (
+            ["--solver", "magic"],
+            "unknown solver 'magic'; choose facing, fast_marching, gauss_newton or primal_dual",
+        ),
+        (["--solver", "gaus_newton"], "or primal_dual; did you mean gauss_newton?"),
         (["--snapshots", "3"], "solver 'gauss_newton' has no option 'snapshots'"),
-        (["--xi", "z"], "unknown xi 'z'; choose 1/z, d, 1/d"),
+        (["--xi", "z"], "unknown xi 'z'; choose 1/z, d or 1/d"),
         (["--regulariser", "third"], "unknown regulariser 'third'; choose first or second"),
         (["--channel", "pink"], "unknown channel 'pink'; choose red, green, blue, grey or separated"),
         (["--lam", "-1"], "lam must be finite and at least 0, got -1"),
         (["--lam", "nan"], "lam must be finite and at least 0, got nan"),
-        (["--lam", "much"], "argument --lam: invalid float value: 'much'"),
+        (["--lam", "much"], "argument --lam: expected a number, found 'much'"),
+        (["--epsilon", "0"], "epsilon must be positive and finite, got 0"),
+        (["--threshold", "nan"], "threshold must be positive and finite, got nan"),
+        (["--max-iterations", "0"], "--max-iterations must be at least 1, got 0"),
+        (["--max-iterations", "1e3"], "argument --max-iterations: expected a whole number, found '1e3'"),
+        (["--width=--"], "argument --width: expected a value, found --"),
         (["--median-distance", "0"], "median_distance must be positive"),
         (["--median-distance", "-3"], "median_distance must be positive"),
         (["--known-distance", "30"], "--known-distance must be MM,COLUMN,ROW, such as 30,80,80, got 30"),
@@ -418,22 +452,31 @@ def test_an_output_folder_in_the_way_of_a_file(sim, tmp_path, refused, command, 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("simulate pig", "unknown scene 'pig'; choose plane, curved, tube, colon"),
+        ("simulate pig", "unknown scene 'pig'; choose plane, curved, tube, colon or sheet"),
+        ("simulate coln", "colon or sheet; did you mean colon?"),
         ("simulate plane --width 8", "--width must be at least 16 px, got 8"),
         ("simulate plane --noise -1", "noise must be finite and at least 0"),
         ("simulate plane --fog nan", "fog must be finite and at least 0"),
-        ("simulate plane --calibration pig", "unknown calibration 'pig'; choose"),
+        ("simulate plane --calibration papr", "simcol3d or a JSON file; did you mean paper?"),
         ("simulate plane --bits 12", "argument --bits: invalid choice"),
         ("simulate", "the following arguments are required: SCENE"),
         ("frobnicate", "invalid choice: 'frobnicate'"),
         ("", "the following arguments are required: COMMAND"),
+        (
+            "simulate plane --seed x",
+            "argument --seed: expected a whole number, found 'x'; see endolab simulate",
+        ),
+        (
+            "reconstruct a.png b.png --calibration paper",
+            "reconstruct takes one picture, one folder of a video's",
+        ),
         ("reconstruct", "the following arguments are required: FRAME, --calibration, --out"),
         ("sweep", "the following arguments are required: FRAME, --calibration"),
         ("evaluate depth.npz", "the following arguments are required: TRUTH"),
     ],
 )
 def test_a_bad_simulation_and_a_command_that_is_not_one(tmp_path, refused, words, message):
-    out = ("--out", tmp_path / "new") if words.startswith("simulate") else ()
+    out = ("--out", tmp_path / "new") if words.startswith(("simulate", "reconstruct a")) else ()
     assert message in refused(*words.split(), *out)
 
 
@@ -471,14 +514,14 @@ def test_a_bad_depth_map(sim, tmp_path, refused, content, message):
     [
         ("none.npz", [], "none.npz: there is no such file"),
         ("frame.png", [], "frame.png: expected truth.npz, C3VD's"),
-        ("0001_depth.png", [], "differ in size; reconstruct without --width"),
+        ("0001_depth.png", [], "the depth map is 160x120 px, the truth 4x2 px, of other proportions"),
         ("truth.npz", ["--scale", "none"], "is in relative units: compare it with --scale median"),
         ("truth.npz", ["--scale", "mean"], "argument --scale: invalid choice: 'mean'"),
         ("truth.npz", ["--max-angle", "0"], "no pixel has both"),
     ],
 )
 def test_a_bad_comparison(work, tmp_path, refused, truth, options, message):
-    write_image(tmp_path / "0001_depth.png", np.full((3, 4), 0.5), 16)
+    write_image(tmp_path / "0001_depth.png", np.full((2, 4), 0.5), 16)
     path = work / "sim" / truth if truth in ("truth.npz", "frame.png") else tmp_path / truth
     assert message in refused("evaluate", work / "rel/depth.npz", path, *options)
 
@@ -510,7 +553,7 @@ def test_help(capsys, command):
     said = " ".join(capsys.readouterr().out.split())
     assert said.startswith("usage: endolab")
     if command == "reconstruct":
-        named = said.split("--solver SOLVER ")[1].split("--xi XI")[0]
+        named = said.split("--solver NAME ")[1].split("--xi ξ")[0]
         assert all(name in named for name in SOLVERS)
         assert f"{DEFAULT_SOLVER} (default)" in said
 
@@ -539,5 +582,8 @@ def test_a_refusal_is_one_line_also_from_what_is_not_python(sim, tmp_path):
     command += ["--calibration", str(sim / "endoscope.json"), "--out", str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr == f"endolab: unknown solver 'none'; choose {', '.join(SOLVERS)}\n"
+    assert (
+        done.stderr
+        == "endolab: unknown solver 'none'; choose facing, fast_marching, gauss_newton or primal_dual\n"
+    )
     assert not (tmp_path / "out").exists()

@@ -49,6 +49,21 @@ def test_a_folder_is_read_in_the_order_of_its_numbers_and_a_broken_picture_is_no
     np.testing.assert_allclose(images[0], pictures[1], atol=1e-9)
 
 
+def test_pictures_that_are_named_are_told_apart_wherever_they_lie(tmp_path, pictures):
+    places = ["a/2.png", "a/10.png", "b/2.png"]
+    for number, place in enumerate(places):
+        (tmp_path / place).parent.mkdir(exist_ok=True)
+        write_image(tmp_path / place, pictures[number])
+    frames = open_frames(*(tmp_path / place for place in reversed(places)))
+    assert (frames.path, frames.names, frames.is_video) == (tmp_path, tuple(places), False)
+    assert len({tuple(stamp) for stamp in frames.stamp}) == 3
+    for (name, image), picture in zip(frames, pictures, strict=False):
+        np.testing.assert_allclose(image, picture, atol=1e-9, err_msg=name)
+    together = open_frames(tmp_path / "a/2.png", tmp_path / "a/10.png")
+    assert together == open_frames(tmp_path / "a")  # so that either call goes on from the other
+    assert open_frames(tmp_path / "a/2.png").names == ("2.png",)
+
+
 def test_a_video_that_ends_early_gives_none_for_what_it_lacks(video, tmp_path):
     content = video.read_bytes()
     short = tmp_path / "short.mkv"
@@ -73,6 +88,28 @@ def test_what_holds_no_frames_is_refused(tmp_path, make, error, sentence, capfd)
     with pytest.raises(error, match=sentence):
         open_frames(path)
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("others", "error", "sentence"),
+    [
+        (
+            ["v.mkv"],
+            ValueError,
+            "v.mkv is no picture by its name: give one folder, one video, or pictures alone",
+        ),
+        (["folder"], ValueError, "folder is a folder: give one folder"),
+        (["none.png"], FileNotFoundError, "none.png: there is no such file"),
+        (["folder/../a.png"], ValueError, "a.png is given twice"),
+    ],
+)
+def test_pictures_go_with_pictures_alone(tmp_path, video, pictures, others, error, sentence):
+    (tmp_path / "folder").mkdir()
+    write_image(tmp_path / "a.png", pictures[0])
+    with pytest.raises(error, match=sentence):
+        open_frames(tmp_path / "a.png", *(tmp_path / other for other in others))
+    with pytest.raises(ValueError, match="give a folder, a video, or pictures"):
+        open_frames()
 
 
 def test_a_video_is_written_whole_or_not_at_all(tmp_path, pictures):

@@ -4,9 +4,10 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
-from endolab.metrics.depth_errors import angle_between, compare, occlusion_cuts
+import endolab as el
+from endolab.metrics.depth_errors import angle_between, compare, occlusion_cuts, resampled_truth
 
 TRUTH = np.array([[10.0, 20.0, 40.0], [50.0, np.nan, 80.0]])
 ESTIMATE = np.array([[11.0, 18.0, 40.0], [54.0, 7.0, np.nan]])
@@ -105,3 +106,27 @@ def test_turning_the_map_turns_its_contours(rng):
 def test_a_threshold_that_cuts_everything_is_refused(threshold):
     with pytest.raises(ValueError, match="threshold must be positive, got"):
         occlusion_cuts(TRUTH, threshold)
+
+
+@pytest.mark.parametrize("width", [160, 100, 320, 480])
+@pytest.mark.parametrize("scene", ["plane", "curved"])
+def test_truth_on_another_grid_is_the_scenes_own(scene, width):
+    """Distance and normals are those at the centres of the other grid's pixels; to 0.05 %, 0.1°."""
+    whole = el.load_calibration("simple").camera
+    other = el.load_calibration("simple", width=width).camera
+    surface, shape = el.SCENES[scene], (other.height, other.width)
+    (points, there) = (surface.distance(c.field.rays)[..., None] * c.field.rays for c in (whole, other))
+    found = resampled_truth(np.linalg.norm(points, axis=-1), shape)
+    assert_allclose(found, np.linalg.norm(there, axis=-1), rtol=5e-4 if width <= 320 else 5e-3)
+    normals = resampled_truth(surface.normals(points), shape)
+    assert angle_between(normals, surface.normals(there)).max() < (0.1 if width <= 320 else 0.5)
+
+
+def test_truth_on_another_grid_is_unknown_where_most_of_it_was():
+    truth = np.full((4, 6), 8.0)
+    truth[:2, 0] = truth[:2, 2:4] = truth[2, 4] = np.nan
+    assert_array_equal(resampled_truth(truth, (2, 3)), [[8, np.nan, 8], [8, 8, 8]])
+    assert_array_equal(resampled_truth(truth, (4, 6)), truth)
+    for shape in ((4, 3), (2, 6), (40, 20)):
+        with pytest.raises(ValueError, match=f"is {shape[1]}x{shape[0]} px, the truth 6x4 px, of other prop"):
+            resampled_truth(truth, shape)

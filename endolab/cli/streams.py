@@ -1,0 +1,68 @@
+"""What the command line prints: in any encoding, complaints in one line, and no harm if nobody reads it."""
+
+import errno
+import io
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from typing import Any
+
+LONGEST = 600  # characters of a complaint; what was typed may be as long as it likes
+UNREAD = (errno.EPIPE, errno.EINVAL)  # a closed pipe; the second is how Windows calls it
+
+
+def in_one_line(error: object) -> str:
+    """Return what an error says in one printable line, without the middle of what is too long."""
+    text = str(error) or "out of memory"
+    if len(text) > LONGEST:
+        text = f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}"
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+class _Patient:
+    """A stream of text that is written on when nobody reads it any more, as after ``| head -1``."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Write; OSError in one sentence, if it fails for another reason than that nobody reads."""
+        return self._tried(self._stream.write, text) or len(text)
+
+    def flush(self) -> None:
+        """Hand over what was written; the same."""
+        self._tried(self._stream.flush)
+
+    def _tried(self, do: Any, *arguments: str) -> Any:
+        try:
+            return do(*arguments)
+        except OSError as error:
+            # What waits in the buffer would fail again when Python ends.
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())
+            os.close(nowhere)
+            if error.errno in UNREAD:
+                return None
+            raise OSError(f"cannot print what was found: {error.strerror or error}") from error
+
+
+@contextmanager
+def patient_streams() -> Iterator[None]:
+    """Let stdout and stderr take every character, and be closed by their reader, while a command runs.
+
+    What is left in stdout is handed over at the end: OSError in one sentence, if that fails.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    out, complaints = (stream and _Patient(stream) for stream in (sys.stdout, sys.stderr))
+    with redirect_stdout(out), redirect_stderr(complaints):  # type: ignore[type-var]
+        try:
+            yield
+        finally:
+            if out is not None:
+                out.flush()
