@@ -1,20 +1,23 @@
-"""JupyterLab on the notebooks: no pop-ups, no network, a free port, a kernel named endolab."""
+"""JupyterLab on the notebooks: no pop-ups, no network, no foreign script, a free port, its own kernel."""
 
 import json
 import os
 import secrets
 import socket
+import sqlite3
 import sys
 import tempfile
 import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import closing, suppress
 from pathlib import Path
 
 from endolab._extras import need
 
+OWN = Path(__file__).resolve().parents[2] / "notebooks"  # of endolab's checkout, where there is one
 PORTS = 50  # that are tried, one after the other
 PATIENCE = 120.0  # seconds until the server must answer
 
@@ -90,22 +93,31 @@ def _prepend(variable: str, folder: Path) -> None:
     os.environ[variable] = f"{folder}{os.pathsep}{others}" if others else str(folder)
 
 
-def _trust(notebooks: Sequence[Path]) -> None:
-    """Sign notebooks, so that pictures and sliders kept in them are shown when they are opened again."""
+def _sign(notebooks: Iterable[Path]) -> None:
+    """Sign endolab's own notebooks as they are delivered, so that JupyterLab does not call them untrusted.
+
+    A signature is one of the content, wherever it lies: copies have it too, and nothing else has. One with
+    outputs or with the state of widgets, in which scripts could wait, is signed by JupyterLab alone, when
+    its cells were run here and it is saved.
+    """
     from nbformat import ValidationError, read
     from nbformat.sign import NotebookNotary
 
     notary = NotebookNotary()
-    for path in notebooks:
-        try:
-            notary.sign(read(path, as_version=4))
-        except (ValueError, OSError, ValidationError):  # not a notebook: JupyterLab will say so
-            continue
+    with closing(notary.store):
+        for path in notebooks:
+            try:
+                notebook = read(path, as_version=4)
+            except (ValueError, OSError, ValidationError):  # not a notebook: JupyterLab will say so
+                continue
+            if "widgets" not in notebook.metadata and not any(cell.get("outputs") for cell in notebook.cells):
+                notary.sign(notebook)
 
 
-def _announce(server: str, line: str, notebooks: Sequence[Path]) -> None:
+def _announce(server: str, line: str) -> None:
     """Print a line as soon as a server answers."""
-    _trust(notebooks)
+    with suppress(OSError, sqlite3.Error):  # no place for signatures: JupyterLab warns that it trusts none
+        _sign(OWN.glob("[0-9][0-9]_*.ipynb"))
     given_up = time.monotonic() + PATIENCE
     while time.monotonic() < given_up:
         try:
@@ -129,8 +141,7 @@ def open_lab(
     there are no notebooks or no port is free, `MissingPackage` if JupyterLab is not installed.
     """
     need("jupyterlab")
-    ours = Path(__file__).resolve().parents[2] / "notebooks"
-    folder = ours if notebooks is None else Path(notebooks).resolve()
+    folder = OWN if notebooks is None else Path(notebooks).resolve()
     if not folder.is_dir():
         wanted = "run this from a checkout of endolab, or name a folder with --notebooks"
         raise FileNotFoundError(f"{folder}: there are no notebooks; {wanted}")
@@ -149,8 +160,7 @@ def open_lab(
         server = f"http://127.0.0.1:{free}"
         line = f"JupyterLab: {server}/lab/tree/{folder.name}?token={token}"
         line += f" (port {port} is taken)" if free != port else ""
-        signed = sorted(folder.glob("[0-9][0-9]_*.ipynb"))
-        threading.Thread(target=_announce, args=(server, line, signed), daemon=True).start()
+        threading.Thread(target=_announce, args=(server, line), daemon=True).start()
 
         from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 

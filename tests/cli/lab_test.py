@@ -1,5 +1,6 @@
 """What ``endolab lab`` starts: quiet, private, trusted, on a free port; and how a cell is interrupted."""
 
+import io
 import json
 import os
 import re
@@ -29,12 +30,30 @@ result = el.reconstruct(el.Frame(scene.image, scene.mask), known, observers=[tel
 """
 
 
+QUICKSTART = ROOT / "notebooks" / "00_quickstart.ipynb"
+SCRIPT = {"text/html": "<script>document.title = 'taken over'</script>", "text/plain": "nothing"}
+
+
+def foreign_notebooks():
+    """Notebooks that somebody else wrote, by name: a script waits in an output, or in a widget."""
+    output = {"output_type": "display_data", "data": SCRIPT, "metadata": {}}
+    cell = {"cell_type": "code", "source": "1", "metadata": {"trusted": True}, "outputs": [output]}
+    whole = json.loads(QUICKSTART.read_text(encoding="utf-8"))
+    foreign = whole | {"cells": [cell | {"execution_count": None, "id": "a"}]}
+    scripted, widgets = json.loads(json.dumps(whole)), json.loads(json.dumps(whole))
+    next(cell for cell in scripted["cells"] if cell["cell_type"] == "code")["outputs"] = [output]
+    widgets["metadata"]["widgets"] = {"application/vnd.jupyter.widget-state+json": {"state": {}}}
+    return {"00_quickstart_again.ipynb": scripted, "02_foreign.ipynb": foreign, "03_widgets.ipynb": widgets}
+
+
 @pytest.fixture(scope="module")
 def started(tmp_path_factory):
     """What the command prints when its port is taken; the server's address, token and folder."""
     root = tmp_path_factory.mktemp("lab")
     (root / "notebooks").mkdir()
-    shutil.copy(ROOT / "notebooks" / "00_quickstart.ipynb", root / "notebooks")
+    shutil.copy(QUICKSTART, root / "notebooks" / "mine.ipynb")
+    for name, content in foreign_notebooks().items():
+        (root / "notebooks" / name).write_text(json.dumps(content), encoding="utf-8")
     (root / "notebooks" / "01_broken.ipynb").write_text("{", encoding="utf-8")
     # A home of its own, so that no settings or signatures of this machine's user matter.
     environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(root), "TMPDIR": str(root / "tmp")}
@@ -98,13 +117,37 @@ def test_nothing_pops_up(ask):
     assert (defaults["fetchNews"], defaults["checkForUpdates"]) == ("false", False)
 
 
-def test_the_kernel_named_endolab_is_this_python_and_notebooks_are_trusted(ask):
+def test_the_kernel_named_endolab_is_this_python(ask):
     kernel = json.loads(ask("/api/kernelspecs"))["kernelspecs"]["endolab"]["spec"]
     assert (kernel["argv"][0], kernel["display_name"]) == (sys.executable, "endolab")
-    content = json.loads(ask("/api/contents/notebooks/00_quickstart.ipynb"))["content"]
+
+
+@pytest.mark.parametrize("name", ["mine.ipynb", *foreign_notebooks()])
+def test_endolabs_own_notebooks_are_trusted_and_nothing_else(ask, name):
+    content = json.loads(ask(f"/api/contents/notebooks/{name}"))["content"]
     code = [cell for cell in content["cells"] if cell["cell_type"] == "code"]
-    assert code
-    assert all(cell["metadata"]["trusted"] for cell in code)
+    assert {cell["metadata"]["trusted"] for cell in code} == {name == "mine.ipynb"}
+
+
+def test_the_server_listens_to_this_machine_alone_and_hides_its_token(started, ask):
+    import psutil
+
+    server, _, log = started
+    process = psutil.Process(server.pid)
+    own = {at.laddr.ip for at in process.net_connections("tcp") if at.status == psutil.CONN_LISTEN}
+    assert own == {"127.0.0.1"}
+    token = re.search(r"token=(\w+)", log.read_text())[1]
+    assert token not in " ".join(process.cmdline())
+    assert not any("xsrf" in option for option in lab.lab_options("x", 1))
+    assert log.read_text().count(token) == 1  # in the line that is printed, and in no line of the server's
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc takes no files whoever writes them")
+def test_without_a_place_for_signatures_there_is_a_link_all_the_same(monkeypatch, capsys):
+    monkeypatch.setenv("JUPYTER_DATA_DIR", "/proc/none")
+    monkeypatch.setattr(lab.urllib.request, "urlopen", lambda *_, **__: io.BytesIO())
+    lab._announce("http://127.0.0.1:1", "a link")
+    assert capsys.readouterr().out == "a link\n"
 
 
 def test_it_ends_when_it_is_told_to_and_leaves_nothing(started):
