@@ -13,23 +13,25 @@ the scene's own at the stored distance.
 """
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from endolab._deprecated import callable_as_before
 from endolab.datasets.sample import Sample
+from endolab.io.archives import MOST_PIXELS, Head, read_arrays
 from endolab.io.atomic import PathLike
 from endolab.io.descriptions import Calibration
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.preprocessing.frame import Frame
+from endolab.preprocessing.frame import Frame, check_size
 from endolab.synthetic.scenes import Colon
 
 FOLDER = Path(__file__).resolve().parent / "frames"
 LAYERS = ("direct", "indirect", "mirrored")
+DTYPES = {"image": np.dtype("u1")} | dict.fromkeys(("distance", *LAYERS), np.dtype("u2"))
 DISTANCE_STEP = 1 / 256  # mm
 GREY_STEPS = 8 * 255
 TRACED = ("matt", "diffuse-1", "diffuse-2", "diffuse-3", "wet-1", "wet-2", "foggy")
@@ -52,20 +54,28 @@ class TracedSample(Sample):
 
 def read(path: PathLike) -> TracedSample:
     """Read a frame of the set; OSError or ValueError in one sentence, if it cannot be read or is none."""
-    source = Path(path)
-    if not source.exists():
-        raise FileNotFoundError(f"{source}: there is no such file")
+    source, what = Path(path), "a path-traced frame that endolab wrote"
+
+    def check(heads: dict[str, Head]) -> None:
+        if {name: head.dtype for name, head in heads.items() if name != "facts"} != DTYPES:
+            raise ValueError(f"{source}: not {what}")
+        size = heads["distance"].shape
+        colours = (heads[name].shape for name in ("image", *LAYERS[:2]))
+        fits = all(shape == (*size, 3) for shape in colours) and heads["mirrored"].shape == size
+        if len(size) != 2 or not fits or "facts" not in heads or math.prod(size) > MOST_PIXELS:
+            raise ValueError(f"{source}: not {what}")
+
+    stored = read_arrays(source, what, (*DTYPES, "facts"), check)
     try:
-        with open(source, "rb") as stream, np.load(stream, allow_pickle=False) as content:
-            stored: dict[str, Any] = dict(content)
         facts = json.loads(str(stored["facts"]))
         scene = Colon(**facts["scene"])
         made_with = Calibration.from_dict(facts["calibration"], str(source))
-        image = stored["image"] / 255
-        codes = {name: np.cumsum(stored[name], axis=1, dtype=np.uint16) for name in ("distance", *LAYERS)}
-        layers = {name: (codes[name] / GREY_STEPS) ** made_with.photometry.gamma for name in LAYERS}
-    except Exception as error:  # a broken zip, a missing part: NumPy has many ways to say so
-        raise ValueError(f"{source}: not a path-traced frame that endolab wrote ({error})") from error
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ValueError(f"{source}: not {what} ({error})") from error
+    image = stored["image"] / 255
+    check_size(str(source), (image.shape[1], image.shape[0]), made_with.camera)
+    codes = {name: np.cumsum(stored[name], axis=1, dtype=np.uint16) for name in ("distance", *LAYERS)}
+    layers = {name: (codes[name] / GREY_STEPS) ** made_with.photometry.gamma for name in LAYERS}
     mask = codes["distance"] > 0
     distance = np.where(mask, codes["distance"] * DISTANCE_STEP, np.nan)
     rays, normals = made_with.camera.field.rays[mask], np.full(image.shape, np.nan)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import io
-import zipfile
-import zlib
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from endolab.io.archives import MOST_PIXELS, Head, read_arrays
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.model.mesh import Mesh
 from endolab.numerics.arrays import FloatArray
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from endolab.synthetic.rendering import Rendered
 
 FRAME = "camera frame: x right, y down, z forward"
+NEAREST, FARTHEST = 1e-9, 1e9  # mm, or the unit of a relative result: no surface is nearer or farther
 MAPS = {"distance": (), "z": (), "normals": (3,)}  # what a depth.npz holds for each pixel
 
 
@@ -34,22 +35,33 @@ def save_depth(path: PathLike, surface: Result | Rendered, metric: bool) -> None
 
 
 def read_depth(path: PathLike, needed: Sequence[str] = ("distance", "z")) -> dict[str, np.ndarray]:
-    """Read what `save_depth` wrote; ValueError or OSError in one sentence if it is something else."""
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"{path}: there is no such file")
-    try:
-        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            maps = {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
-        raise ValueError(f"{path}: not a depth.npz that endolab wrote") from error
-    for name in needed:
-        if name not in maps:
-            raise ValueError(f"{path}: {name} is missing")
-    size = maps["distance"].shape[:2]
+    """Read what `save_depth` wrote, whatever else is in the file; nan where a distance is not known.
+
+    ValueError or OSError in one sentence, if it is something else, or holds what no surface has.
+    """
+
+    def check(heads: dict[str, Head]) -> None:
+        for name in needed:
+            if name not in heads:
+                raise ValueError(f"{path}: {name} is missing")
+        size = heads["distance"].shape if "distance" in heads else ()
+        if math.prod(size) > MOST_PIXELS:
+            raise ValueError(f"{path}: distance has shape {size}, which is larger than any picture")
+        for name, head in heads.items():
+            kinds = "f" if name in MAPS else "biu"
+            expected = () if name == "metric" else (*size, *MAPS.get(name, ()))
+            if head.dtype.kind not in kinds or head.shape != expected or len(size) != 2:
+                should = "a map of the size of distance" if expected else "true or false"
+                raise ValueError(f"{path}: {name} is not {should}")
+
+    maps = read_arrays(path, "a depth.npz that endolab wrote", (*MAPS, "mask", "metric"), check)
     for name in (name for name in MAPS if name in maps):
-        found = maps[name]
-        if found.dtype.kind != "f" or found.shape != (*size, *MAPS[name]) or len(size) < 2:
-            raise ValueError(f"{path}: {name} is not a map of the size of distance")
+        values = maps[name] = np.where(np.isfinite(maps[name]), maps[name], np.nan)
+        most = float(np.nanmax(np.abs(values), initial=0.0))
+        if most > FARTHEST:
+            raise ValueError(f"{path}: {name} holds values up to {most:.3g}; no surface has them")
+        if name == "distance":
+            values[values < NEAREST] = np.nan
     return maps
 
 
