@@ -1,0 +1,25 @@
+"""Every class of cases by its name: a function from a generator and the good files to a `Case`."""
+
+from tests.hostile import damaged_files, odd_calls
+
+# With its share of an attack: what is cheap, and read first of all, comes oftenest.
+SHARED = (
+    (damaged_files.calibration, 30),
+    (damaged_files.target, 8),
+    (damaged_files.endomapper, 8),
+    (damaged_files.image, 30),
+    (damaged_files.mask, 8),
+    (damaged_files.published, 6),
+    (damaged_files.depth, 16),
+    (damaged_files.recording, 12),
+    (damaged_files.table, 10),
+    (damaged_files.resumed, 8),
+    (damaged_files.detections, 6),
+    (damaged_files.video, 8),
+    (odd_calls.options, 14),
+    (odd_calls.paths, 10),
+    (odd_calls.calls, 24),
+    (odd_calls.tuner, 4),
+)
+CLASSES = {function.__name__: function for function, _ in SHARED}
+SHARES = {function.__name__: share for function, share in SHARED}
