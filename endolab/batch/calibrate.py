@@ -1,6 +1,6 @@
 """Frames of a target in, endoscope.json and its report out; a call that was cut off goes on where it was."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +8,13 @@ from endolab._extras import need
 from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.session import Progress, Session, calibrate, silent
 from endolab.calibration.targets import Target
-from endolab.io.atomic import PathLike
+from endolab.io.atomic import PathLike, staged_folder
 from endolab.io.descriptions import make_calibration
 from endolab.io.detection_cache import detect_cached
 from endolab.io.video import Frames
-from endolab.reports.calibration_page import write_report
+from endolab.reports.calibration_page import REPORT, write_report
+
+CALIBRATION = "endoscope.json"  # what the report's folder knows CAL.json by
 
 
 def report_folder(out: PathLike) -> Path:
@@ -30,6 +32,8 @@ def calibrate_to_files(
     *,
     channel: str = "grey",
     record: bool = False,
+    overwrite: bool = False,
+    inputs: Collection[PathLike] = (),
     progress: Progress = silent,
     say: Callable[[str], None] | None = None,
     **options: Any,
@@ -38,26 +42,29 @@ def calibrate_to_files(
 
     `out` is `endoscope.json`, not written if the light was refused. Beside it, in `report_folder`, are
     what was detected (kept between calls), the page, `camera.json` and, with `record`, a recording for
-    the Rerun viewer. `say` is told, in a sentence, what an earlier call had done; the rest, camera, every
-    and the light's options, is as for `calibrate`. Raises `MissingPackage` at once if a recording is
-    wanted and cannot be written.
+    the Rerun viewer. Files that endolab did not write, or that were changed since, are replaced only if
+    `overwrite`; the frames and `inputs`, what else was read for this, never. `say` is told, in a sentence,
+    what an earlier call had done; the rest, camera, every and the light's options, is as for `calibrate`.
+    Raises `MissingPackage` at once if a recording is wanted and cannot be written.
     """
     if record:
         need("rerun")
     folder = report_folder(out)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OSError(f"cannot write to the folder {folder}: {error.strerror or error}") from error
-    detections, size = detect_cached(frames, target, folder / "detections.jsonl", progress=progress, say=say)
+    files = (CALIBRATION, *REPORT, *("recording.rrd",) * record)
+    read = [frames.path] if frames.is_video else [frames.path / name for name in frames.names]
+    where: dict[str, Any] = {"inputs": [*read, *inputs], "elsewhere": {CALIBRATION: Path(out)}}
     steps: list[FitIterate] = []
-    options |= {"detections": detections, "size": size, "light_observers": [steps.append] if record else []}
-    session = calibrate(frames, target, channel=channel, progress=progress, **options)
-    write_report(session, frames, folder, channel)
-    if record:
-        from endolab.recording.calibration import record_calibration
+    options["light_observers"] = [steps.append] if record else []
+    with staged_folder(folder, files, overwrite=overwrite, **where) as staging:
+        cache = folder / "detections.jsonl"  # which is no part of what moves in at the end
+        found = detect_cached(frames, target, cache, overwrite=overwrite, progress=progress, say=say)
+        options["detections"], options["size"] = found
+        session = calibrate(frames, target, channel=channel, progress=progress, **options)
+        write_report(session, frames, staging, channel)
+        if record:
+            from endolab.recording.calibration import record_calibration
 
-        record_calibration(session, frames, folder / "recording.rrd", light_steps=steps)
-    if session.light is not None:
-        make_calibration(session, str(frames.path), channel).save(out)
+            record_calibration(session, frames, staging / "recording.rrd", light_steps=steps)
+        if session.light is not None:
+            make_calibration(session, str(frames.path), channel).save(staging / CALIBRATION)
     return session

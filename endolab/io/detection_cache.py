@@ -11,9 +11,11 @@ import numpy as np
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.session import UNREADABLE, Progress, detect_all, silent
 from endolab.calibration.targets import Target
-from endolab.io.atomic import PathLike, write_atomically
+from endolab.io.atomic import PathLike, one_sentence, read_bytes, write_atomically
+from endolab.io.ownership import in_the_way
 from endolab.io.video import Frames
 
+MARK = b'{"endolab_detections": '  # which every such file begins with
 VERSION = 1  # of the file, and of the detector: another one detects anew
 
 
@@ -21,29 +23,34 @@ class DetectionCache:
     """Detections that survive an interruption: a file with one line of JSON for each frame.
 
     The first line says of which frames and which target they are; a file that says otherwise, or
-    cannot be read, is begun anew. A last line that is cut off is ignored.
+    cannot be read, is begun anew. A last line that is cut off is ignored. FileExistsError, if the file
+    is none of these, unless `overwrite`.
     """
 
-    def __init__(self, path: PathLike, frames: Frames, target: Target) -> None:
+    def __init__(self, path: PathLike, frames: Frames, target: Target, *, overwrite: bool = False) -> None:
         self.path = Path(path)
         self.known: dict[str, Detection] = {}  # by the name of the frame
         self.size: tuple[int, int] | None = None  # width and height of the frames, px, once known
         known = {"kind": target.kind, **asdict(target)}
         self._head = json.dumps({"endolab_detections": VERSION, "target": known, "files": frames.stamp})
         self._stream: TextIO | None = None
-        self._read()
+        if self.path.exists():
+            self._read(overwrite)
 
-    def _read(self) -> None:
+    def _read(self, overwrite: bool) -> None:
+        content = read_bytes(self.path)
+        if not overwrite and not content.startswith(MARK):
+            raise in_the_way(self.path)
         try:
-            head, *lines = self.path.read_text(encoding="utf-8").split("\n")
-        except (OSError, ValueError):
+            head, *lines = content.decode().split("\n")
+        except UnicodeDecodeError:
             return
         if head != self._head:
             return
         for line in lines[:-1]:  # what follows the last line break is empty, or cut off
             try:
                 name, (width, height), ids, pixels, reason = json.loads(line)
-            except ValueError:
+            except (ValueError, TypeError):
                 return
             self.size = width, height
             self.known[name] = Detection(np.array(ids, int), np.array(pixels, float).reshape(-1, 2), reason)
@@ -58,19 +65,22 @@ class DetectionCache:
         if self.size is not None:
             lines += [self._line(name, self.size) for name in self.known]
         write_atomically(self.path, "".join(lines).encode())
-        self._stream = self.path.open("a", encoding="utf-8")
+        with one_sentence(f"cannot write {self.path}"):
+            self._stream = self.path.open("a", encoding="utf-8")
         return self
 
     def add(self, name: str, detection: Detection, size: tuple[int, int]) -> None:
         """Keep what was found in a frame of a size (width, height)."""
         self.known[name], self.size = detection, size
         if self._stream is not None:
-            self._stream.write(self._line(name, size))
-            self._stream.flush()
+            with one_sentence(f"cannot write {self.path}"):
+                self._stream.write(self._line(name, size))
+                self._stream.flush()
 
     def __exit__(self, *_: object) -> None:
         if self._stream is not None:
-            self._stream.close()
+            with one_sentence(f"cannot write {self.path}"):  # again, on a full disk
+                self._stream.close()
 
 
 def detect_cached(
@@ -78,15 +88,17 @@ def detect_cached(
     target: Target,
     cache: PathLike,
     *,
+    overwrite: bool = False,
     progress: Progress = silent,
     say: Callable[[str], None] | None = None,
 ) -> tuple[dict[str, Detection], tuple[int, int] | None]:
     """Find the target in the frames, going on from what a file holds of an earlier call.
 
-    As `detect_all`; `say` is told, in a sentence, how many frames were searched before. Frames
-    that a video promises and does not hold are given that reason. An interrupt says what is kept.
+    As `detect_all`; `overwrite` as for `DetectionCache`; `say` is told, in a sentence, how many frames were
+    searched before. Frames that a video promises and does not hold are given that reason. An interrupt says
+    what is kept.
     """
-    with DetectionCache(cache, frames, target) as kept:
+    with DetectionCache(cache, frames, target, overwrite=overwrite) as kept:
         rest = [name for name in frames.names if name not in kept.known]
         if kept.known and say is not None:
             say(f"{len(kept.known)} of {len(frames)} frames were searched before; going on from there")

@@ -1,20 +1,23 @@
 """Simulated calibration videos in files, with their truth."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from endolab.calibration.session import Progress, silent
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
-from endolab.io.atomic import PathLike, as_json, staged_folder
+from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
 from endolab.io.descriptions import read_target
 from endolab.io.images import write_image
-from endolab.io.video import write_video
+from endolab.io.video import PICTURES, write_video
 from endolab.model.brdf import TabulatedBRDF
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
+
+MOST = 1_000_000  # frames, whose names have six digits
 
 
 def save_sheet_video(
@@ -25,14 +28,24 @@ def save_sheet_video(
     *,
     fold: float = 0.0,
     video: bool = False,
+    overwrite: bool = False,
+    inputs: Collection[PathLike] = (),
     progress: Progress = silent,
     **how: Any,
 ) -> None:
     """Write a simulated calibration video, as pictures or as `sheet.mkv`, and `truth.json`.
 
     `target` is as for `read_target`; `fold`, rad, is that of a target that has one. The paper is that of
-    `PAPER_SHEET`; `how` are options of `simulate_video`.
+    `PAPER_SHEET`; `how` are options of `simulate_video`. What is there already is replaced as by
+    `staged_folder`. ValueError, if other pictures are there: they would be taken for more of these frames.
     """
+    if not 1 <= count <= MOST:
+        raise ValueError(f"count must be from 1 to {MOST}, got {count}")
+    files = ["sheet.mkv"] if video else [f"{number:06d}.png" for number in range(count)]
+    others = set() if video else {path.name for path in Path(folder).glob("*") if path.suffix in PICTURES}
+    if others.difference(files):
+        other = Path(folder) / min(others.difference(files))
+        raise ValueError(f"{other} would be taken for one of the {count} frames; choose another folder")
     sheet = read_target(target)
     fold = fold if sheet.fold is not None else 0.0
     light = replace(endoscope.photometry, brdf=PAPER_SHEET)
@@ -45,14 +58,14 @@ def save_sheet_video(
             progress("rendering", len(truth), count)
             yield frame.image
 
-    with staged_folder(folder) as staging:
+    with staged_folder(folder, [*files, "truth.json"], overwrite=overwrite, inputs=inputs) as staging:
         if video:
-            write_video(staging / "sheet.mkv", images())
+            write_video(staging / files[0], images())
         else:
-            for number, image in enumerate(images()):
-                write_image(staging / f"{number:06d}.png", image)
+            for name, image in zip(files, images(), strict=True):
+                write_image(staging / name, image)
         theta = np.linspace(0, np.pi / 2, 181)
         paper = TabulatedBRDF(tuple(theta), tuple(PAPER_SHEET.value(np.cos(theta), np.cos(theta))))
         known = replace(endoscope, photometry=replace(endoscope.photometry, brdf=paper))
         facts = known.to_dict() | {"target": target, "fold": fold, "frames": truth}
-        (staging / "truth.json").write_bytes(as_json(facts))
+        write_atomically(staging / "truth.json", as_json(facts))

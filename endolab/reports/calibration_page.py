@@ -28,6 +28,7 @@ from endolab.numerics.arrays import FloatArray
 from endolab.plots.calibration import best_frame, geometry_figure, light_figure, show_detection
 from endolab.plots.style import PAGE_SIZE, house
 
+REPORT = ("camera.json", "camera.png", "detection.png", "light.png", "report.html", "report.json")  # at most
 TEMPLATE = Path(__file__).with_suffix(".html.j2")
 
 
@@ -83,17 +84,20 @@ def _picture(frames: Named, name: str, session: Session) -> FloatArray:
     return np.zeros((session.camera.height, session.camera.width)) if image is None else image
 
 
-def write_report(session: Session, frames: Named, folder: PathLike, channel: str = "grey") -> None:
+def write_report(
+    session: Session, frames: Named, folder: PathLike, channel: str = "grey", *, overwrite: bool = False
+) -> None:
     """Write `report.html` with its pictures, `report.json` and `camera.json` into a folder, or nothing.
 
     `frames` are those that were calibrated from: one is shown. `channel` is the one whose response was
-    calibrated. Without Jinja2, of the extra `lab`, there is all but the page.
+    calibrated. Without Jinja2, of the extra `lab`, there is all but the page. Files that endolab did not
+    write there are replaced only if `overwrite`.
     """
     source = str(frames.path) if isinstance(frames, Frames) else ""
     name = best_frame(session)
     image = _picture(frames, name, session)
     facts: dict[str, Any] = evidence(session, source, channel) | {"account": account(session)}
-    with staged_folder(folder) as staging:
+    with staged_folder(folder, overwrite=overwrite) as staging:
         if session.geometry is None:
             with house(PAGE_SIZE):
                 figure = Figure(figsize=(10, 8), dpi=100, layout="constrained")

@@ -47,8 +47,19 @@ def report(result: Result) -> dict[str, Any]:
     }
 
 
+def result_files(mesh: bool = False, prepared: bool = False) -> tuple[str, ...]:
+    """Name what `save_result` writes."""
+    more = ("mesh.ply",) * mesh + ("preparation.png",) * prepared
+    return "cloud.ply", "depth.npz", "overview.png", "report.json", *more
+
+
 def save_result(
-    result: Result, folder: PathLike, *, mesh: bool = False, prepared: Prepared | None = None
+    result: Result,
+    folder: PathLike,
+    *,
+    mesh: bool = False,
+    prepared: Prepared | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Write `depth.npz`, `cloud.ply`, `overview.png` and `report.json` into a folder.
 
@@ -61,16 +72,19 @@ def save_result(
         Whether to write `mesh.ply` too, with triangles that are torn at folds.
     prepared : Prepared, optional
         What `endolab.prepare` came to, to be drawn in `preparation.png`.
+    overwrite : bool
+        Whether to replace files that endolab did not write there, or that were changed since.
 
     Raises
     ------
     OSError
-        In one sentence, if they cannot be written.
+        In one sentence, if they cannot be written or another file is in the way.
     """
     from endolab.plots.maps import overview
     from endolab.plots.preparation import prepare_figure
 
-    with staged_folder(folder) as staging:
+    files = result_files(mesh, prepared is not None)
+    with staged_folder(folder, files, overwrite=overwrite) as staging:
         save_depth(staging / "depth.npz", result, result.metric)
         colour, inside = in_colour(result.problem.shown), result.mask
         write_cloud(staging / "cloud.ply", result.points[inside], result.normals[inside], colour[inside])

@@ -25,7 +25,7 @@ from endolab.io.images import read_frame
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame
-from endolab.reports.result import save_result
+from endolab.reports.result import result_files, save_result
 from endolab.synthetic.scenes import SCENES
 from endolab.tuning.controls import Pair, choice, log_slider, slider
 from endolab.tuning.engine import Outcome, Tuner, sentence_of
@@ -266,15 +266,17 @@ class TunerBox(w.VBox):
         self.code.value = self.python()
         self.code.layout.display = None if hidden else "none"
 
-    def export(self, folder: str | Path) -> Path:
+    def export(self, folder: str | Path, *, overwrite: bool = False) -> Path:
         """Solve what the knobs say from a cold start and write all there is about it into a folder.
 
-        That is `board.png`, `result.py`, `recording.rrd` and what `save_result` writes; all or none.
+        That is `board.png`, `result.py`, `recording.rrd` and what `save_result` writes; all or none. A file
+        that endolab did not write there is replaced only if `overwrite`.
         """
         from endolab.recording.recorder import record
 
         settings, code, cut = self.settings(), self.python(), self._cut()
-        with staged_folder(folder) as staging:
+        files = ("board.png", "result.py", "recording.rrd", *result_files())
+        with staged_folder(folder, files, overwrite=overwrite) as staging:
             recorder = record(staging / "recording.rrd")
             outcome = self.engine.cold(settings, observers=[recorder])
             assert outcome.result is not None

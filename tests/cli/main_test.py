@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -20,7 +21,7 @@ from endolab.reconstruction import problem_setup as posing
 from endolab.reconstruction import reconstruct as reconstruction
 
 ROOT = Path(__file__).resolve().parents[2]
-OUTPUTS = ["cloud.ply", "depth.npz", "overview.png", "recording.rrd", "report.json"]
+OUTPUTS = [".endolab.json", "cloud.ply", "depth.npz", "overview.png", "recording.rrd", "report.json"]
 
 
 def call(*arguments):
@@ -101,7 +102,7 @@ def unsolved(sim, tmp_path, refused):
 
 
 def test_simulate_writes_a_frame_and_its_truth(sim):
-    assert names(sim) == ["endoscope.json", "frame.png", "truth.npz"]
+    assert names(sim) == [".endolab.json", "endoscope.json", "frame.png", "truth.npz"]
     calibration, truth = el.Calibration.load(sim / "endoscope.json"), maps(sim / "truth.npz")
     assert calibration.photometry.gain > 0
     assert read_image(sim / "frame.png").shape == (120, 160, 3)
@@ -275,13 +276,51 @@ def test_a_known_length_in_a_video_is_of_its_first_frame(work, sim, tmp_path, ca
         assert found["distance"][40, 30] == pytest.approx(44, rel=0.06)
 
 
-def test_reconstruct_again_replaces_the_files_and_keeps_others(solve, tmp_path):
+def test_reconstruct_again_replaces_what_endolab_wrote_and_nothing_else_unasked(solve, tmp_path, capsys):
     for name in ("mine.txt", "depth.npz"):
         (tmp_path / name).write_text("old")
-    assert solve("--out", tmp_path) == 0
+    quick = ("--solver", "facing", "--out", tmp_path)
+    assert solve(*quick) == 2
+    other = f"{tmp_path / 'depth.npz'} is there already and endolab did not write it"
+    asked = f"endolab: {other}; choose another folder, or replace it with --overwrite\n"
+    assert capsys.readouterr().err.splitlines(keepends=True)[-1] == asked
+    assert {name: (tmp_path / name).read_text() for name in names(tmp_path)} == {
+        "mine.txt": "old",
+        "depth.npz": "old",
+    }
+    assert solve(*quick, "--overwrite") == 0
+    assert solve(*quick, "--xi", "d") == 0  # ours now
     assert names(tmp_path) == sorted([*OUTPUTS, "mine.txt"])
     assert (tmp_path / "mine.txt").read_text() == "old"
     assert maps(tmp_path / "depth.npz")["distance"].shape == (120, 160)
+    (tmp_path / "report.json").write_text("my remarks")
+    assert solve(*quick) == 2
+    assert (tmp_path / "report.json").read_text() == "my remarks"
+
+
+@pytest.mark.parametrize("read", ["frame", "calibration"])
+def test_what_a_command_reads_is_never_replaced(work, sim, tmp_path, refused, read):
+    inputs = {"frame": tmp_path / "overview.png", "calibration": tmp_path / "report.json"}
+    for name, path in inputs.items():
+        shutil.copy(sim / {"frame": "frame.png", "calibration": "endoscope.json"}[name], path)
+    usual = {"frame": sim / "frame.png", "calibration": sim / "endoscope.json"}
+    given = usual | {read: inputs[read]}
+    command = ("reconstruct", given["frame"], "--calibration", given["calibration"], "--out", tmp_path)
+    assert f"{inputs[read]} is read by this very call" in refused(*command, "--overwrite")
+
+
+def test_simulate_does_not_replace_the_calibration_that_it_was_given(tmp_path, refused, sim):
+    given = tmp_path / "endoscope.json"
+    shutil.copy(sim / given.name, given)
+    for option in ((), ("--overwrite",)):
+        command = ("simulate", "curved", "--calibration", given, "--width", 160, "--out", tmp_path, *option)
+        assert "endoscope.json is read by this very call; write to another place" in refused(*command)
+    (tmp_path / "frame.png").write_bytes(b"mine")
+    given.unlink()
+    command = ("simulate", "curved", "--width", 160, "--out", tmp_path)
+    assert "frame.png is there already and endolab did not write it" in refused(*command)
+    assert call(*command, "--overwrite") == 0
+    assert call(*command) == 0
 
 
 def test_evaluate_compares_with_the_truth(work, sim, capsys):

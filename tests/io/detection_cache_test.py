@@ -1,6 +1,7 @@
 """Detections that survive an interruption."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from endolab.calibration import session
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.targets import TARGETS
-from endolab.io.detection_cache import DetectionCache, detect_cached
+from endolab.io.detection_cache import MARK, DetectionCache, detect_cached
 from endolab.io.images import write_image
 from endolab.io.video import Frames, open_frames
 
@@ -99,10 +100,33 @@ def test_another_target_or_other_frames_begin_anew(path, frames, tmp_path):
     assert DetectionCache(path, open_frames(tmp_path / "in"), TARGET).known == {}
 
 
-@pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[1]\n", b"{}\nnot json\n"])
+@pytest.mark.parametrize("content", [b"\xff\xfe", b"1}\nnot json\n", b"1}\nnull\n"])
 def test_a_spoilt_file_begins_anew(path, frames, content):
-    path.write_bytes(content)
+    path.write_bytes(MARK + content)
     assert DetectionCache(path, frames, TARGET).known == {}
+    head = path.read_bytes().split(b"\n")[0]
+    for line in (b"null", b"[1, 2]", b'["a.png", [4, 4], [null], [], ""]'):
+        path.write_bytes(head + b"\n" + line + b"\n")
+        assert DetectionCache(path, frames, TARGET).known == {}
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[1]\n", b"my own notes"])
+def test_the_file_of_another_is_not_replaced_unasked(path, frames, content):
+    path.write_bytes(content)
+    with pytest.raises(FileExistsError, match=r"d\.jsonl is there already and endolab did not write it"):
+        DetectionCache(path, frames, TARGET)
+    assert path.read_bytes() == content
+    assert DetectionCache(path, frames, TARGET, overwrite=True).known == {}
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full disk here")
+def test_a_full_disk_is_said_in_one_sentence(path, frames):
+    said = pytest.raises(OSError, match=r"^cannot write .*d\.jsonl: No space left on device$")
+    kept = DetectionCache(path, frames, TARGET)
+    with said, kept:
+        kept._stream.close()
+        kept._stream = Path("/dev/full").open("w")  # noqa: SIM115
+        kept.add("c.png", FOUND, (4, 4))
 
 
 def test_a_place_that_cannot_be_written_is_named(frames, tmp_path):

@@ -9,12 +9,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 
 from endolab.datasets.known_endoscopes import load_calibration
 from endolab.datasets.traced import DISTANCE_STEP, GREY_STEPS, LAYERS
-from endolab.io.atomic import PathLike, staged_folder, write_atomically
+from endolab.io.atomic import PathLike, write_atomically
 from endolab.io.descriptions import Calibration
 from endolab.model.brdf import Lambertian
 from endolab.model.lights import SpotLight
@@ -92,8 +93,8 @@ def make(folder: PathLike, names: Sequence[str] = (), *, samples: int = SAMPLES)
         with tqdm(total=100, unit="%", desc=name, bar_format="{desc} {percentage:3.0f} % {elapsed}") as bar:
             how = {"bits": 8, "samples": samples, "progress": lambda share: bar.update(100 * share - bar.n)}
             traced = trace(case.scene, camera, case.photometry, **how, **case.options)
-        with staged_folder(folder) as staging:
-            write(staging / f"{name}.npz", traced, case, samples)
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        write(Path(folder) / f"{name}.npz", traced, case, samples)
 
 
 def main(arguments: Sequence[str]) -> int:

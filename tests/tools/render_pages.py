@@ -103,7 +103,7 @@ def render_pages(notebooks, out):
     else:
         exporter.mathjax_url, head = "data:,", '<script src="mathjax.js" defer></script></head>'
 
-    with staged_folder(target) as folder:
+    with staged_folder(target, overwrite=True) as folder:
 
         def write(notebook, name, title):
             for cell in notebook.cells:

@@ -211,7 +211,7 @@ def test_the_code_is_shown_and_runs(make):
 def test_export_writes_everything_or_nothing(make, tmp_path):
     box = make()
     box.export(tmp_path / "out")
-    names = " ".join(sorted(path.name for path in (tmp_path / "out").iterdir()))
+    names = " ".join(sorted(path.name for path in (tmp_path / "out").glob("[!.]*")))
     assert names == "board.png cloud.ply depth.npz overview.png recording.rrd report.json result.py"
     with np.load(tmp_path / "out" / "depth.npz") as stored:
         cold = box.engine.cold(box.settings()).result
