@@ -1,5 +1,12 @@
 """Frames of folders and videos, whole or broken."""
 
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 
@@ -71,6 +78,59 @@ def test_a_video_that_ends_early_gives_none_for_what_it_lacks(video, tmp_path):
     there = [image is not None for _, image in open_frames(short)]
     assert set(there) == {True, False}
     assert there == sorted(there, reverse=True)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits are of POSIX")
+def test_a_full_disk_leaves_no_video(tmp_path):
+    """OpenCV says nothing of it; so a limit on the size of files does for a full disk."""
+    code = """if True:
+        import resource, signal
+        import numpy as np
+        from endolab.io.video import write_video
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000))
+        try:
+            write_video("v.mkv", np.random.default_rng(0).random((24, 120, 160, 3)))
+        except OSError as error:
+            print(error)
+    """
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60, check=True
+    )
+    sentence = r"cannot write v\.mkv: only \d+ of 24 frames can be read back; the disk may be full\n"
+    assert re.fullmatch(sentence, done.stdout)
+    assert done.stderr == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_frame_that_is_not_kept_exactly_is_no_frame(tmp_path, pictures, monkeypatch):
+    """As when a frame in the middle is lost, or its values are."""
+    real = cv2.VideoWriter
+
+    class Lossy:
+        fourcc = real.fourcc
+
+        def __init__(self, *how):
+            self.real, self.count = real(*how), 0
+            self.isOpened, self.release = self.real.isOpened, self.real.release
+
+        def write(self, stored):
+            self.count += 1
+            self.real.write(stored // 2 if self.count == 6 else stored)
+
+    monkeypatch.setattr(cv2, "VideoWriter", Lossy)
+    with pytest.raises(OSError, match=r"v\.mkv: only 5 of 12 frames can be read back"):
+        write_video(tmp_path / "v.mkv", pictures)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("shape", [(24, 30, 3), (24, 32), (24, 32, 4), (24,)])
+def test_the_frames_of_a_video_are_of_one_size(tmp_path, pictures, shape):
+    with pytest.raises(ValueError, match=r"frame 1 of a video: expected \(24, 32, 3\), found \(24"):
+        write_video(tmp_path / "v.mkv", [pictures[0], np.zeros(shape)])
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
