@@ -29,6 +29,7 @@ from endolab.io.descriptions import Calibration
 from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
+from endolab.model.schema import shortened
 
 MAX_BYTES = 1_000_000  # of an XML file; real ones have 1 kB
 FIELD = math.radians(60.0)  # off the light's direction: where sheets are seen well, so the light is known
@@ -64,7 +65,7 @@ def read_xml(path: PathLike, root: str) -> ElementTree.Element:
     except (ElementTree.ParseError, ValueError) as error:
         raise ValueError(f"{source}: not valid XML: {error}") from error
     if top.tag != root:
-        raise ValueError(f"{source}: expected <{root}>, found <{top.tag}>")
+        raise ValueError(f"{source}: expected <{root}>, found <{shortened(str(top.tag))}>")
     return top
 
 
@@ -96,13 +97,13 @@ class _Part:
         """Complain of a child of another name: what it says would go unheard."""
         for child in self.element:
             if child.tag not in names:
-                raise self.error(str(child.tag), f"unknown element; expected {', '.join(names)}")
+                raise self.error(shortened(str(child.tag)), f"unknown element; expected {', '.join(names)}")
 
     def kind(self, choices: tuple[str, ...]) -> str:
         """Return the attribute `type`, which must be one of a few."""
         found = self.element.get("type")
         if found not in choices:
-            raise self.error("", f"expected the type {' or '.join(choices)}, found {found}")
+            raise self.error("", f"expected the type {' or '.join(choices)}, found {shortened(str(found))}")
         return str(found)
 
     def numbers(self, name: str, count: int) -> tuple[float, ...]:
@@ -116,7 +117,7 @@ class _Part:
             values = ()
         if len(values) != count or not all(map(math.isfinite, values)):
             wanted = "a finite number" if count == 1 else f"{count} finite numbers [ a; b; … ]"
-            raise self.error(name, f"expected {wanted}, found {text[:60] or 'nothing'}")
+            raise self.error(name, f"expected {wanted}, found {shortened(text) or 'nothing'}")
         return values
 
     def number(self, name: str, low: float, above: bool = False) -> float:

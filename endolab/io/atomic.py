@@ -1,6 +1,7 @@
 """Files that are whole or not there, and JSON."""
 
 import json
+import math
 import os
 import shutil
 import stat
@@ -15,6 +16,7 @@ from endolab.io.leftovers import clear_leftovers, is_temporary, temporary_name
 from endolab.io.ownership import ASK, MANIFEST, Claim, spare_inputs
 
 PathLike = str | os.PathLike[str]
+MOST_JSON = 10_000_000  # bytes; a calibration with its evidence has some kB
 
 
 # Sentences ------------------------------------------------------------------------------
@@ -220,16 +222,22 @@ def write_atomically(path: PathLike, content: bytes) -> None:
         temporary.write_bytes(content)
 
 
-def read_bytes(path: PathLike, what: str = "file") -> bytes:
-    """Read a file; OSError in one sentence, which calls it `what` if there is none."""
+def read_bytes(path: PathLike, what: str = "file", most: float = math.inf) -> bytes:
+    """Read a file; OSError in one sentence, which calls it `what` if there is none.
+
+    ValueError, if it has more than `most` bytes, before it is read.
+    """
     source = as_path(path)
     with one_sentence(f"{source}: cannot be read"):
         try:
-            mode = source.stat().st_mode
+            found = source.stat()
         except (FileNotFoundError, NotADirectoryError):
             raise FileNotFoundError(f"{source}: there is no such {what}") from None
-        if not stat.S_ISREG(mode):  # a pipe might never end
+        if not stat.S_ISREG(found.st_mode):  # a pipe might never end
             raise FileNotFoundError(f"{source}: there is no such {what}, but something else of that name")
+        if found.st_size > most:
+            size = f"{found.st_size / 1e6:.0f} MB"
+            raise ValueError(f"{source}: expected a {what} of at most {most / 1e6:g} MB, found {size}")
         return source.read_bytes()
 
 
@@ -242,7 +250,7 @@ def as_json(content: dict[str, Any]) -> bytes:
 def read_json(path: PathLike, what: str) -> Any:
     """Read a JSON file; OSError or ValueError in one sentence, which calls it `what` if there is none."""
     source = Path(path)
-    content = read_bytes(source, what)
+    content = read_bytes(source, what, MOST_JSON)
     try:
         return json.loads(content.decode())
     except UnicodeDecodeError as error:

@@ -10,7 +10,7 @@ from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Endoscope, camera_from_dict, camera_to_dict
-from endolab.model.schema import Section, unknown_name
+from endolab.model.schema import Section, quoted, unknown_name
 
 
 def read_camera(path: PathLike) -> Camera:
@@ -75,7 +75,7 @@ def read_target(name_or_path: PathLike) -> Target:
     top = Section(read_json(name, "target file"), "", name)
     version = top.take("endolab_target")
     if version != 1 or isinstance(version, bool):
-        raise top.error("endolab_target", f"expected version 1, found {version}")
+        raise top.error("endolab_target", f"expected version 1, found {quoted(version)}")
     kind = top.choice("kind", tuple(KINDS))
     values: dict[str, Any] = {"columns": top.whole("columns"), "rows": top.whole("rows")}
     for key in ("spacing", *LENGTHS[kind]):
@@ -92,7 +92,7 @@ def read_target(name_or_path: PathLike) -> Target:
     if kind == "charuco":
         values["dictionary"] = top.take("dictionary", Charuco.dictionary)
         if not isinstance(values["dictionary"], str):
-            raise top.error("dictionary", f"expected a name in quotes, found {values['dictionary']}")
+            raise top.error("dictionary", f"expected a name in quotes, found {quoted(values['dictionary'])}")
     return top.build(KINDS[kind], **values)
 
 

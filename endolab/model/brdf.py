@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from endolab.model.ranges import check_range
 from endolab.numerics.arrays import FloatArray
 
 
@@ -49,6 +50,7 @@ class Lambertian:
             raise ValueError(f"albedo must be one number or three (red, green, blue), got {self.albedo}")
         if not np.all((albedo > 0) & (albedo <= 1)):
             raise ValueError(f"albedo must lie in (0, 1], got {self.albedo}")
+        check_range("albedo", albedo)
         object.__setattr__(self, "albedo", float(albedo) if albedo.ndim == 0 else tuple(albedo.tolist()))
 
     def value(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> FloatArray:
@@ -89,6 +91,7 @@ class TabulatedBRDF:
             raise ValueError("theta must increase and end at π/2 or before")
         if not np.all(values > 0):
             raise ValueError("every value of the BRDF must be positive")
+        check_range("value", values)
         object.__setattr__(self, "theta", tuple(theta.tolist()))
         object.__setattr__(self, "values", tuple(values.tolist()))
 
@@ -132,8 +135,9 @@ class Glossy:
         if np.ndim(self.albedo) != 0:
             raise ValueError(f"albedo of a glossy surface must be one number, got {self.albedo}")
         Lambertian(self.albedo)
-        _checked("specular", self.specular, 0.0)
-        _checked("shininess", self.shininess, 0.0)
+        for name in ("specular", "shininess"):
+            _checked(name, getattr(self, name), 0.0)
+            check_range(name, getattr(self, name))
 
     def value(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> FloatArray:
         """See `BRDF.value`."""

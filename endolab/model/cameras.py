@@ -14,6 +14,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from endolab.model.ranges import check_range
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.roots import invert_increasing, smallest_positive_root
 
@@ -191,6 +192,8 @@ class _FocalCamera(Camera):
         for name in ("cx", "cy"):
             if not np.isfinite(getattr(self, name)):
                 raise ValueError(f"{name} must be finite, got {getattr(self, name)}")
+        for name in ("fx", "fy", "cx", "cy"):
+            check_range(name, getattr(self, name))
 
     @property
     def _affine(self) -> FloatArray:
@@ -258,6 +261,7 @@ class KannalaBrandt(_FocalCamera):
         object.__setattr__(self, "k", tuple(float(value) for value in self.k))
         if len(self.k) != 4 or not np.all(np.isfinite(self.k)):
             raise ValueError(f"k must hold four finite coefficients, got {list(self.k)}")
+        check_range("distortion", self.k)
 
     @cached_property
     def max_angle(self) -> float:  # noqa: D102
@@ -330,6 +334,13 @@ class Scaramuzza(Camera):
         numbers = (self.cx, self.cy, self.c, self.d, self.e, self.row_scale)
         if not (np.all(np.isfinite(numbers)) and np.linalg.det(self._affine) > 0):
             raise ValueError(f"cx, cy, c, d, e must be finite and c - d·e positive, got {list(numbers[:5])}")
+        ranges = {"cx": self.cx, "cy": self.cy, "a0": self.a[0], "a": self.a}
+        ranges |= {
+            "c, d, e": (self.c, self.d, self.e, self.row_scale),
+            "c - d·e": np.linalg.det(self._affine),
+        }
+        for name, values in ranges.items():
+            check_range(name, values)
 
     @property
     def _affine(self) -> FloatArray:

@@ -1,6 +1,5 @@
 """What is known of an endoscope: its camera and its light, and how `endoscope.json` tells them."""
 
-import json
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self
 
@@ -8,7 +7,7 @@ from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
 from endolab.model.cameras import Camera, KannalaBrandt, Pinhole, Scaramuzza
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from endolab.model.schema import Section
+from endolab.model.schema import Section, quoted
 
 _CAMERAS: dict[str, dict[str, int]] = {  # numbers that each model needs; lists by their length
     "kannala_brandt": {"fx": 0, "fy": 0, "cx": 0, "cy": 0, "k": 4},
@@ -58,7 +57,7 @@ def _photometry(section: Section) -> Photometry:
     brdf = _brdf(section.section("brdf"))
     listed = section.take("lights", [])
     if not isinstance(listed, list):
-        raise section.error("lights", f"expected a list, found {json.dumps(listed)[:40]}")
+        raise section.error("lights", f"expected a list, found {quoted(listed)}")
     lights = []
     for index, item in enumerate(listed):
         light = Section(item, f"{section.where}.lights[{index}]", section.file)
@@ -72,7 +71,7 @@ def _photometry(section: Section) -> Photometry:
 def _checked_version(top: Section) -> None:
     version = top.take("endolab")
     if version != 1 or isinstance(version, bool):
-        raise top.error("endolab", f"expected version 1, found {json.dumps(version)}")
+        raise top.error("endolab", f"expected version 1, found {quoted(version)}")
 
 
 def camera_from_dict(content: Any, name: str = "camera") -> Camera:
@@ -106,7 +105,7 @@ class Endoscope:
         camera, photometry = _camera(top.section("camera")), _photometry(top.section("photometry"))
         evidence = top.take("evidence", {})
         if not isinstance(evidence, dict):
-            raise top.error("evidence", f"expected an object {{…}}, found {json.dumps(evidence)[:40]}")
+            raise top.error("evidence", f"expected an object {{…}}, found {quoted(evidence)}")
         top.end()
         return cls(camera, photometry, evidence)
 

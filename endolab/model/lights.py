@@ -1,9 +1,11 @@
 """Lights of an endoscope."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from endolab.model.ranges import check_range
 from endolab.numerics.arrays import FloatArray
 
 
@@ -33,7 +35,7 @@ class SpotLight:
     def __post_init__(self) -> None:
         position = np.asarray(self.position, dtype=np.float64)
         direction = np.asarray(self.direction, dtype=np.float64)
-        length = np.linalg.norm(direction)
+        length = math.hypot(*direction.ravel())
         if position.shape != (3,) or not np.all(np.isfinite(position)):
             raise ValueError(f"position must be three finite numbers (mm), got {self.position}")
         if direction.shape != (3,) or not (np.isfinite(length) and length > 0):
@@ -42,6 +44,10 @@ class SpotLight:
             raise ValueError(f"exponent must be finite and at least 0, got {self.exponent}")
         if not (np.isfinite(self.weight) and self.weight > 0):
             raise ValueError(f"weight must be positive and finite, got {self.weight}")
+        for name in ("position", "exponent", "weight"):
+            check_range(name, getattr(self, name))
+        if not 1e-6 <= length <= 1e6:
+            raise ValueError(f"direction must be 1e-06 to 1e+06 long, got {self.direction}")
         object.__setattr__(self, "position", tuple(float(value) for value in position))
         unit = direction if abs(length - 1) < 1e-12 else direction / length  # unit ones stay as they are
         object.__setattr__(self, "direction", tuple(float(value) for value in unit))

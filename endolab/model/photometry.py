@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from endolab.model.brdf import BRDF, Lambertian
 from endolab.model.lights import SpotLight
+from endolab.model.ranges import check_range
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 
@@ -64,6 +65,9 @@ class Photometry:
             raise ValueError(f"gamma must be positive and finite, got {self.gamma}")
         if self.gain is not None and not (np.isfinite(self.gain) and self.gain > 0):
             raise ValueError(f"gain must be positive and finite, or None if unknown, got {self.gain}")
+        for name in ("k", "gamma", "gain"):
+            if getattr(self, name) is not None:
+                check_range(name, getattr(self, name))
         object.__setattr__(self, "lights", tuple(self.lights))
 
     def channel(self, name: str) -> Photometry:

@@ -8,10 +8,14 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+LONGEST = 80  # characters of a value of a file in a sentence
+
 
 def nearest(found: object, choices: Iterable[str]) -> str:
     """The one of some names that a misspelt one is like, whatever its case; "" if there is none."""
     plain = {name.lower(): name for name in choices}
+    if len(str(found)) > LONGEST:
+        return ""
     return next((plain[name] for name in difflib.get_close_matches(str(found).lower(), plain, 1)), "")
 
 
@@ -24,7 +28,19 @@ def unknown_name(what: str, found: object, choices: Iterable[str], other: str = 
     meant = nearest(found, names)
     *most, last = [*names, other] if other else names
     hint = f"; did you mean {meant}?" if meant else ""
-    return ValueError(f"unknown {what} {found!r}; choose {', '.join(most)} or {last}{hint}")
+    return ValueError(f"unknown {what} {shortened(repr(found))}; choose {', '.join(most)} or {last}{hint}")
+
+
+def quoted(value: object) -> str:
+    """Say a value of a file as JSON does, as far as a sentence bears it."""
+    return shortened(json.dumps(value))
+
+
+def shortened(text: str, most: int = LONGEST) -> str:
+    """Leave out the middle of what is too long, and what cannot be printed in one line."""
+    if len(text) > most:
+        text = f"{text[: most // 2]} … {text[-most // 2 :]}"
+    return text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
 
 
 def _is_finite(value: Any) -> bool:
@@ -43,14 +59,14 @@ class Section:
     def __init__(self, content: Any, where: str, file: str) -> None:
         self.where, self.file = where, file
         if not isinstance(content, dict):
-            raise self.error("", f"expected an object {{…}}, found {json.dumps(content)[:40]}")
+            raise self.error("", f"expected an object {{…}}, found {quoted(content)}")
         self.content = dict(content)
         self.asked: dict[str, None] = {}  # the keys that this part may have, in order
 
     def error(self, key: str, what: str) -> ValueError:
         """Make the error that says what is wrong with a key; "" means this part as a whole."""
-        name = ".".join(part for part in (self.where, key) if part)
-        return ValueError(f"{self.file}: {name or 'the file'}: {what}")
+        name = shortened(".".join(part for part in (self.where, key) if part))
+        return ValueError(f"{self.file}: {name or 'the file'}: {shortened(what, 5 * LONGEST)}")
 
     def take(self, key: str, default: Any = ...) -> Any:
         """Take out a value of any kind; it must be there unless a default is given."""
@@ -68,7 +84,7 @@ class Section:
         """Take out a finite number of at least `low`."""
         value = self.take(key, default)
         if not _is_finite(value):
-            raise self.error(key, f"expected a finite number, found {json.dumps(value)}")
+            raise self.error(key, f"expected a finite number, found {quoted(value)}")
         if value < low:
             raise self.error(key, f"expected at least {low:g}, found {value:g}")
         return float(value)
@@ -93,7 +109,7 @@ class Section:
         good = isinstance(value, list | tuple) and (count is None or len(value) == count)
         if not good or not all(_is_finite(x) for x in value):
             wanted = f"{count} finite numbers" if count else "a list of finite numbers"
-            raise self.error(key, f"expected {wanted}, found {json.dumps(value)}")
+            raise self.error(key, f"expected {wanted}, found {quoted(value)}")
         return tuple(float(x) for x in value)
 
     def choice(self, key: str, choices: tuple[str, ...]) -> str:
@@ -102,7 +118,7 @@ class Section:
         if value not in choices:
             like = nearest(value, choices)
             hint = f"; did you mean {like}?" if like else ""
-            raise self.error(key, f"expected one of {', '.join(choices)}, found {json.dumps(value)}{hint}")
+            raise self.error(key, f"expected one of {', '.join(choices)}, found {quoted(value)}{hint}")
         return str(value)
 
     def end(self) -> None:

@@ -1,0 +1,39 @@
+"""Ranges beyond which a number is a slip of the pen, and no endoscope or surface has it.
+
+They are generous, and narrow enough that whatever is computed from such numbers stays finite.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+RANGES = {
+    # Light and response
+    "k": (0.0, 100.0),
+    "gamma": (0.1, 10.0),
+    "gain": (1e-15, 1e15),
+    "albedo": (1e-9, 1.0),
+    "value": (1e-9, 1e9),  # of a BRDF, 1/sr
+    "specular": (0.0, 1e3),
+    "shininess": (0.0, 1e6),
+    "position": (-1e3, 1e3),  # mm
+    "exponent": (0.0, 100.0),
+    "weight": (1e-12, 1e12),
+    # Cameras, px
+    "fx": (1e-2, 1e7),
+    "fy": (1e-2, 1e7),
+    "cx": (-1e6, 1e6),
+    "cy": (-1e6, 1e6),
+    "distortion": (-1e4, 1e4),
+    "a0": (1e-2, 1e7),
+    "a": (-1e7, 1e7),
+    "c, d, e": (-1e3, 1e3),
+    "c - d·e": (1e-6, 1e6),
+}
+
+
+def check_range(name: str, values: ArrayLike) -> None:
+    """Raise a ValueError if a value of this name, or one of several, is out of its range."""
+    low, high = RANGES[name]
+    wrong = [value for value in np.ravel(values) if not low <= value <= high]
+    if wrong:
+        raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {wrong[0]:g}")
