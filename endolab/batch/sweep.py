@@ -3,6 +3,7 @@
 import itertools
 import math
 import os
+import threading
 import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -11,14 +12,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 from endolab.batch.table import Row, measured, read_numbers, read_rows, write_rows
+from endolab.depth.problem import REGULARISERS
 from endolab.depth.result import Result
-from endolab.depth.solvers import DEFAULT_SOLVER
+from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver
 from endolab.io.atomic import PathLike, as_json
 from endolab.io.images import read_frame
 from endolab.io.surfaces import read_depth
 from endolab.metrics.depth_errors import compare, resampled_truth
 from endolab.model.endoscope import Endoscope
+from endolab.model.schema import unknown_name
+from endolab.model.surface import check_xi
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
@@ -89,6 +95,11 @@ def sweep(
     """
     import joblib
 
+    checked_solver(solver, {})
+    xi, regulariser = [check_xi(one) for one in xi], list(regulariser)
+    for one in regulariser:
+        if one not in REGULARISERS:
+            raise unknown_name("regulariser", one, REGULARISERS)
     told = {name: value for name, value in sorted(options.items()) if value is not None}
     told = {"calibration": _checksum(calibration)} | told
     last = solver, " ".join(f"{name}={value}" for name, value in told.items())
@@ -111,10 +122,17 @@ def sweep(
 
     todo = [task for task in tasks if _unfinished(rows.get(_key(task[0])), task[2] is not None)]
     total = len(tasks)
+    n_jobs = n_jobs if n_jobs is None or n_jobs < 1 else min(n_jobs, max(1, len(todo)))  # all are started
     calibration = replace(calibration, camera=replace(calibration.camera))  # its ray field stays here
     write()  # now, rather than after an hour's run
     with _config(backend):
-        parallel = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+        parallel = joblib.Parallel(
+            n_jobs=n_jobs,
+            return_as="generator_unordered",
+            pre_dispatch="2*n_jobs",
+            initializer=_end_with,  # of processes; other backends take no notice
+            initargs=(os.getpid(),),
+        )
         try:
             finished = parallel(joblib.delayed(_solved)(*task, calibration, options) for task in todo)
         except ValueError as error:
@@ -178,6 +196,17 @@ def _unfinished(row: Row | None, compared: bool) -> bool:
     if row is None or row["error"] or row["status"] not in Status.__members__ or math.isnan(row["energy"]):
         return True
     return compared and math.isnan(row["mean_percent"])
+
+
+def _end_with(parent: int) -> None:
+    """End this worker as soon as the process that it works for is gone, however that ended."""
+
+    def watch() -> None:
+        while (os.getppid() == parent) if os.name == "posix" else psutil.pid_exists(parent):
+            time.sleep(0.2)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _solved(

@@ -13,7 +13,7 @@ from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.reprojection import find_pose, views_of
 from endolab.calibration.least_squares import FitIterate
-from endolab.calibration.photometric.fit import calibrate_light
+from endolab.calibration.photometric.fit import calibrate_light, checked_gamma
 from endolab.calibration.photometric.identifiability import NotIdentifiableError
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples, sample_sheet
@@ -216,6 +216,7 @@ def calibrate(
     """
     if channel not in (*CHANNELS, "grey"):
         raise unknown_name("channel", channel, (*CHANNELS, "grey"))
+    checked_gamma(light.get("gamma", 2.2))
     if isinstance(every, bool) or int(every) != every or every < 1:
         raise ValueError(f"every must be a whole number of frames, at least 1, got {every}")
     if detections is None:

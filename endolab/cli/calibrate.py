@@ -1,6 +1,7 @@
 """The commands about calibration: target, calibrate, convert, and simulate's sheet."""
 
 import argparse
+import math
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,10 @@ from endolab._extras import lacking
 from endolab.cli.options import add_command, add_overwrite, number, whole
 
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
+SHEET_OPTIONS: dict[str, Any] = {  # what only that can be told, and what it is by default
+    **{"target": "vicalib_small", "frames": 300, "fold": 20.0},
+    **{"outliers": 0.0, "motion": 0.0, "video": False},
+}
 
 
 class _Bar:
@@ -37,8 +42,8 @@ def _numbers(text: str, option: str) -> float | tuple[float, float]:
         values = [float(part) for part in text.split(",")]
     except ValueError:
         values = []
-    if len(values) not in (1, 2):
-        either = "a number, a number and its standard deviation (2.2,0.1) or free"
+    if len(values) not in (1, 2) or not all(0 < value < math.inf for value in values):
+        either = "a positive number, one and its standard deviation (2.2,0.1) or free"
         raise ValueError(f"{option} must be {either}, got {text}")
     return values[0] if len(values) == 1 else (values[0], values[1])
 
@@ -59,10 +64,15 @@ def _target(arguments: argparse.Namespace) -> None:
 
 def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     """Write a simulated calibration video with its truth."""
-    from math import radians
-
+    from endolab.io.descriptions import read_target
     from endolab.io.sheet_video import save_sheet_video
 
+    fold = arguments.fold
+    for name, usual in SHEET_OPTIONS.items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, usual)
+    if fold is not None and read_target(arguments.target).fold is None:
+        raise ValueError(f"--fold is of a folded target, and {arguments.target} is flat")
     names = ("video", "noise", "bits", "outliers", "motion", "seed")
     with closing(_Bar()) as bar:
         save_sheet_video(
@@ -70,7 +80,7 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
             arguments.target,
             calibration,
             arguments.frames,
-            fold=radians(arguments.fold),
+            fold=math.radians(arguments.fold),
             progress=bar,
             overwrite=arguments.overwrite,
             inputs=[arguments.calibration, arguments.target],
@@ -82,12 +92,17 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
 
 def _light_options(arguments: argparse.Namespace, target: Any) -> dict[str, Any]:
     """Read the options of the fit of the light, before a long search for the target."""
+    from endolab.calibration.photometric.fit import checked_gamma
+
+    if arguments.every < 1:
+        raise ValueError(f"--every must be at least 1, got {arguments.every}")
     patches = len(set(target.ink.greys[:, 3]))
     given = [None if text == "free" else _numbers(text, "--reflectance") for text in arguments.reflectance]
     if given and len(given) != patches:
         said = f"but --reflectance says {len(given)}"
         raise ValueError(f"the target has {patches} kinds of grey patches, {said}")
     gamma = "free" if arguments.gamma == "free" else _numbers(arguments.gamma, "--gamma")
+    checked_gamma(gamma)
     reflectance = given or [None] * patches
     names = ("brdf", "gain", "light")
     return {"gamma": gamma, "reflectance": reflectance} | {name: getattr(arguments, name) for name in names}
@@ -155,12 +170,12 @@ def _convert(arguments: argparse.Namespace) -> None:
 def add_sheet_options(add: argparse.ArgumentParser) -> None:
     """Add what `simulate sheet` can be told."""
     option = add.add_argument_group("a calibration video (SCENE sheet)").add_argument
-    option("--target", default="vicalib_small", metavar="NAME", help="as for target")
-    option("--frames", type=whole, default=300, metavar="N", help="how many (default 300)")
-    option("--fold", type=number, default=20.0, metavar="DEG", help="of a folded target (default 20)")
-    option("--outliers", type=number, default=0.0, metavar="SHARE", help="of the pixels that are wrong")
-    option("--motion", type=number, default=0.0, metavar="PX", help="of motion blur")
-    option("--video", action="store_true", help="write one video instead of pictures")
+    option("--target", metavar="NAME", help="as for target (default vicalib_small)")
+    option("--frames", type=whole, metavar="N", help="how many (default 300)")
+    option("--fold", type=number, metavar="DEG", help="of a folded target (default 20)")
+    option("--outliers", type=number, metavar="SHARE", help="of the pixels that are wrong")
+    option("--motion", type=number, metavar="PX", help="of motion blur")
+    option("--video", action="store_true", default=None, help="write one video instead of pictures")
 
 
 def add_calibration_commands(commands: Any) -> None:

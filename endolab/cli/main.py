@@ -10,10 +10,29 @@ from typing import Any, NoReturn
 from endolab import __version__
 from endolab._deprecated import callable_as_before
 from endolab._extras import MissingPackage
-from endolab.cli.calibrate import SHEET, add_calibration_commands, add_sheet_options, simulate_sheet
+from endolab.cli.calibrate import (
+    SHEET,
+    SHEET_OPTIONS,
+    add_calibration_commands,
+    add_sheet_options,
+    simulate_sheet,
+)
 from endolab.cli.options import add_command, add_overwrite, number, whole
 from endolab.cli.reconstruct import add_reconstruct_commands
 from endolab.cli.streams import in_one_line, patient_streams
+
+FRAME_OPTIONS = ("texture", "fog", "highlights")  # of `simulate`, but for its calibration video
+
+
+def _check_scenes_options(arguments: argparse.Namespace) -> None:
+    """Refuse what a calibration video cannot be told, or nothing else can."""
+    is_sheet = arguments.scene == SHEET
+    for name in FRAME_OPTIONS if is_sheet else SHEET_OPTIONS:
+        if getattr(arguments, name) is not None:
+            kinds = ("one frame", "a calibration video")
+            raise ValueError(
+                f"--{name} is of {kinds[not is_sheet]}, and {arguments.scene} is {kinds[is_sheet]}"
+            )
 
 
 def _simulate(arguments: argparse.Namespace) -> None:
@@ -29,6 +48,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
 
     if arguments.scene not in (*SCENES, SHEET):
         raise unknown_name("scene", arguments.scene, (*SCENES, SHEET))
+    _check_scenes_options(arguments)
     calibration = load_calibration(arguments.calibration)
     if arguments.width is not None:
         if arguments.width < 16:
@@ -38,8 +58,8 @@ def _simulate(arguments: argparse.Namespace) -> None:
     if arguments.scene == SHEET:
         simulate_sheet(arguments, calibration)
         return
-    names = ("noise", "bits", "texture", "fog", "highlights", "seed")
-    how = {name: getattr(arguments, name) for name in names}
+    names = ("noise", "bits", "seed", *FRAME_OPTIONS)
+    how = {name: value for name in names if (value := getattr(arguments, name)) is not None}
     files, inputs = ("endoscope.json", "frame.png", "truth.npz"), [arguments.calibration]
     with staged_folder(arguments.out, files, overwrite=arguments.overwrite, inputs=inputs) as folder:
         rendered = render(SCENES[arguments.scene], calibration.camera, calibration.photometry, **how)
@@ -70,6 +90,8 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     else:
         z, normals = true_z(arguments.truth), None
         size, truth = z.shape, resampled_truth(z, shape) / cos_alpha
+    if not 0 < arguments.max_angle <= 180:
+        raise ValueError(f"--max-angle must be from 0 to 180, got {arguments.max_angle:g}")
     mask = cos_alpha >= np.cos(np.deg2rad(arguments.max_angle))
     metric = bool(depth.get("metric", True))
     scale = arguments.scale or ("none" if metric else "median")
@@ -137,9 +159,9 @@ def _parser() -> argparse.ArgumentParser:
     option("--width", type=whole, default=640, metavar="PX", help="of the frame (default 640)")
     option("--noise", type=number, default=1.0, metavar="GREY", help="standard deviation (default 1 of 255)")
     option("--bits", type=whole, default=8, choices=(8, 16), help="of each channel (default 8)")
-    option("--texture", type=number, default=0.0, metavar="S", help="sd of the albedo's logarithm")
-    option("--fog", type=number, default=0.0, metavar="PER_MM", help="attenuation")
-    option("--highlights", type=number, default=0.0, metavar="S", help="share of light a wet film mirrors")
+    option("--texture", type=number, metavar="S", help="sd of the albedo's logarithm")
+    option("--fog", type=number, metavar="PER_MM", help="attenuation")
+    option("--highlights", type=number, metavar="S", help="share of light a wet film mirrors")
     option("--seed", type=whole, default=0, metavar="N", help="of all that is random (default 0)")
     add_sheet_options(command)
 
@@ -183,7 +205,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             arguments = _parser().parse_args(sys.argv[1:] if argv is None else argv)
             arguments.run(arguments)
     except (ValueError, OSError, MemoryError, MissingPackage) as error:
-        return _failed(2, str(error).replace("overwrite=True", "--overwrite"))
+        return _failed(2, error)
     except KeyboardInterrupt as interrupt:
         return _failed(130, str(interrupt) or "interrupted; nothing was written")
     return 0

@@ -2,6 +2,7 @@
 
 import argparse
 import time
+from pathlib import Path
 from typing import Any
 
 from endolab._extras import lacking
@@ -54,8 +55,10 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
 def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     import numpy as np
 
+    from endolab.datasets.folders import depth_layout
     from endolab.io.atomic import staged_folder
     from endolab.io.images import read_frame
+    from endolab.preprocessing.frame import looks_like_depth
     from endolab.preprocessing.prepare import prepare
     from endolab.reconstruction.assumptions import notes
     from endolab.reconstruction.reconstruct import reconstruct
@@ -66,6 +69,8 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
             raise ValueError(f"--{option} is of a folder or a video, and {arguments.frame} is one picture")
     calibration = calibration_of(arguments)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
+    if depth_layout(arguments.frame) or looks_like_depth(frame.image):
+        print(f"{arguments.frame} may be a depth map and no picture, by its name or for it has no noise.")
     prepared = prepare(frame, calibration, highlights="keep") if arguments.prepare else None
     keywords = solving_keywords(arguments) | known_length(arguments)
     solver, snapshots = keywords["solver"], arguments.snapshots
@@ -111,6 +116,7 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
     from tqdm import tqdm
 
     from endolab.batch.video import reconstruct_video
+    from endolab.datasets.folders import depth_layout
 
     for option in ("every", "limit"):
         value = getattr(arguments, option)
@@ -120,6 +126,9 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
         raise ValueError("--mesh, --prepare and --snapshots are of one frame, not of a folder or a video")
     calibration = calibration_of(arguments)
     keywords = solving_keywords(arguments) | known_length(arguments)
+    depths = sorted(path.name for path in Path(arguments.frame).glob("*") if depth_layout(path))
+    if depths:
+        print(f"{arguments.frame} holds depth maps too, which are taken for frames, such as {depths[0]}.")
     with tqdm(unit="frame", leave=False, disable=None, desc="video") as bar:
 
         def show(done: int, total: int, row: dict[str, Any]) -> None:

@@ -15,6 +15,10 @@ UNREAD = (errno.EPIPE, errno.EINVAL)  # a closed pipe; the second is how Windows
 def in_one_line(error: object) -> str:
     """Return what an error says in one printable line, without the middle of what is too long."""
     text = str(error) or "out of memory"
+    if isinstance(error, OSError) and error.strerror:  # the system's own words
+        where = error.filename or ("the current folder" if error.errno == errno.ENOENT else "")
+        text = f"{where}: {error.strerror}" if where else error.strerror
+    text = text.replace("overwrite=True", "--overwrite")  # as one says it here
     if len(text) > LONGEST:
         text = f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}"
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
@@ -23,14 +27,14 @@ def in_one_line(error: object) -> str:
 class _Patient:
     """A stream of text that is written on when nobody reads it any more, as after ``| head -1``."""
 
-    def __init__(self, stream: Any) -> None:
-        self._stream = stream
+    def __init__(self, stream: Any, needed: bool) -> None:
+        self._stream, self._needed = stream, needed
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write; OSError in one sentence, if it fails for another reason than that nobody reads."""
+        """Write; OSError in one sentence, if it is needed and fails otherwise than that nobody reads."""
         return self._tried(self._stream.write, text) or len(text)
 
     def flush(self) -> None:
@@ -45,7 +49,7 @@ class _Patient:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self._stream.fileno())
             os.close(nowhere)
-            if error.errno in UNREAD:
+            if error.errno in UNREAD or not self._needed:
                 return None
             raise OSError(f"cannot print what was found: {error.strerror or error}") from error
 
@@ -59,8 +63,9 @@ def patient_streams() -> Iterator[None]:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    out, complaints = (stream and _Patient(stream) for stream in (sys.stdout, sys.stderr))
-    with redirect_stdout(out), redirect_stderr(complaints):  # type: ignore[type-var]
+    out = sys.stdout and _Patient(sys.stdout, needed=True)
+    complaints = sys.stderr and _Patient(sys.stderr, needed=False)
+    with redirect_stdout(out), redirect_stderr(complaints):
         try:
             yield
         finally:

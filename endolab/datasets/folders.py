@@ -105,14 +105,24 @@ def open_dataset(path: PathLike, camera: Camera | None = None) -> Folder:
     return Folder(place, layout, tuple(found), read)
 
 
-def true_z(path: PathLike) -> FloatArray:
-    """Read true z, (H, W), mm, from a data set's depth map, told by its name; nan where unknown."""
+def depth_layout(path: PathLike) -> str | None:
+    """Tell from its name alone of which data set a file is a depth map: "c3vd", "simcol3d" or "ucl2019"."""
     name = Path(path).name.lower()
     if name.endswith(("_depth.png", "_depth.tiff")):
+        return "c3vd"
+    if not name.endswith(".png"):
+        return None
+    return "simcol3d" if name.startswith("depth_") else "ucl2019" if "_depth_" in name else None
+
+
+def true_z(path: PathLike) -> FloatArray:
+    """Read true z, (H, W), mm, from a data set's depth map, told by its name; nan where unknown."""
+    layout = depth_layout(path)
+    if layout == "c3vd":
         z, known, _ = read_c3vd_depth(path)
-    elif name.startswith("depth_") and name.endswith(".png"):
+    elif layout == "simcol3d":
         z, known = read_simcol3d_depth(path)
-    elif "_depth_" in name and name.endswith(".png"):
+    elif layout == "ucl2019":
         z, known = read_ucl2019_depth(path)
     else:
         raise ValueError(

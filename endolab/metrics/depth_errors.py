@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -84,15 +83,16 @@ def resampled_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
         )
     how = cv2.INTER_AREA if columns <= width else cv2.INTER_LINEAR
 
-    def mean(a: NDArray) -> FloatArray:
+    def mean(a: FloatArray) -> FloatArray:
         return np.asarray(cv2.resize(a, (columns, rows), interpolation=how), dtype=np.float64)
 
-    known = np.isfinite(truth).reshape(height, width, -1).all(axis=-1)
-    part = known if truth.ndim == 2 else known[..., None]
+    known: BoolArray = np.all(np.isfinite(truth).reshape(height, width, -1), axis=-1)
     share = mean(known.astype(np.float64))
-    share = np.where(share >= 0.5, share, np.nan)
-    found = mean(np.where(part, truth, 0.0)) / (share if truth.ndim == 2 else share[..., None])
-    return found if truth.ndim == 2 else found / np.linalg.norm(found, axis=-1, keepdims=True)
+    share[share < 0.5] = np.nan
+    if truth.ndim == 2:
+        return mean(np.where(known, truth, 0.0)) / share
+    normals = mean(np.where(known[..., None], truth, 0.0)) / share[..., None]
+    return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
 
 def compare(

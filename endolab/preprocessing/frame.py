@@ -16,6 +16,7 @@ DARK = 4 / 255  # below this rounding and noise say more than the surface does
 MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
 FRAME = 8 / 255  # the black around an endoscope's picture, codec noise included
 BRIGHT = 254.5 / 255  # from here on it is saturated
+LEVELS = 64  # of a mask, or of some other drawing, there are fewer
 QUIET = 0.3 / 255  # the noise of rounding to 8 bits
 
 
@@ -191,6 +192,18 @@ def noise_level(image: FloatArray, mask: BoolArray) -> float:
         return 0.0
     size = np.abs(cv2.filter2D(np.where(mask, image, 0.0), -1, kernel)[inside])
     return float(size[size <= np.quantile(size, 0.8)].mean() / 0.5586)
+
+
+def looks_like_depth(image: FloatArray) -> bool:
+    """Whether a picture is so like a depth map that it may be one: grey, of many values, without noise.
+
+    A camera's picture of 8 bits has the noise of their rounding at least, 0.3 grey levels; the depth maps
+    of C3VD and SimCol3D have 0.001 and 0.03.
+    """
+    if image.ndim == 3:
+        return False
+    noise = noise_level(image, image > 0)
+    return 0 < noise < QUIET / 3 and len(np.unique(image)) > LEVELS
 
 
 def smooth_light(image: FloatArray, mask: BoolArray, gamma: float, sigma: float) -> FloatArray:

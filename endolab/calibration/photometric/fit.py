@@ -62,7 +62,8 @@ def _number_or_pair(value: ArrayLike) -> float | tuple[float, float] | None:
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
-def _checked_gamma(gamma: float | tuple[float, float] | str) -> Known:
+def checked_gamma(gamma: float | tuple[float, float] | str) -> Known:
+    """Return γ as `calibrate_light` takes it, None if it is free; ValueError if it can be none."""
     if isinstance(gamma, str):
         if gamma != "free":
             raise ValueError(f'gamma must be a number, (mean, standard deviation) or "free", got {gamma!r}')
@@ -194,7 +195,7 @@ def calibrate_light(
         raise ValueError(f"levels must ascend from 0 or above, got {levels}")
     if not 0 < paper_albedo <= 1:
         raise ValueError(f"paper_albedo must lie in (0, 1], got {paper_albedo}")
-    known_gamma = _checked_gamma(gamma)
+    known_gamma = checked_gamma(gamma)
     numbers = np.column_stack([samples.level, samples.points, samples.normals])
     finite = np.isfinite(numbers).all(axis=1)
     if not finite.all():
