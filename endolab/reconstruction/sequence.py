@@ -31,6 +31,11 @@ GAIN_STEP = 0.1  # standard deviation of the change of log gain from frame to fr
 MOTION_STEP = 0.05  # of the camera's motion: median distances, and rad
 SAMPLES, INDEPENDENT = 20_000, 100.0  # pixels that are compared; how many tell their own story
 SCALES = ("median_distance", "known_distance", "known_diameter")  # options that fix a frame's scale
+HANDED = {
+    "log_distance": (np.float64, 2),
+    "numbers": (np.float64, 1),
+    "flags": (np.bool_, 1),
+}  # arrays of `Carried`: kind, dimensions
 GRAZING = 0.25  # cosine between ray and normal below which a surface says little of its place
 
 
@@ -73,11 +78,10 @@ class Carried:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray], calibration: Endoscope) -> Self:
         """Take it from arrays; ValueError in one sentence, if they cannot be what `to_arrays` gave."""
-        forms = {"log_distance": (np.float64, 2), "numbers": (np.float64, 1), "flags": (np.bool_, 1)}
-        fits = {name: (array.dtype, array.ndim) for name, array in arrays.items()} == forms
+        fits = {name: (array.dtype, array.ndim) for name, array in arrays.items()} == HANDED
         if not (fits and arrays["numbers"].shape == (4,) and arrays["flags"].shape == (2,)):
             raise ValueError("not what a frame hands to the next")
-        v, (gain, light, least, age), (metric, torn) = (arrays[name] for name in forms)
+        v, (gain, light, least, age), (metric, torn) = (arrays[name] for name in HANDED)
         inside, finite = np.isfinite(v), np.isfinite([gain, light, least, age]).all()
         if (
             not (finite and min(gain, light) > 0 <= least and age >= 1)

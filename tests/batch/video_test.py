@@ -230,7 +230,7 @@ def test_the_command_tells_what_became_of_it(film, out, call, stopped):
     assert error == "endolab: interrupted; 2 of 5 frames are done and stay, the same command goes on\n"
     code, said, error = call()
     assert (code, error) == (0, "")
-    assert "not done: frame_3.png: cannot be read\n4 of 5 frames, 2 started from the last, " in said
+    assert "not done: frame_3.png: cannot be read\n4 of 5 frames, 3 started from the last, " in said
     assert "done by an earlier call: 2 of them" in said
     assert "(relative units)\nThe gain is unknown: distances have no unit" in said
     assert said.endswith(f"written to {out}: frames, frames.csv, recording.rrd, report.json\n")
