@@ -1,6 +1,7 @@
 """The commands target, calibrate and simulate sheet: what they write, and what they refuse."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -126,6 +127,45 @@ def test_the_library_does_what_the_command_does(work, tmp_path):
     assert found.photometry.k == pytest.approx(2.5, abs=0.03)
 
 
+def test_a_calibration_is_replaced_by_the_next_one_but_not_that_of_another(work, tmp_path, refused):
+    for name in ("cal.json", "cal_report"):
+        (shutil.copytree if name == "cal_report" else shutil.copy2)(work / name, tmp_path / name)
+    out, report = tmp_path / "cal.json", tmp_path / "cal_report"
+    how = ("--camera", work / "cal.json")
+    assert calibrate(work / "v/sheet.mkv", out, *how, target="vicalib_folded") == 0
+    assert el.Calibration.load(out).photometry.gamma == 2.2
+    out.write_text(out.read_text().replace("2.2", "2.3"))
+    for path, content in ((out, out.read_bytes()), (report / "detections.jsonl", b"my own")):
+        there = path.read_bytes()
+        path.write_bytes(content)
+        says = [f"{path.name} is there already and endolab did not write it", "with --overwrite"]
+        refused(work / "v/sheet.mkv", out, *how, target="vicalib_folded", says=says)
+        assert path.read_bytes() == content
+        path.write_bytes(there)
+        out.unlink(missing_ok=True)
+    shutil.copy2(work / "cal.json", out)
+    says = ["cal.json is read by this very call"]
+    refused(work / "v/sheet.mkv", out, "--camera", out, "--overwrite", target="vicalib_folded", says=says)
+    refused(work / "v/sheet.mkv", tmp_path / "x", target="vicalib_folded", says=["ends in .json"])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cal.json", "cal_report"]
+
+
+def test_a_simulated_sheet_is_whole_and_mixed_with_no_other(tmp_path, capsys):
+    sheet = ("simulate", "sheet", "--width", 64, "--out", tmp_path / "v")
+    for count in (2, 2, 3):
+        assert call(*sheet, "--frames", count) == 0
+    files = [".endolab.json", "000000.png", "000001.png", "000002.png", "truth.json"]
+    assert sorted(path.name for path in (tmp_path / "v").iterdir()) == files
+    capsys.readouterr()
+    assert call(*sheet, "--frames", 2, "--overwrite") == 2
+    error = capsys.readouterr().err
+    assert "000002.png would be taken for one of the 2 frames; choose another folder" in error
+    (tmp_path / "v/000001.png").write_bytes(b"mine")
+    assert call(*sheet, "--frames", 3) == 2
+    assert "000001.png is there already and endolab did not write it" in capsys.readouterr().err
+    assert call(*sheet, "--frames", 3, "--overwrite") == 0
+
+
 def test_a_package_that_is_missing_is_named_before_the_search(work, tmp_path, monkeypatch):
     monkeypatch.setattr(_extras, "find_spec", lambda name: None if name == "rerun" else name)
     frames = el.open_frames(work / "v/sheet.mkv")
@@ -209,5 +249,9 @@ def test_a_sheet_to_print(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "print at 100 %" in said
     assert "folded by 10 to 30°" in said
-    assert call("target", "vicalib_small", "--out", tmp_path / "s.pdf") == 0
+    assert call("target", "vicalib_folded", "--out", tmp_path / "s.pdf") == 0  # the same again
+    assert call("target", "vicalib_small", "--out", tmp_path / "s.pdf") == 2
+    asked = "s.pdf is there already; choose another name, or replace it with --overwrite"
+    assert asked in capsys.readouterr().err
+    assert call("target", "vicalib_small", "--out", tmp_path / "s.pdf", "--overwrite") == 0
     assert "something flat" in capsys.readouterr().out
