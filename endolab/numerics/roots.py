@@ -8,10 +8,15 @@ from numpy.typing import ArrayLike
 
 from endolab.numerics.arrays import FloatArray
 
+NEGLIGIBLE = 1e-20  # share of the largest term below which a polynomial's highest terms are none
+
 
 def smallest_positive_root(coefficients: ArrayLike, limit: float) -> float:
     """Return a polynomial's first positive real root, `limit` if none is below it; lowest degree first."""
-    roots = polynomial.polyroots(np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b"))
+    c = np.asarray(coefficients, dtype=np.float64)
+    size = np.abs(c) * float(limit) ** np.arange(c.size)
+    degree = np.flatnonzero(size >= NEGLIGIBLE * size.max())[-1]
+    roots = polynomial.polyroots(c[: degree + 1])
     real = roots.real[(np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots.real))) & (roots.real > 0)]
     return float(min(real.min(initial=limit), limit))
 

@@ -38,6 +38,7 @@ def test_no_positive_root_gives_the_limit_and_trailing_zeros_are_no_degree():
     for coefficients in ([1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0]):
         assert smallest_positive_root(coefficients, 3.0) == 3.0
     assert smallest_positive_root([1.0, -2.0, 0.0, 0.0], 3.0) == pytest.approx(0.5)
+    assert smallest_positive_root([1.0, -2.0, 0.0, 1e-320], 3.0) == pytest.approx(0.5)
 
 
 FUNCTIONS = {
