@@ -4,11 +4,10 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from endolab.depth.result import Result
-from endolab.io.atomic import PathLike, write_atomically
+from endolab.io.atomic import PathLike, read_bytes, write_atomically
 
 COUNTS = ("iterations", "pixels")  # the columns of whole numbers
 
@@ -36,10 +35,8 @@ def read_rows(
     is not a table of `what`.
     """
     try:
-        text = Path(path).read_bytes().decode()  # a name may hold any end of a line
+        text = read_bytes(path, "table").decode(errors="surrogateescape")  # a file's name may be any bytes
         head, *rows = csv.reader(io.StringIO(text, newline=""))
-    except OSError as error:
-        raise OSError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (ValueError, csv.Error) as error:
         raise ValueError(f"{path}: not a table of {what}") from error
     if head != [*columns]:
@@ -65,4 +62,4 @@ def write_rows(path: PathLike, columns: Sequence[str], rows: Iterable[Row]) -> N
     writer.writeheader()
     for row in rows:
         writer.writerow({name: "" if row[name] != row[name] else row[name] for name in columns})
-    write_atomically(path, text.getvalue().encode())
+    write_atomically(path, text.getvalue().encode(errors="surrogateescape"))

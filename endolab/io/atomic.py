@@ -244,7 +244,8 @@ def read_bytes(path: PathLike, what: str = "file", most: float = math.inf) -> by
 # JSON -----------------------------------------------------------------------------------
 def as_json(content: dict[str, Any]) -> bytes:
     """Encode as strict, indented JSON: a value that is not finite is an error."""
-    return (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return text.encode(errors="backslashreplace")  # a file's name may be any bytes: \udc80, in JSON as here
 
 
 def read_json(path: PathLike, what: str) -> Any:

@@ -5,6 +5,7 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,12 +19,13 @@ from endolab.numerics.arrays import FloatArray
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv")
+LEAST = 64  # bytes of a video for each frame that it may promise; others are counted
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what FFmpeg would print is said in one sentence
 
 
 def _by_number(path: Path) -> list[tuple[int, str]]:
     """Sort frame_2 before frame_10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Frames:
     def stamp(self) -> list[list[object]]:
         """Name, size and time of change of every file: what a cache may depend on."""
         files = [self.path] if self.is_video else [self.path / name for name in self.names]
-        return [[file.name, file.stat().st_size, file.stat().st_mtime_ns] for file in files]
+        return [[file.name, *_changed(file)] for file in files]
 
     def read(self, names: Collection[str]) -> Iterator[tuple[str, FloatArray | None]]:
         """Give only the frames of these names, in order."""
@@ -66,10 +68,9 @@ class Frames:
         capture = _open(self.path)
         try:
             for name in self.names:
-                alive = capture.grab()  # after a break some decoders go on, with the next whole frame
+                stored = _next(capture, name in wanted)  # after a break some go on, with the next whole frame
                 if name in wanted:
-                    done, stored = capture.retrieve() if alive else (False, None)
-                    yield name, np.asarray(stored)[..., ::-1] / 255.0 if done else None
+                    yield name, None if stored is None else stored[..., ::-1] / 255.0
                     wanted.discard(name)
                 if not wanted:
                     break
@@ -84,11 +85,46 @@ def _picture(path: Path) -> FloatArray | None:
         return None
 
 
+def _changed(file: Path) -> tuple[int, int]:
+    """Size of a file and when it changed; of one that is not there, neither."""
+    try:
+        found = file.stat()
+    except OSError:
+        return -1, -1
+    return found.st_size, found.st_mtime_ns
+
+
 def _open(path: Path) -> cv2.VideoCapture:
-    capture = cv2.VideoCapture(str(path))
-    if not capture.isOpened():
-        raise ValueError(f"{path}: not a video that can be decoded")
-    return capture
+    if not path.is_file():  # a pipe might never end
+        raise ValueError(f"{path}: not a plain file, and so no video")
+    with quiet(), suppress(cv2.error):
+        capture = cv2.VideoCapture(str(path))
+        if capture.isOpened():
+            return capture
+    raise ValueError(f"{path}: not a video that can be decoded")
+
+
+def _next(capture: cv2.VideoCapture, wanted: bool) -> np.ndarray | None:
+    """Take the next frame, B, G, R; None if it is not wanted or cannot be decoded."""
+    with quiet(), suppress(cv2.error):
+        if capture.grab() and wanted:
+            _, stored = capture.retrieve()
+            if isinstance(stored, np.ndarray) and stored.dtype == np.uint8 and stored.shape[2:] == (3,):
+                return stored
+    return None
+
+
+def _count(capture: cv2.VideoCapture, most: int) -> int:
+    """Count the frames of a video, 0 if the first cannot be had; it is taken at its word up to `most`."""
+    with quiet(), suppress(cv2.error):
+        said = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        if 0 < said <= most:
+            return int(said) if capture.grab() else 0
+    count = 0
+    with quiet(), suppress(cv2.error):
+        while capture.grab():
+            count += 1
+    return count
 
 
 def is_sequence(path: PathLike) -> bool:
@@ -118,6 +154,13 @@ def _listed(paths: Sequence[PathLike]) -> Frames:
     return Frames(folder, tuple(file.relative_to(folder).as_posix() for file in files))
 
 
+def _inside(folder: Path) -> list[Path]:
+    try:
+        return list(folder.iterdir())
+    except OSError as error:
+        raise OSError(f"{folder}: cannot be read: {error.strerror or error}") from error
+
+
 def open_frames(*paths: PathLike) -> Frames:
     """Find the frames of a folder of pictures, of a video, or of pictures that are named one by one.
 
@@ -138,7 +181,8 @@ def open_frames(*paths: PathLike) -> Frames:
     if len(paths) > 1 or (source.suffix.lower() in PICTURES and source.is_file()):
         return _listed(paths)
     if source.is_dir():
-        files = sorted((f for f in source.iterdir() if f.suffix.lower() in PICTURES), key=_by_number)
+        found = [file for file in _inside(source) if file.suffix.lower() in PICTURES]
+        files = sorted((file for file in found if not file.is_dir()), key=_by_number)
         if not files:
             raise ValueError(f"{source}: no picture in this folder ({', '.join(PICTURES)})")
         return Frames(source, tuple(file.name for file in files))
@@ -146,13 +190,7 @@ def open_frames(*paths: PathLike) -> Frames:
         raise FileNotFoundError(f"{source}: there is no such folder or video")
     capture = _open(source)
     try:
-        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        if count <= 0:  # a stream that does not say; count
-            count = 0
-            while capture.grab():
-                count += 1
-        elif not capture.grab():
-            count = 0
+        count = _count(capture, source.stat().st_size // LEAST)
     finally:
         capture.release()
     if count == 0:
