@@ -197,8 +197,12 @@ def _light(part: _Part, rays: np.ndarray) -> tuple[SpotLight, dict[str, Any]]:
         raise part.error("D", f"the light does not shine where the camera looks, found {direction}")
     exponent, weight, worst = cosine_power(mu, lit)
     place = tuple(1000 * value for value in position)
+    try:
+        made = SpotLight(place, direction, exponent, sigma * weight)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise part.error("", str(error)) from error
     known = {"mu": mu, "sigma": sigma, "exponent": exponent, "worst_distance_percent": 100 * worst}
-    return SpotLight(place, direction, exponent, sigma * weight), known  # type: ignore[arg-type]
+    return made, known
 
 
 def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[str, Any]]:
@@ -228,7 +232,10 @@ def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[st
     evidence = {"gamma": gamma, "vignetting": k, "lights": [known for _, known in made]}
     if len(lights) == 1 and lights[0].position == (0.0, 0.0, 0.0) and lights[0].direction == (0.0, 0.0, 1.0):
         k, lights = k + lights[0].exponent, ()
-    return Photometry(k=k, gamma=gamma, gain=None, lights=lights), evidence
+    try:
+        return Photometry(k=k, gamma=gamma, gain=None, lights=lights), evidence
+    except ValueError as error:
+        raise model.error("", str(error)) from error
 
 
 # Both ---------------------------------------------------------------------------------------

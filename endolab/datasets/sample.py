@@ -38,13 +38,20 @@ def data_folder() -> Path | None:
 
 
 # Layouts -------------------------------------------------------------------------------------
-def stored_depth(path: PathLike, dtype: str, step: float) -> np.ndarray:
+def stored_depth(path: PathLike, dtype: str, step: float, largest: tuple[int, int]) -> np.ndarray:
     """Read a depth map's numbers, and refuse what cannot be one in steps of `step` mm.
 
-    That is one of another bit depth or of several channels, a black one, or one that shows nothing
-    beyond 2 mm, as a map in another unit does.
+    That is one of more columns or rows than the `largest`, which is not even decoded, one of another bit
+    depth or of several channels, a black one, or one that shows nothing beyond 2 mm, as a map in another
+    unit does.
     """
-    stored = read_stored(Path(path))
+
+    def check(size: tuple[int, int]) -> None:
+        if size[0] > largest[0] or size[1] > largest[1]:
+            wanted = f"{largest[0]}x{largest[1]} px"
+            raise ValueError(f"{path}: expected at most {wanted}, found {size[0]}x{size[1]} px")
+
+    stored = read_stored(Path(path), check)
     if stored.ndim != 2 or stored.dtype != np.dtype(dtype):
         raise ValueError(
             f"{path}: expected one channel of {dtype}, found {stored.dtype} of shape {stored.shape}"
@@ -91,7 +98,16 @@ def load_sample(
         raise ValueError(
             f"{depth}: expected {camera.width}x{camera.height} px, found {z.shape[1]}x{z.shape[0]} px"
         )
-    image = read_image(colour)
+    largest = (z.shape[1], z.shape[0])
+
+    def check(size: tuple[int, int]) -> None:
+        if size != largest:
+            raise ValueError(
+                f"{colour}: expected colours of {largest[0]}x{largest[1]} px as its depth map, "
+                f"found {size[0]}x{size[1]} px"
+            )
+
+    image = read_image(colour, check)
     if image.shape != (*z.shape, 3):
         raise ValueError(
             f"{colour}: expected colours of {z.shape[1]}x{z.shape[0]} px as its depth map, "

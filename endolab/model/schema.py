@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+MOST = 2**53  # of whole numbers; beyond, a float holds them no more
 LONGEST = 80  # characters of a value of a file in a sentence
 
 
@@ -99,7 +100,7 @@ class Section:
     def whole(self, key: str, default: Any = ..., low: int = 0) -> int:
         """Take out a whole number of at least `low`."""
         value = self.number(key, default, low)
-        if value != int(value):
+        if value != int(value) or value > MOST:
             raise self.error(key, f"expected a whole number, found {value:g}")
         return int(value)
 

@@ -225,7 +225,7 @@ def test_a_frame_of_c3vd_shrunk_in_proportion(tmp_path):
 @every_layout
 def test_colours_of_another_size(tmp_path, layout):
     WRITE[layout](tmp_path)
-    message = rf"{COLOUR[layout]}: expected colours of .* map, found the shape"
+    message = rf"{COLOUR[layout]}: expected colours of .* map, found (the shape|5x4 px|256x256 px)"
     for image in (np.zeros((4, 5, 3), np.uint8), np.zeros((256, 256), np.uint8)):
         cv2.imwrite(str(tmp_path / COLOUR[layout]), image)
         with pytest.raises(ValueError, match=message):
@@ -377,3 +377,18 @@ def test_errors_on_published_frames(data, name, index, options, least, most):
     not modelled, keeps it from less.
     """
     assert least <= error_percent(sample_of(data, name, index), **options) <= most
+
+
+def test_a_depth_map_that_is_too_large_is_not_decoded(tmp_path):
+    for name, most in (
+        ("0001_depth.png", "1350x1080"),
+        ("Depth_0001.png", "475x475"),
+        ("a_Depth_1.png", "256x256"),
+    ):
+        path = tmp_path / name
+        Image.new("L", (20, 10)).save(path)
+        content = bytearray(path.read_bytes())
+        content[16:24] = (20000).to_bytes(4, "big") * 2  # the head's size; its checksum is wrong now
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=rf"{name}: expected at most {most} px, found 20000x20000 px$"):
+            datasets.true_z(path)
