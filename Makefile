@@ -13,7 +13,7 @@ NBVAL  := -p tests.tools.notebook_timeouts -p tests.tools.notebook_solutions
 NBVAL  += --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
 
 .DEFAULT_GOAL := help
-.PHONY: help lab demo test test-browser html lint bench traced lock clean
+.PHONY: help lab demo test test-browser attack html lint bench traced lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -40,6 +40,9 @@ test: $(READY) ## run the tests, then every notebook with the solutions of its e
 
 test-browser: $(READY) ## run the browser's tests alone; they leave screenshots in build/screenshots
 	$(BIN)/python -m pytest tests/browser
+
+attack: $(READY) ## give endolab some 24000 damaged files, odd calls, full disks and kills (half an hour)
+	@export OPENBLAS_NUM_THREADS=1; $(BIN)/python -m tests.hostile.attack
 
 html: $(READY) ## render every notebook to a static page: build/html/index.html
 	@unset MPLBACKEND; $(BIN)/python -m tests.tools.render_pages notebooks build/html

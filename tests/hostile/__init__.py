@@ -9,6 +9,6 @@
 - `kills`: commands that are killed while they solve, and then run again.
 - `attack`: all of it, from the command line.
 
-A case is its class and its seed: ``python -m tests.hostile.attack --only image --seed 17`` runs that one, says
-what it ran, and keeps its folder.
+A case is its class and its seed: ``python -m tests.hostile.attack --only image --seed 17`` runs that
+one, says what it ran, and keeps its folder.
 """

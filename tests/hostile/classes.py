@@ -1,6 +1,6 @@
 """Every class of cases by its name: a function from a generator and the good files to a `Case`."""
 
-from tests.hostile import damaged_files, odd_calls
+from tests.hostile import damaged_files, disks, odd_calls
 
 # With its share of an attack: what is cheap, and read first of all, comes oftenest.
 SHARED = (
@@ -20,6 +20,9 @@ SHARED = (
     (odd_calls.paths, 10),
     (odd_calls.calls, 24),
     (odd_calls.tuner, 4),
+    (disks.full_disk, 3),
+    (disks.read_only_disk, 2),
 )
 CLASSES = {function.__name__: function for function, _ in SHARED}
 SHARES = {function.__name__: share for function, share in SHARED}
+MOUNTING = {"full_disk", "read_only_disk"}  # these run in a worker that may mount

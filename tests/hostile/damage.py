@@ -1,4 +1,4 @@
-"""How things are damaged: bytes, JSON, text, pictures, arrays in archives. All of it follows from a generator."""
+"""How things are damaged: bytes, JSON, text, pictures, arrays in archives; all follows from a generator."""
 
 import copy
 import io
@@ -473,7 +473,7 @@ _PACKED = {}  # what zeros come to, by their number
 
 
 def _bomb(shape, members, name):
-    """An archive of a few kB one of whose arrays is true to its header, and takes half a gigabyte and more."""
+    """An archive of a few hundred kB, one of whose arrays takes half a gigabyte and more, as its header says."""
     head, count = npy(shape=shape, descr="<f4", data=b""), 4 * int(np.prod(shape))
     if (
         count not in _PACKED

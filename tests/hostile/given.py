@@ -14,13 +14,16 @@ GEOMETRY = """<rig><camera>
 <camera_model name="" index="0" serialno="0" type="calibu_fu_fv_u0_v0_kb4" version="8">
 <width> 1440 </width> <height> 1080 </height>
 <right> [ 1; 0; 0 ] </right> <down> [ 0; 1; 0 ] </down> <forward> [ 0; 0; 1 ] </forward>
-<params> [ 717.6911; 718.0214; 734.7278; 552.0724; -0.1396589; -0.0003139987; 0.001505504; -0.0001316715 ] </params>
+<params> [ 717.6911; 718.0214; 734.7278; 552.0724; -0.1396589; -0.0003139987; 0.001505504;
+-0.0001316715 ] </params>
 </camera_model></camera></rig>
 """
 PHOTOMETRY = """<rig><camera>
-<camera_model index="0" name="" serialno="0" type="gamma" version="1.0"> <gamma> [ 2.2 ] </gamma> </camera_model>
+<camera_model index="0" name="" serialno="0" type="gamma" version="1.0">
+<gamma> [ 2.2 ] </gamma> </camera_model>
 </camera><light>
-<light_model index="0" name="" serialno="0" type="sls" version="1.0"> <sigma> 1.000000 </sigma> <mu> 2.767302 </mu>
+<light_model index="0" name="" serialno="0" type="sls" version="1.0">
+<sigma> 1.000000 </sigma> <mu> 2.767302 </mu>
 <P> [ -6.1e-05; -0.001135; -0.003612 ] </P> <D> [ 0.011092; 0.0; 0.999938 ] </D> </light_model>
 </light></rig>
 """

@@ -34,7 +34,8 @@ class Outcome:
 
     def __str__(self):
         what = "; ".join(self.wrong) or "survived"
-        return f"--only {self.name} --seed {self.seed}: {what}\n    {self.told[:300]}\n    {self.status}: {self.said}"
+        case = f"--only '{self.name}' --seed {self.seed}"
+        return f"{case}: {what}\n    {self.told[:300]}\n    {self.status}: {self.said}"
 
 
 @dataclass
@@ -45,6 +46,7 @@ class Guard:
     limit: float = LIMIT
     keep: bool = False  # the folders of the cases
     prefix: tuple[str, ...] = ()  # of the worker's command
+    program: tuple[str, ...] = ("-m", "tests.hostile.worker")
     place: Path = field(default_factory=lambda: Path(tempfile.mkdtemp(prefix="hostile-")))
     _worker: subprocess.Popen | None = None
     _started: int = 0
@@ -61,7 +63,7 @@ class Guard:
     def run(self, name, seed):
         """Run one case; a worker that dies or hangs is a case that was not survived."""
         if self._worker is None:
-            self._start()
+            self.start()
         self._worker.stdin.write(f"{name} {seed}\n".encode())
         self._worker.stdin.flush()
         told = self._answer(self.limit)
@@ -99,11 +101,12 @@ class Guard:
         self._worker.stdout.close()
         self._worker = None
 
-    def _start(self):
+    def start(self):
+        """Start a worker, which takes some seconds until it is warm."""
         self._started, self._read = self._started + 1, b""
         place = self.place / str(self._started)
         place.mkdir()
-        argv = [*self.prefix, sys.executable, "-m", "tests.hostile.worker", str(place)]
+        argv = [*self.prefix, sys.executable, *self.program, str(place)]
         argv += [] if self.package is None else [str(self.package)]
         environment = os.environ | {"MPLBACKEND": "Agg", "CI": "1", "OPENBLAS_NUM_THREADS": "1"}
         environment["PYTHONPATH"] = str(self.package or ROOT)

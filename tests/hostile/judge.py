@@ -1,5 +1,6 @@
 """What must hold after a case: exit 0 or 2, one sentence, whole or nothing, and nothing left behind."""
 
+import contextlib
 import csv
 import gc
 import hashlib
@@ -18,6 +19,7 @@ from xml.etree import ElementTree
 import numpy as np
 import psutil
 
+MARK = ".endolab.json"  # by which a folder of results is known as one
 LONGEST = 400  # characters of a sentence
 MOST_MEMORY = 600  # MB that a case, whose files are small, may take for a while
 MOST_THREADS = 8  # that libraries may start in their pools while cases run, and keep
@@ -26,7 +28,8 @@ INWARD = re.compile(
     r"Traceback|Warning|\[Errno|Exception ignored|<class|NoneType|object has no|object is not|np\.\w+\(|"
     r"\bindices\b|out of bounds|operands|broadcast|unsupported operand|could not convert|invalid literal|"
     r"Unable to allocate|not subscriptable|not iterable|unhashable|positional argument|unexpected keyword|"
-    r"list index|ufunc|dtype\(|cannot reshape|setting an array|ambiguous|libpng|OpenCV|panicked|numba|0x[0-9a-f]{8}"
+    r"list index|ufunc|dtype\(|cannot reshape|setting an array|truth value|"
+    r"libpng|OpenCV|panicked|numba|0x[0-9a-f]{8}"
 )
 
 
@@ -93,10 +96,8 @@ def _count(folder):
 
 def _reset_peak():
     """Begin to measure the most memory anew, where the system can; MB that are taken now."""
-    try:
+    with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        pass
     return psutil.Process().memory_info().rss / 2**20
 
 
@@ -147,7 +148,8 @@ def wrong_words(status, out, err, names):
             yield f"it names none of {', '.join(names)}: {sentence[:200]!r}"
     inward = INWARD.search(out + err)
     if inward:
-        yield f"words for programmers ({inward[0]}): {(out + err)[max(0, inward.start() - 120) : inward.end() + 80]!r}"
+        around = (out + err)[max(0, inward.start() - 120) : inward.end() + 80]
+        yield f"words for programmers ({inward[0]}): {around!r}"
     if status == 0 and re.search(r"\b(nan|inf)\b", out):
         yield f"a number that is none: {out[:200]!r}"
 
@@ -165,7 +167,8 @@ def wrong_files(before, after, status, case):
     for name in sorted({*before, *after}):
         if before.get(name) == after.get(name):
             continue
-        if not within(name, allowed):
+        hidden = any(part.startswith(".") and part != MARK for part in name.split("/"))
+        if hidden or not within(name, allowed):
             what = "left over" if name not in before else "gone" if name not in after else "changed"
             yield f"{what}: {name}"
         elif name in after and after[name] not in ("folder", "special") and name not in case.any:
@@ -177,7 +180,7 @@ def wrong_files(before, after, status, case):
 def broken(path):
     """Say why a result cannot be read back whole."""
     reader = READERS.get(path.suffix)
-    if reader is None or path.name.startswith(".") and path.name != ".endolab.json":
+    if reader is None:
         return [f"left over: {path}"]
     try:
         reader(path)
@@ -191,9 +194,12 @@ def _check(good, what):
         raise ValueError(what)
 
 
-def _depth(path):
+def _arrays(path):
     with np.load(path, allow_pickle=False) as archive:
         maps = {name: archive[name] for name in archive.files}
+    _check(maps, "nothing in it")
+    if path.name not in ("depth.npz", "truth.npz"):
+        return
     mask, distance, z, normals = maps["mask"], maps["distance"], maps["z"], maps["normals"]
     _check(
         mask.dtype == bool and mask.any() and distance.shape == mask.shape == z.shape, "shapes or no pixel"
@@ -281,7 +287,7 @@ def _ends(*ends):
 
 
 READERS = {
-    ".npz": _depth,
+    ".npz": _arrays,
     ".json": lambda path: _strict(path.read_text(encoding="utf-8")),
     ".jsonl": _lines,
     ".csv": _table,

@@ -24,6 +24,11 @@ from tests.hostile import judge
 ROOM = 5  # GB of addresses that a case may take beyond those of the warm process
 
 
+def opened(descriptor, **how):
+    """A stream of text to a descriptor, as Python makes them for its output."""
+    return os.fdopen(descriptor, "w", encoding="utf-8", closefd=False, **how)
+
+
 class Errors:
     """Stands for sys.stderr: remembers the exception that was at hand when something was printed."""
 
@@ -97,10 +102,8 @@ class Worker:
             os.ftruncate(caught, 0)
             os.dup2(caught, descriptor)
         streams = sys.stdout, sys.stderr
-        sys.stdout = open(1, "w", encoding="utf-8", closefd=False)
-        sys.stderr = errors = Errors(
-            open(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False, buffering=1)
-        )
+        sys.stdout = opened(1)
+        sys.stderr = errors = Errors(opened(2, errors="backslashreplace", buffering=1))
         try:
             status = case.run()
         except SystemExit as exit:  # the parser's complaints are on purpose
