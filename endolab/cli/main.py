@@ -1,7 +1,9 @@
 """The command line: python -m endolab reconstruct, sweep, calibrate, target, simulate, evaluate, lab."""
 
 import argparse
+import itertools
 import json
+import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -19,6 +21,7 @@ from endolab.cli.calibrate import (
 )
 from endolab.cli.options import add_command, add_overwrite, number, whole
 from endolab.cli.reconstruct import add_reconstruct_commands
+from endolab.cli.signals import ended_like_interrupted
 from endolab.cli.streams import in_one_line, patient_streams
 
 FRAME_OPTIONS = ("texture", "fog", "highlights")  # of `simulate`, but for its calibration video
@@ -128,9 +131,12 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"endolab: {in_one_line(message)}; see {self.prog} --help\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        for text in args or ():
-            if text.startswith("--") and text.endswith("=--"):  # of which argparse makes an empty list
-                self.error(f"argument {text[:-3]}: expected a value, found --")
+        before = ""
+        for text in itertools.takewhile("--".__ne__, args or ()):
+            option, _, value = text.rpartition("=") if text.startswith("--") else (before, "", text)
+            if value == "" or text.endswith("=--"):  # of which argparse makes an empty list
+                self.error(f"{f'argument {option}: ' if option else ''}expected a value, found {value!r}")
+            before = text if text.startswith("-") else ""
         return super().parse_known_args(args, namespace)
 
 
@@ -200,20 +206,22 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command: 0 when all is done, 2 after bad input, which is said in one sentence on stderr."""
+    ended: list[int] = []
     try:
-        with patient_streams():
+        with patient_streams(), ended_like_interrupted(ended):
             arguments = _parser().parse_args(sys.argv[1:] if argv is None else argv)
             arguments.run(arguments)
     except (ValueError, OSError, MemoryError, MissingPackage) as error:
         return _failed(2, error)
     except KeyboardInterrupt as interrupt:
-        return _failed(130, str(interrupt) or "interrupted; nothing was written")
+        status = 128 + (ended or [signal.SIGINT])[0]
+        return _failed(status, str(interrupt) or "interrupted; nothing was written")
     return 0
 
 
 def _failed(status: int, why: object) -> int:
     with patient_streams():
-        print(f"endolab: {in_one_line(why)}", file=sys.stderr)
+        print(f"endolab: {in_one_line(why).replace('overwrite=True', '--overwrite')}", file=sys.stderr)
     return status
 
 

@@ -152,6 +152,8 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
     for row in found.rows:
         if row["error"]:
             print(f"not done: {row['error']}")
+    for doubt in found.doubts:
+        print(doubt)
     seconds, warm = sum(row["seconds"] for row in done), sum(row["warm"] for row in done)
     print(f"{len(done)} of {len(found.rows)} frames, {warm} started from the last, {seconds:.2f} s")
     if found.done_before:
