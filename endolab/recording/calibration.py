@@ -142,7 +142,7 @@ class _Recording:
             self._log_brdf_axes(session.light)
         titles = {name: title for name, (_, title) in curves.items()}
         view = layouts.calibration(centre, distance, titles, session.light is not None, FRAME)
-        self.sink.stream.send_blueprint(view)
+        self.sink.arrange(view)
 
     def _log_brdf_axes(self, light: PhotometricFit) -> None:
         theta, relative, _ = brdf_of(light)

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 
 from endolab.numerics.arrays import FloatArray
@@ -39,9 +40,28 @@ class Shown:
         return f"{title} · {self.run}" if self.run else title
 
 
-def _opened(layout: rrb.Container, timeline: str = TIMELINE) -> rrb.Blueprint:
+class Layout(rrb.Blueprint):
+    """How the viewer opens a recording, which lets go of the stream that it was sent by.
+
+    Rerun sends a layout by a stream of its own and keeps that for good, with two threads.
+    """
+
+    _sent_by: rr.RecordingStream | None = None
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        self._sent_by = stream
+        super()._log_to_stream(stream)
+
+    def let_go(self) -> None:
+        """Let go of that stream, when the layout was sent."""
+        if self._sent_by is not None:
+            self._sent_by.disconnect()
+            self._sent_by = None
+
+
+def _opened(layout: rrb.Container, timeline: str = TIMELINE) -> Layout:
     """A layout with the timeline to open on, and without panels beside it."""
-    return rrb.Blueprint(
+    return Layout(
         layout,
         rrb.TimePanel(state="collapsed", timeline=timeline),
         rrb.SelectionPanel(state="hidden"),
@@ -114,7 +134,7 @@ def _others(shown: Shown, *left_out: str) -> rrb.TimeSeriesView:
     return _curves("Steps", [shown.at("plots/**"), *without])
 
 
-def reconstruction(shown: Shown) -> rrb.Blueprint:
+def reconstruction(shown: Shown) -> Layout:
     """Pictures above, the surface and the curves below."""
     residual = [_picture(shown, "residual", "Residual")]
     residual += [_picture(shown, f"front/{name}", name.capitalize()) for name in shown.maps]
@@ -131,7 +151,7 @@ def reconstruction(shown: Shown) -> rrb.Blueprint:
     return _opened(rrb.Vertical(pictures, below, row_shares=[1, 1.4]))
 
 
-def convergence(shown: Shown) -> rrb.Blueprint:
+def convergence(shown: Shown) -> Layout:
     """Curves of energy, change and steps above, at large; what they mean for the surface below."""
     steps = rrb.Vertical(_change(shown), _others(shown, "change"))
     curves = rrb.Horizontal(_energy(shown), steps, column_shares=[1.4, 1])
@@ -142,7 +162,7 @@ def convergence(shown: Shown) -> rrb.Blueprint:
 BLUEPRINTS = {"reconstruction": reconstruction, "convergence": convergence}
 
 
-def comparison(runs: Sequence[Shown]) -> rrb.Blueprint:
+def comparison(runs: Sequence[Shown]) -> Layout:
     """Each run a column of pictures; energies and sections of all in one plot each, beside them."""
     columns = [
         rrb.Vertical(_depth(shown), _picture(shown, "residual", "Residual"), name=shown.run) for shown in runs
@@ -152,7 +172,7 @@ def comparison(runs: Sequence[Shown]) -> rrb.Blueprint:
     return _opened(rrb.Horizontal(*columns, plots, column_shares=[*(1.0 for _ in runs), 1.2]))
 
 
-def sequence(unit: str, middle: float, far: float, timeline: str) -> rrb.Blueprint:
+def sequence(unit: str, middle: float, far: float, timeline: str) -> Layout:
     """Pictures of a video's frame above, its surface and the curves over the frames below.
 
     `middle` and `far` are distances of the first surface, in `unit`.
@@ -176,7 +196,7 @@ def sequence(unit: str, middle: float, far: float, timeline: str) -> rrb.Bluepri
 
 def calibration(
     centre: FloatArray, distance: float, curves: Mapping[str, str], light: bool, timeline: str
-) -> rrb.Blueprint:
+) -> Layout:
     """The frame, the sheet in space, the curves over the frames, and the light's fit behind a tab.
 
     The sheet is mostly at `centre`, (3,), mm, `distance` away; `curves` are titles of what lies

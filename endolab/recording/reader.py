@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping
+import contextlib
+import importlib.metadata
+import io
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
-import rerun as rr
+import pyarrow as pa  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from endolab.depth.result import SOLUTION
 from endolab.io.atomic import PathLike
+from endolab.io.picture_size import picture_size
+from endolab.io.quiet import quiet
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.recording import decoder
 from endolab.recording.layouts import TIMELINE
 from endolab.recording.stream import stage_of
 
 # Rows of a component: iteration (None if it stays) to its arrow values.
 Rows = dict[int | None, Any]
+T = TypeVar("T")
+MOST_PIXELS = 100_000_000  # of a picture in a recording, far more than a run is recorded with
 
 
 def read_recording(path: PathLike) -> Recording:
@@ -37,21 +47,25 @@ def read_recording(path: PathLike) -> Recording:
         another version of Rerun.
     """
     entities: dict[str, dict[str, Rows]] = {}
-    for chunk in _chunks(Path(path)):
-        batch = chunk.to_record_batch()
+    for batch in _batches(Path(path)):
         entity = (batch.schema.metadata or {}).get(b"rerun:entity_path", b"").decode()
-        timed = TIMELINE in batch.schema.names
+        timed = TIMELINE in batch.schema.names and pa.types.is_int64(batch.schema.field(TIMELINE).type)
         at: list[int | None] = batch.column(TIMELINE).to_pylist() if timed else [None] * len(batch)
-        for name in batch.schema.names:
-            if ":" in name:
+        for name, kind in zip(batch.schema.names, batch.schema.types, strict=True):
+            if ":" in name and pa.types.is_list(kind):
                 column = batch.column(name)
                 rows = entities.setdefault(entity, {}).setdefault(name.split(":")[1], {})
                 rows |= {k: column[i].values for i, k in enumerate(at) if column[i].is_valid}
-    return Recording(Path(path), entities)
+    if not entities:
+        raise ValueError(f"{path} is damaged: there is nothing in it")
+    recording = Recording(Path(path), entities)
+    for run in recording.runs.values():
+        run._check()
+    return recording
 
 
-def _chunks(path: Path) -> list[Any]:
-    """Whole content of a file; `rerun rrd verify` is content with any file, so read it."""
+def _batches(path: Path) -> Iterator[Any]:
+    """What a file holds; `rerun rrd verify` is content with any file, so read it."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no recording {path}")
     with path.open("rb") as stream:
@@ -60,22 +74,31 @@ def _chunks(path: Path) -> list[Any]:
         raise ValueError(f"{path} is empty: the recording was never written")
     if head[:3] != b"RRF":
         raise ValueError(f"{path} is no Rerun recording: expected a file that begins with RRF")
-    theirs, ours = tuple(head[4:6]), tuple(int(part) for part in rr.__version__.split(".")[:2])
-    version = f"Rerun {'.'.join(map(str, theirs))}, and here is {rr.__version__}"
+    rerun = importlib.metadata.version("rerun-sdk")
+    theirs, ours = tuple(head[4:6]), tuple(int(part) for part in rerun.split(".")[:2])
+    version = f"Rerun {'.'.join(map(str, theirs))}, and here is {rerun}"
     if head[3:4] != b"2" or (len(head) == 8 and theirs > ours):
         raise ValueError(f"{path} was written by another version: {version}")
-    try:
-        with warnings.catch_warnings(record=True) as complaints:
-            warnings.simplefilter("always")
-            chunks = list(rr.chunk.RrdReader(path).stream().to_chunks())
-    except (RuntimeError, ValueError) as error:
-        if "incompatible" in str(error):
-            raise ValueError(f"{path} was written by another version: {version}") from error
-        what = "truncated" if "size" in str(error) or "too small" in str(error) else "damaged"
-        raise ValueError(f"{path} is {what}: record the run again") from error
-    if any("footer" in str(complaint.message) for complaint in complaints):
+    program = subprocess.run(
+        [sys.executable, "-P", decoder.__file__, str(path.resolve())],
+        env={**os.environ, "RUST_LOG": "off"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        check=False,
+    )
+    if program.returncode == decoder.OTHER_VERSION:
+        raise ValueError(f"{path} was written by another version: {version}")
+    if program.returncode == decoder.TRUNCATED:
         raise ValueError(f"{path} is truncated: record the run again")
-    return chunks
+    if program.returncode == decoder.CHANGED:
+        why = "its checksum is another one; was it rewritten by another program?"
+        raise ValueError(f"{path} is damaged: {why}")
+    if program.returncode:
+        raise ValueError(f"{path} is damaged: record the run again")
+    with pa.BufferReader(program.stdout) as content:
+        while content.tell() < content.size():
+            yield from pa.ipc.open_stream(content)
 
 
 class Recording:
@@ -93,7 +116,8 @@ class Recording:
         """Runs by name; one that was recorded alone is called ''."""
         end, names = "/plots/energy", [self._run or ""]
         if self._run is None:
-            names = [name.removesuffix(end).lstrip("/") for name in self._entities if name.endswith(end)]
+            ours = [name for name in self._entities if name.endswith(end) and self._is_timed(name)]
+            names = [name.removesuffix(end).lstrip("/") for name in ours]
         return {name: Recording(self.path, self._entities, name) for name in names}
 
     @property
@@ -106,22 +130,53 @@ class Recording:
             raise ValueError(f"{self.path} holds no reconstruction")
         return f"/{names[0]}/" if names[0] else "/"
 
+    def _is_timed(self, entity: str) -> bool:
+        """Whether an entity is a curve over the iterations; other recordings of ours are over frames."""
+        return any(k is not None for k in self._entities[entity].get("scalars", {}))
+
+    def _check(self) -> None:
+        """Read all there is of a run once: what is missing or not as it was written is said now."""
+        self.table()
+        _ = self.stages, self.unit, self.mask, self.picture, self.settings
+        for k in self.pictured:
+            shapes = {self.depth(k).shape, self._mask(k).shape, self._colours("normals", k).shape[:2]}
+            if len(shapes) > 1:
+                raise self._damaged(f"pictures of iteration {k} are not of one size")
+
+    def _damaged(self, why: str) -> ValueError:
+        return ValueError(f"{self.path} is damaged: {why}")
+
     def _rows(self, entity: str, component: str) -> Rows:
         return self._entities.get(self._start + entity, {}).get(component, {})
+
+    def _values(self, entity: str, component: str, k: int | None) -> Any:
+        """What an entity has at an iteration, or for a run, at least one value."""
+        values = self._rows(entity, component).get(k)
+        if values is None or len(values) == 0:
+            raise self._damaged(f"{entity} has no {component}{'' if k is None else f' at iteration {k}'}")
+        return values
+
+    def _value(self, entity: str, component: str, k: int | None, kind: type[T]) -> T:
+        value = self._values(entity, component, k)[0].as_py()
+        if not isinstance(value, kind):
+            raise self._damaged(f"{component} of {entity} is not as it was written")
+        return value
 
     @property
     def scalars(self) -> dict[str, tuple[NDArray[np.int64], FloatArray]]:
         """Energy, its terms, change and the solver's scalars: iterations and values, (n,) each."""
         start, found = f"{self._start}plots/", {}
         for name in (entity.removeprefix(start) for entity in self._entities if entity.startswith(start)):
-            rows = self._timed(f"plots/{name}", "scalars")
-            values = np.array([row[0].as_py() for row in rows.values()], float)
-            found[name] = np.array(list(rows), int), values
+            at = self._at(f"plots/{name}", "scalars")
+            values = np.array([self._value(f"plots/{name}", "scalars", k, float) for k in at])
+            if not np.isfinite(values).all():
+                raise self._damaged(f"plots/{name} is not finite everywhere")
+            found[name] = np.array(at, int), values.astype(float)
         return dict(sorted(found.items(), key=lambda item: item[0] != "energy"))
 
-    def _timed(self, entity: str, component: str) -> dict[int, Any]:
-        rows = self._rows(entity, component)
-        return {k: rows[k] for k in sorted(k for k in rows if k is not None)}
+    def _at(self, entity: str, component: str) -> list[int]:
+        """Iterations at which an entity has a component."""
+        return sorted(k for k in self._rows(entity, component) if k is not None)
 
     def table(self) -> NDArray[np.void]:
         """All scalars, one row per iteration: a structured array (n,) with the field "iteration".
@@ -140,25 +195,23 @@ class Recording:
     @property
     def pictured(self) -> tuple[int, ...]:
         """Iterations with pictures: the others have scalars only."""
-        return tuple(self._timed("depth", "buffer"))
+        return tuple(self._at("depth", "buffer"))
 
     @property
     def stages(self) -> list[tuple[int, str, int]]:
         """Stages of the run: first iteration, name, and round (0 if there is one only)."""
-        texts = {k or 0: stage_of(text[0].as_py()) for k, text in self._rows("stage", "text").items()}
+        texts = {k or 0: stage_of(self._value("stage", "text", k, str)) for k in self._rows("stage", "text")}
         first = int(self.scalars["energy"][0][0])
         return [(k, *texts[k]) for k in sorted(texts)] or [(first, SOLUTION, 0)]
 
-    def _standing(self, entity: str, component: str, k: int | None = None) -> Any:
-        """What stays for a run or a stage, at an iteration; by default at the end."""
-        rows = self._rows(entity, component)
-        return rows[max((at for at in rows if at is not None and (k is None or at <= k)), default=None)]
+    def _standing(self, entity: str, component: str, k: int | None = None) -> int | None:
+        """Where the value is that stays for a stage, at an iteration; None if one stays for the run."""
+        return max((at for at in self._at(entity, component) if k is None or at <= k), default=None)
 
     @property
     def unit(self) -> str:
         """Of distances: "mm", or "relative units" where the gain was unknown; of the last stage."""
-        meter = self._rows("depth", "meter")[self._chosen(-1)][0].as_py()
-        return "mm" if meter == 1000 else "relative units"
+        return "mm" if self._value("depth", "meter", self._chosen(-1), float) == 1000 else "relative units"
 
     @property
     def mask(self) -> BoolArray:
@@ -166,18 +219,17 @@ class Recording:
         return self._mask()
 
     def _mask(self, k: int | None = None) -> BoolArray:
-        values, form = (self._standing("mask", component, k) for component in ("buffer", "format"))
-        return _array(values, form, np.uint8).astype(bool)
+        return self._map("mask", self._standing("mask", "buffer", k), np.uint8).astype(bool)
 
     @property
     def picture(self) -> FloatArray:
         """The frame as it looked, (h, w, 3), in [0, 1]; maybe thinned; of the last stage."""
-        return _decoded(self._standing("input", "blob"))
+        return self._colours("input", self._standing("input", "blob")) / 255.0
 
     @property
     def settings(self) -> str:
         """What was solved and how, as Markdown; of the last stage."""
-        return str(self._standing("settings", "text")[0].as_py())
+        return self._value("settings", "text", self._standing("settings", "text"), str)
 
     def depth(self, iteration: int = -1) -> FloatArray:
         """Distance at an iteration of `pictured`, (h, w), in `unit`; nan outside the mask; -1 is the last.
@@ -185,15 +237,15 @@ class Recording:
         Thinned if the frame was wider than the recording. An earlier stage may be on a smaller grid
         and in relative units. ValueError if the iteration has no picture.
         """
-        k = self._chosen(iteration)
-        values, form = (self._rows("depth", component)[k] for component in ("buffer", "format"))
-        return _array(values, form, np.float32).astype(float)
+        distance = self._map("depth", self._chosen(iteration), np.float32).astype(float)
+        if not (distance > 0).any() or (distance <= 0).any() or np.isinf(distance).any():
+            raise self._damaged("a distance is not positive and finite")
+        return distance
 
     def normals(self, iteration: int = -1) -> FloatArray:
         """Unit normals at an iteration, (h, w, 3), to half a degree; nan outside the mask; see `depth`."""
         k = self._chosen(iteration)
-        colours = _decoded(self._rows("normals", "blob")[k])
-        n = np.where(self._mask(k)[..., None], 2 * colours - 1, np.nan)
+        n = np.where(self._mask(k)[..., None], 2 * (self._colours("normals", k) / 255.0) - 1, np.nan)
         return n / np.linalg.norm(n, axis=-1, keepdims=True)
 
     def _chosen(self, iteration: int) -> int:
@@ -206,17 +258,28 @@ class Recording:
             raise ValueError(f"iteration {iteration} has no picture; the nearest that has is {nearest}")
         return k
 
+    def _map(self, entity: str, k: int | None, kind: type) -> NDArray:
+        """A picture of raw values, (h, w)."""
+        form = self._value(entity, "format", k, dict)
+        content = self._bytes(entity, "buffer", k)
+        width, height = form.get("width"), form.get("height")
+        if not (width and height) or len(content) != width * height * np.dtype(kind).itemsize:
+            raise self._damaged(f"{entity} is not of the size that it says")
+        return content.view(kind).reshape(height, width)
 
-def _array(values: Any, form: Any, dtype: type) -> NDArray:
-    """A picture from its bytes and its format."""
-    shape: Mapping[str, int] = form[0].as_py()
-    return np.frombuffer(_bytes(values).tobytes(), dtype).reshape(shape["height"], shape["width"])
+    def _colours(self, entity: str, k: int | None) -> NDArray[np.uint8]:
+        """An encoded picture, (h, w, 3)."""
+        content = self._bytes(entity, "blob", k)
+        size, stored = picture_size(io.BytesIO(content.tobytes())), None
+        if size is not None and size[0] * size[1] <= MOST_PIXELS:
+            with contextlib.suppress(cv2.error), quiet():
+                stored = cv2.imdecode(content, cv2.IMREAD_COLOR)
+        if stored is None:
+            raise self._damaged(f"a picture of {entity} cannot be decoded")
+        return np.asarray(stored[..., ::-1], np.uint8)
 
-
-def _decoded(blob: Any) -> FloatArray:
-    stored: Any = cv2.imdecode(_bytes(blob), cv2.IMREAD_COLOR)
-    return np.asarray(stored[..., ::-1] / 255.0)
-
-
-def _bytes(values: Any) -> NDArray[np.uint8]:
-    return np.asarray(values.flatten().to_numpy(zero_copy_only=False).astype(np.uint8))
+    def _bytes(self, entity: str, component: str, k: int | None) -> NDArray[np.uint8]:
+        values = self._values(entity, component, k).flatten()
+        if not pa.types.is_uint8(values.type) or values.null_count:
+            raise self._damaged(f"{component} of {entity} is not as it was written")
+        return np.asarray(values.to_numpy())

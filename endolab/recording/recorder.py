@@ -126,12 +126,12 @@ class Comparison:
 
     def close(self) -> None:
         """Write the file; a second call does nothing. Without an iterate there is none."""
-        for recorder in self._runs.values():
-            recorder.close()
-        shown = [recorder.shown for recorder in self._runs.values() if recorder.shown is not None]
-        if shown and self._sink.open:
-            self._sink.stream.send_blueprint(comparison(shown))
-        self._sink.close()
+        with self._sink:
+            for recorder in self._runs.values():
+                recorder.close()
+            shown = [recorder.shown for recorder in self._runs.values() if recorder.shown is not None]
+            if shown and self._sink.open:
+                self._sink.arrange(comparison(shown))
 
     def __enter__(self) -> Comparison:
         return self
@@ -211,17 +211,21 @@ class Recorder:
         """End the recording and write the file, or raise an OSError and leave none; once is enough."""
         if not self._open:
             return
-        self._open = False
-        if self._last is not None:
-            self._end_stage(self._last)
-            self._defer(self._finish, self._began[0])
-        self._log_scalars()
+        self._open, whole = False, False
         try:
+            if self._last is not None:
+                self._end_stage(self._last)
+                self._defer(self._finish, self._began[0])
+            self._log_scalars()
             while self._jobs:
                 self._jobs.popleft().result()
+            whole = True
         finally:
             self._encoder.shutdown()
-            if not self._run:
+            self._last = None
+            if not whole:
+                self._sink.drop()
+            elif not self._run:
                 self._sink.close()
 
     def _end_stage(self, last: Iterate) -> None:
@@ -343,7 +347,7 @@ class Recorder:
 
     def _log_blueprint(self) -> None:
         if self._blueprint is not None and self.shown is not None:
-            self._sink.stream.send_blueprint(BLUEPRINTS[self._blueprint](self.shown))
+            self._sink.arrange(BLUEPRINTS[self._blueprint](self.shown))
 
     def _settings(self, problem: Problem) -> str:
         gain = problem.photometry.gain

@@ -72,5 +72,5 @@ class SequenceRecorder:
         low, middle, high = (float(value) for value in np.percentile(known, [1, 50, 99]))
         self._sink.log("world", rr.ViewCoordinates.RDF, static=True)
         self._sink.log("world/camera", camera_shape(camera, 0.2 * middle), static=True)
-        self._sink.stream.send_blueprint(sequence(self.unit, middle, high, TIMELINE))
+        self._sink.arrange(sequence(self.unit, middle, high, TIMELINE))
         return low, high

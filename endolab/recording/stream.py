@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.model.cameras import Camera, Pinhole
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.recording.decoder import CHECKSUM, UNKNOWN, stamped
+from endolab.recording.layouts import Layout
 from endolab.recording.viewer import follow, start_viewer, viewer_address
 
 NOW, START, TRUTH, OUTLIER = (230, 159, 0), (86, 180, 233), (160, 160, 160), (213, 94, 0)
@@ -33,10 +35,8 @@ class Sink:
         self.path = None if path is None else Path(path)
         if self.path is not None and self.path.suffix != ".rrd":
             raise ValueError(f"a recording's name ends in .rrd, got {path}")
-        # Hurried: what is encoded during the run does not wait for its end.
-        hurry = rr.ChunkBatcherConfig.LOW_LATENCY()
-        self.stream = rr.RecordingStream("endolab", batcher_config=hurry)
         self.open = True
+        self._stream: rr.RecordingStream | None = None
         self._memory: rr.BinaryStream | None = None
         self._viewer: subprocess.Popen[bytes] | None = None
         if self.path is not None:
@@ -54,6 +54,17 @@ class Sink:
             self.stream.connect_grpc(viewer_address())
 
     @property
+    def stream(self) -> rr.RecordingStream:
+        """Rerun's end of it, from the first use until it is closed."""
+        if not self.open:
+            raise ValueError("the recording is closed")
+        if self._stream is None:
+            # Hurried: what is encoded during the run does not wait for its end.
+            hurry = rr.ChunkBatcherConfig.LOW_LATENCY()
+            self._stream = rr.RecordingStream("endolab", batcher_config=hurry)
+        return self._stream
+
+    @property
     def gone(self) -> bool:
         """Whether the user has closed the viewer's window."""
         return self._viewer is not None and self._viewer.poll() is not None
@@ -63,6 +74,7 @@ class Sink:
         # Not before there is something to keep: Rerun complains of a memory that nobody reads.
         if self.path is not None and self._memory is None:
             self._memory = rr.binary_stream(self.stream)
+            self.log(CHECKSUM, rr.TextDocument(UNKNOWN.decode()), static=True)
 
     def at(self, timeline: str, number: int) -> None:
         """Log at this place of a timeline, and of no other, from now on; counts for this thread only."""
@@ -86,25 +98,43 @@ class Sink:
         columns = rr.Scalars.columns(scalars=values)
         self.stream.send_columns(entity, [rr.TimeColumn(timeline, sequence=at)], columns, strict=True)
 
+    def arrange(self, layout: Layout) -> None:
+        """Tell the viewer how to open the recording."""
+        self.stream.send_blueprint(layout)
+        layout.let_go()
+
     def close(self) -> None:
         """Write the file, if something was logged; a second call does nothing."""
         if not self.open:
             return
-        self.open = False
-        if self.path is None:
-            with contextlib.suppress(RuntimeError):  # a viewer that the user has closed
-                self.stream.flush(timeout_sec=60)
-        elif self._memory is not None:
-            write_atomically(self.path, self._memory.read() or b"")
-        self.stream.disconnect()
+        try:
+            if self._memory is not None and self.path is not None:
+                write_atomically(self.path, stamped(self._memory.read() or b""))
+            elif self._stream is not None:
+                with contextlib.suppress(RuntimeError):  # a viewer that the user has closed
+                    self._stream.flush(timeout_sec=60)
+        finally:
+            self.drop()
+
+    def drop(self) -> None:
+        """Let go of what was logged and is not written yet; a second call does nothing."""
+        memory, stream = self._memory, self._stream
+        self.open, self._memory, self._stream = False, None, None
+        if memory is not None:
+            memory.read()
+        if stream is not None:
+            stream.disconnect()
+            # Rerun keeps streams that nobody has any more, with two threads each, until it begins anew.
+            del memory, stream
+            with contextlib.suppress(RuntimeError):  # another one's viewer is gone
+                rr.init("endolab", init_logging=False)
 
     def __enter__(self) -> Sink:
         return self
 
     def __exit__(self, failure: object, *_: object) -> None:
-        if failure is not None and self.open and self._memory is not None:
-            self._memory.read()
-            self._memory = None
+        if failure is not None:
+            self.drop()
         self.close()
 
 
@@ -184,4 +214,4 @@ def stage_text(name: str, round: int) -> str:
 def stage_of(text: str) -> tuple[str, int]:
     """Name and round of a stage."""
     name, _, round = text.partition(", round ")
-    return name, int(round or 0)
+    return (name, int(round)) if round.isdecimal() else (text, 0)

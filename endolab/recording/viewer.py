@@ -4,7 +4,6 @@ import atexit
 import contextlib
 import io
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -12,6 +11,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import psutil
 import rerun as rr
 
 PORT = 9876  # the viewer's own default
@@ -19,7 +19,28 @@ HEIGHT = 640  # px, of a viewer in a notebook
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")  # variables, one of which Linux has then
 # Told to kernels by those who show what they say: Jupyter's server, VS Code, Colab.
 FRONT_ENDS = ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG")
+# Run as a module, rerun_cli exits with 0 whatever has happened.
+VIEWER = "import sys, rerun_cli.__main__ as cli; sys.exit(cli.main())"
+# When its input ends, which it does with the process at the other end, so does what it has started, or
+# is about to start.
+SERVER = f"""
+import contextlib, sys, threading, time, psutil
+
+def watch():
+    sys.stdin.buffer.read()
+    while True:
+        for child in psutil.Process().children(recursive=True):
+            with contextlib.suppress(psutil.Error):
+                child.kill()
+        time.sleep(0.05)
+
+threading.Thread(target=watch, daemon=True).start()
+{VIEWER}
+"""
+MOST_SERVERS = 4  # of earlier cells too, whose pages may still ask
 NO_SCREEN = "the Rerun viewer did not start: it needs a screen; record to a file instead"
+
+_servers: list[subprocess.Popen[bytes]] = []  # which end when they are forgotten
 
 
 def viewer_address(port: int | None = None) -> str:
@@ -52,45 +73,63 @@ def start_viewer(path: Path | None = None) -> subprocess.Popen[bytes] | None:
 def start_server() -> str:
     """Start a server between a run and the pages that follow it, and return its address.
 
-    A process of its own, which ends with this program: Rerun's server within a program listens to
-    the network, and ends with the stream, before a slow page has asked for it. An OSError says that
-    it does not start.
+    A process of its own, which ends with this one however that ends, and keeps in memory what it has
+    passed on. It listens on 127.0.0.1 only, but knows no password: who else works on this machine
+    could find its port and see the recording. Rerun's server within a program listens to the network,
+    and ends with the stream, before a slow page has asked for it. An OSError says that it does not start.
     """
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    server = _start(port, "--serve-grpc")
-    atexit.register(_end, server)
+    server = _start(port, "--serve-grpc", program=SERVER, stdin=subprocess.PIPE)
+    _servers.append(server)
+    _end_servers(MOST_SERVERS)
     started = time.monotonic()
-    while not is_listening(port):
+    while not _has(server, port):
         if server.poll() is not None or time.monotonic() > started + 20:
+            _servers.remove(server)
             _end(server)
             raise OSError("Rerun's server did not start; record to a file instead")
         time.sleep(0.02)
     return viewer_address(port)
 
 
-def _start(port: int, *arguments: str) -> subprocess.Popen[bytes]:
+def _start(
+    port: int, *arguments: str, program: str = VIEWER, stdin: int = subprocess.DEVNULL
+) -> subprocess.Popen[bytes]:
     """Start Rerun's program; for this machine only."""
-    # Run as a module, rerun_cli exits with 0 whatever has happened.
-    program = [sys.executable, "-c", "import sys, rerun_cli.__main__ as cli; sys.exit(cli.main())"]
     return subprocess.Popen(
-        [*program, "--bind", "127.0.0.1", "--port", str(port), *arguments],
+        [sys.executable, "-c", program, "--bind", "127.0.0.1", "--port", str(port), *arguments],
         env={**os.environ, "CI": "1"},  # the one variable by which the viewer sends no usage data
+        stdin=stdin,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,  # an interrupt ends the run and leaves the window
     )
 
 
-def _end(program: subprocess.Popen[bytes]) -> None:
-    """End a program with those that it has started."""
-    with contextlib.suppress(OSError):
-        if hasattr(os, "killpg"):
-            os.killpg(program.pid, signal.SIGTERM)
-        else:
-            program.terminate()
-    program.wait(10)
+def _has(server: subprocess.Popen[bytes], port: int) -> bool:
+    """Whether it is this server that listens to a port, and not one who came before it."""
+    try:
+        inner = psutil.Process(server.pid).children(recursive=True)
+        return any(used.laddr.port == port for child in inner for used in child.net_connections("tcp"))
+    except psutil.Error:  # ended meanwhile
+        return False
+
+
+def _end(server: subprocess.Popen[bytes]) -> None:
+    """End a server, by an end of its input."""
+    if server.stdin is not None:
+        server.stdin.close()
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        server.wait(10)
+
+
+@atexit.register
+def _end_servers(but: int = 0) -> None:
+    """End all servers but the last few."""
+    while len(_servers) > but:
+        _end(_servers.pop(0))
 
 
 def is_listening(port: int) -> bool:

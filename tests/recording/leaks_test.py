@@ -1,0 +1,97 @@
+"""Fifty recordings leave no thread, no file and little memory behind."""
+
+import gc
+
+import numpy as np
+import psutil
+import pytest
+
+import endolab as el
+from endolab.recording import show as embed
+from endolab.recording.calibration import record_calibration
+from endolab.recording.sequence import SequenceRecorder
+from tests.tools.simulated_session import simulated
+
+RUNS = 50
+FEW = 3  # after which all is loaded that stays
+GROWTH = 15e6  # bytes over all runs; half of what fifty streams kept before they were let go
+
+
+@pytest.fixture(scope="module")
+def solved():
+    calibration = el.load_calibration("paper", width=48)
+    scene = el.render(el.SCENES["tube"], calibration.camera, calibration.photometry)
+    known = el.Calibration(scene.camera, scene.photometry)
+    return el.reconstruct(el.Frame(scene.image, scene.mask), known, solver="facing"), known
+
+
+def run(result, known, folder):
+    recorder = el.record(folder / "run.rrd")
+    recorder(result.iterate)
+    recorder.close()
+
+
+def runs(result, known, folder):
+    with el.Comparison(folder / "both.rrd") as both:
+        for name in ("one", "other"):
+            both.run(name)(result.iterate)
+
+
+def frames(result, known, folder):
+    recorder = SequenceRecorder(folder / "frames.rrd", "mm")
+    recorder.log(0, result.problem.shown, result.distance, result.normals, known.camera, {"energy": 1.0})
+    recorder.close()
+
+
+def sheet(result, known, folder):
+    session, pictures, steps = simulated("vicalib_small")
+    record_calibration(session, pictures[:1], folder / "sheet.rrd", light_steps=steps[:1])
+
+
+def failed(result, known, folder):
+    """A run whose file cannot be written in the end."""
+    (folder / "gone").mkdir()
+    recorder = el.record(folder / "gone" / "run.rrd")
+    recorder(result.iterate)
+    (folder / "gone").rmdir()
+    with pytest.raises(OSError, match="cannot write"):
+        recorder.close()
+
+
+def begun(result, known, folder):
+    """A run that never comes to its first iterate."""
+    el.record(folder / "run.rrd").close()
+
+
+def grown(action, count):
+    """How many threads, files and bytes there are more, after that many more times."""
+    me = psutil.Process()
+
+    def state():
+        gc.collect()
+        return np.array(
+            [me.num_threads(), me.num_fds() if hasattr(me, "num_fds") else 0, me.memory_info().rss]
+        )
+
+    for _ in range(FEW):
+        action()
+    before = state()
+    for _ in range(count):
+        action()
+    return state() - before
+
+
+@pytest.mark.parametrize("action", [run, runs, frames, sheet, failed, begun], ids=lambda one: one.__name__)
+def test_recordings_leave_nothing(action, solved, tmp_path):
+    threads, files, memory = grown(lambda: action(*solved, tmp_path), 15 if action is sheet else RUNS)
+    assert (threads, files) == (0, 0)
+    assert memory < GROWTH
+
+
+def test_reading_and_showing_leave_nothing(solved, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(embed, "front_end", lambda: False)
+    monkeypatch.setattr(embed, "_display", lambda figure: None)
+    run(*solved, tmp_path)
+    threads, files, memory = grown(lambda: embed.show(tmp_path / "run.rrd"), 15)
+    assert (threads, files) == (0, 0)
+    assert memory < 2 * GROWTH  # with what Matplotlib keeps at first
