@@ -1,0 +1,88 @@
+"""The examples at the end of every command's help: all parse, and run where that is quick; the version."""
+
+import argparse
+import glob
+import json
+import re
+import shlex
+import shutil
+
+import pytest
+
+import endolab as el
+from endolab.cli import main as cli
+from endolab.io.images import read_image, write_image
+from endolab.io.video import write_video
+
+COMMANDS = next(
+    action.choices for action in cli._parser()._actions if isinstance(action, argparse._SubParsersAction)
+)
+EXAMPLES = [line.strip() for command in COMMANDS.values() for line in command.epilog.splitlines()[1:]]
+CHEAP = [line for line in EXAMPLES if line.split()[1] in ("reconstruct", "sweep", "evaluate", "target")]
+
+
+def words(example):
+    """The arguments of an example, as a shell would give them."""
+    _, *arguments = shlex.split(example)
+    return [word for text in arguments for word in (sorted(glob.glob(text)) if "*" in text else [text])]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder with small files of the names that the examples use."""
+    folder = tmp_path_factory.mktemp("made")
+    options = ["--calibration", "simple", "--width", "64", "--out"]
+    assert cli.main(["simulate", "curved", *options, str(folder / "sim")]) == 0
+    frame = read_image(folder / "sim/frame.png")
+    for name in ("frame", "a", "b"):
+        write_image(folder / f"{name}.png", frame)
+        shutil.copy(folder / "sim/truth.npz", folder / f"{name}.npz")
+    calibration = el.Calibration.load(folder / "sim/endoscope.json")
+    calibration.save(folder / "endoscope.json")
+    write_video(folder / "video.mkv", [frame] * 2)
+    truth = {"endolab_target": 1, "kind": "chessboard", "columns": 5, "rows": 4, "spacing": 5.0}
+    (folder / "target.json").write_text(json.dumps(truth), encoding="utf-8")
+    frame, result = el.Frame(frame, frame.max(axis=-1) >= 0), folder / "result"
+    el.save_result(el.reconstruct(frame, calibration, solver="facing"), result)
+    write_image(folder / "0001_depth.png", el.io.surfaces.read_depth(folder / "sim/truth.npz")["z"] / 100, 16)
+    return folder
+
+
+def test_every_command_ends_its_help_with_examples(capsys):
+    for name, command in COMMANDS.items():
+        own = [line for line in EXAMPLES if line.startswith(f"endolab {name}")]
+        assert len(own) >= 2, name
+        text = command.format_help()
+        assert text.splitlines()[-1].strip() == own[-1]
+        assert "\n  endolab " in text
+
+
+def test_help_is_80_columns_wide(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    for parser in (cli._parser(), *COMMANDS.values()):
+        assert max(map(len, parser.format_help().splitlines())) <= 80
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_an_example_parses(example):
+    arguments = cli._parser().parse_args(words(example) if "*" not in example else shlex.split(example)[1:])
+    assert arguments.command == example.split()[1]
+
+
+@pytest.mark.parametrize("example", CHEAP)
+def test_an_example_runs(example, made, tmp_path, monkeypatch, capsys):
+    shutil.copytree(made, tmp_path / "here")
+    monkeypatch.chdir(tmp_path / "here")
+    small = re.sub(
+        "--calibration (paper|c3vd)", "--calibration endoscope.json", example
+    )  # of the frame's size
+    small = small.replace("video.mp4", "video.mkv").replace("--width 480", "--width 48")
+    if "sweep *" in small:  # a folder of frames alone
+        (tmp_path / "here/0001_depth.png").unlink()
+    assert cli.main(words(small)) == 0, capsys.readouterr().err
+
+
+def test_the_version(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["--version"])
+    assert capsys.readouterr().out == f"endolab {el.__version__}\n"
