@@ -211,24 +211,28 @@ class Multigrid:
     def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:
         """Conjugate gradients on M x = b, until the preconditioned residual is `tolerance` of what it was.
 
-        Returns x, which the next call overwrites (0 where a pixel is not active), the steps that were
-        taken, `most` at most, and the share of the residual that is left.
+        A residual may be that of a few pixels at first, beside which all others look solved. So what it
+        promises still, r·M⁻¹r, must also be no more than this share of what x has, b·x. Returns x, which
+        the next call overwrites (0 where a pixel is not active), the steps that were taken, `most` at most,
+        and that share.
         """
         top = self.levels[0]
         x, direction, product = self.room
         self.room[:] = 0.0
         r = top.b  # a cycle leaves its right-hand side alone
         r[:] = b
-        start = last = 1.0
+        start, last, done = 0.0, 1.0, 0.0
         for step in range(most + 1):
             self._cycle()
-            now = dot(r, top.x)
+            now = max(dot(r, top.x), 0.0)
             start = now if step == 0 else start
-            remaining = float(np.sqrt(max(now, 0.0) / start)) if start > 0 else 0.0
-            if remaining <= tolerance or step == most:
+            left = now / done if done > 0 else np.inf if now > 0 else 0.0
+            if (now <= tolerance**2 * start and left <= tolerance) or step == most:
                 break
             _conjugate(top.x, now / last if step else 0.0, direction)
             last = now
             multiply(top.matrix, direction, product)
-            _proceed(now / dot(direction, product), direction, product, x, r)
-        return x, step, remaining
+            length = now / dot(direction, product)
+            done += length * now
+            _proceed(length, direction, product, x, r)
+        return x, step, left
