@@ -20,6 +20,24 @@ from endolab.cli.options import (
 SNAPSHOTS = 12  # of a march, in its recording
 
 
+LARGE, ENOUGH = 2_000_000, 1000  # px of a frame that takes long, and columns that show nearly as much
+
+
+def _say_effort(arguments: argparse.Namespace, calibration: Any, what: str = "") -> None:
+    """Say what a large frame takes before it is begun, and what helps."""
+    from endolab.reconstruction.problem_setup import effort
+
+    camera = calibration.camera
+    wide = arguments.width or camera.width
+    high, less = (max(1, round(camera.height * width / camera.width)) for width in (wide, ENOUGH))
+    if wide * high <= LARGE or wide <= ENOUGH:
+        return
+    (seconds, needed), (quick, _) = effort(wide, high), effort(ENOUGH, less)
+    takes = f"about {float(f'{seconds:.2g}'):g} s and {needed / 1e9:.2g} GB"
+    helps = f"--width {ENOUGH} takes about {float(f'{quick:.1g}'):g} s"
+    print(f"{wide}x{high} px: {takes}{what}; {helps}", flush=True)
+
+
 class _Progress:
     """An observer that shows a bar on stderr, of the iterations of each stage that are done."""
 
@@ -69,6 +87,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
             raise ValueError(f"--{option} is of a folder or a video, and {arguments.frame} is one picture")
     calibration = calibration_of(arguments)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
+    _say_effort(arguments, calibration)
     if depth_layout(arguments.frame) or looks_like_depth(frame.image):
         print(f"{arguments.frame} may be a depth map and no picture, by its name or for it has no noise.")
     prepared = prepare(frame, calibration, highlights="keep") if arguments.prepare else None
@@ -126,6 +145,7 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
         raise ValueError("--mesh, --prepare and --snapshots are of one frame, not of a folder or a video")
     calibration = calibration_of(arguments)
     keywords = solving_keywords(arguments) | known_length(arguments)
+    _say_effort(arguments, calibration, " a frame")
     depths = sorted(path.name for path in Path(arguments.frame).glob("*") if depth_layout(path))
     if depths:
         print(f"{arguments.frame} holds depth maps too, which are taken for frames, such as {depths[0]}.")
@@ -179,6 +199,7 @@ def _sweep(arguments: argparse.Namespace) -> None:
     if arguments.jobs < 1 and arguments.jobs != -1:
         raise ValueError(f"--jobs must be at least 1, or -1 for every core, got {arguments.jobs}")
     calibration = calibration_of(arguments)
+    _say_effort(arguments, calibration, " a row")
     made = 0
     with tqdm(unit="row", leave=False, disable=None, desc="sweep") as bar:
 

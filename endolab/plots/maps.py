@@ -19,6 +19,7 @@ from endolab.depth.result import Iterate, Result
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import FloatArray
 from endolab.plots import style
+from endolab.plots.scales import tallness
 from endolab.plots.surface_view import show_cloud
 from endolab.reconstruction.assumptions import meaning
 
@@ -262,8 +263,7 @@ def compare_depths(
         errors = (values - truth for values in distances.values())
         limit = common_limit(100 * error / truth if relative else error for error in errors)
     rows, columns = 1 if truth is None else 2, len(shown)
-    high, wide = next(iter(shown.values())).shape
-    size = 4.8 * columns, rows * (3.2 * high / wide + 1.0)
+    size = 4.8 * columns, rows * (3.2 * tallness(next(iter(shown.values())).shape) + 1.0)
     with style.house():
         figure = Figure(figsize=size, dpi=100, layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)

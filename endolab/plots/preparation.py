@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 from endolab.depth.result import Result
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.maps import show_depth, show_normals, show_picture, show_section
-from endolab.plots.scales import in_colour
+from endolab.plots.scales import in_colour, tallness
 from endolab.plots.style import BLUE, GREEN, LEFT_OUT, ORANGE, PAGE_SIZE, house
 from endolab.preprocessing.prepare import Prepared
 
@@ -32,12 +32,12 @@ def prepare_figure(prepared: Prepared, result: Result | None = None) -> Figure:
         Four panels a row, 1600 px wide when saved; not one of pyplot's.
     """
     image = prepared.original.image
-    high, wide = image.shape[:2]
+    tall = tallness(image.shape)
     rows = 1 if result is None else 2
     ready = "Undistorted, " if prepared.undistorted else ""
     ready += "inpainted" if prepared.inpainted else "pixels to be solved"
     with house(PAGE_SIZE):
-        figure = Figure(figsize=(16, rows * (3.7 * high / wide + 1.5) + 0.4), dpi=100, layout="constrained")
+        figure = Figure(figsize=(16, rows * (3.7 * tall + 1.5) + 0.4), dpi=100, layout="constrained")
         axes = figure.subplots(rows, 4, squeeze=False)
         show_picture(_rgb(image), axes[0, 0], "Original")
         show_picture(_rgb(prepared.canonical), axes[0, 1], "Canonical")

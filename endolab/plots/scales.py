@@ -8,6 +8,7 @@ from endolab.numerics.arrays import FloatArray
 BLUE_WHITE_RED = np.array(
     [[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]], float
 )
+TALLEST = 2.0  # of a panel, over its width: a figure stays a page whatever is drawn
 
 
 def blue_white_red(values: FloatArray) -> NDArray[np.uint8]:
@@ -26,3 +27,8 @@ def round_length(length: float) -> float:
     """Round down to 1, 2 or 5 times a power of ten."""
     power = 10 ** np.floor(np.log10(length))
     return float(max(power * factor for factor in (1, 2, 5) if power * factor <= length * (1 + 1e-9)))
+
+
+def tallness(shape: tuple[int, ...]) -> float:
+    """Height of a picture's panel over its width: the picture's own, but what is very tall stands in less."""
+    return min(shape[0] / shape[1], TALLEST)

@@ -9,18 +9,21 @@ from typing import Any
 
 import cv2
 import numpy as np
-import psutil
 
 from endolab.depth.problem import AT_LEAST, EXACT, NONE, Origin, Problem
 from endolab.depth.result import Iterate, Result
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.memory import check_memory
 from endolab.preprocessing.contours import find_contours
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
 from endolab.preprocessing.highlights import check_highlights, find_highlights, inpaint
 
 SEPARATED = "separated"  # the channel that is made of all three, bounced light taken out
-BYTES_PER_PIXEL = 900  # at the peak of the solver that needs most, the frame's own arrays included
+LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
+# Of a whole run of gauss_newton with its recording and its files, measured at 0.2 to 12 Mpx.
+BYTES, BYTES_PER_PIXEL = 400e6, 720  # at the peak, of any channel
+SECONDS_PER_PIXEL = 13e-6  # on two cores; a frame that converges late takes some times as long
 
 
 def make_problem(
@@ -67,7 +70,7 @@ def make_problems(
     if width is not None and width != frame.width:
         height = max(1, round(frame.height * width / frame.width))
         frame, camera = frame.resize(width, height, photometry.gamma), camera.resize(width, height)
-    _check_memory(frame.width, frame.height)
+    _check_frame(frame.width, frame.height)
     if smooth is not None and not (np.isfinite(smooth) and smooth >= 0):
         raise ValueError(f"smooth must be finite and at least 0 (px), got {smooth}")
     if smooth is not None and smooth > frame.width:
@@ -108,13 +111,16 @@ def make_problems(
     return problems
 
 
-def _check_memory(width: int, height: int) -> None:
-    needed, free = width * height * BYTES_PER_PIXEL, psutil.virtual_memory().available
-    if needed > free:
-        raise MemoryError(
-            f"a frame of {width}x{height} px needs about {needed / 1e9:.1f} GB of memory, "
-            f"{free / 1e9:.1f} GB are free; make it smaller with width="
-        )
+def effort(width: int, height: int) -> tuple[float, float]:
+    """Seconds and bytes that a frame of this size takes, roughly: see the constants."""
+    return width * height * SECONDS_PER_PIXEL, BYTES + width * height * BYTES_PER_PIXEL
+
+
+def _check_frame(width: int, height: int) -> None:
+    if min(width, height) < LEAST_SIDE:
+        least = f"expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
+        raise ValueError(f"a frame of {width}x{height} px is too small to be solved: {least}")
+    check_memory(effort(width, height)[1], f"a frame of {width}x{height} px", "; make it smaller with width=")
 
 
 def torn(problem: Problem) -> Problem:

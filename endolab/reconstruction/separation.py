@@ -33,6 +33,7 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.contours import find_contours
 from endolab.preprocessing.frame import BRIGHT, QUIET, Frame, noise_level
 from endolab.reconstruction.problem_setup import (
+    LEAST_SIDE,
     SEPARATED,
     enlarged,
     in_units,
@@ -86,7 +87,8 @@ class Colours:
         highlights = "ignore" if highlights is None else highlights
         fine = make_problems(frame, calibration, CHANNELS, width, smooth, highlights, **options)
         coarse = fine
-        if fine[0].camera.width > WIDTH:
+        camera = fine[0].camera
+        if camera.width > WIDTH and round(camera.height * WIDTH / camera.width) >= LEAST_SIDE:
             options = options | {"cuts": None}
             coarse = make_problems(frame, calibration, CHANNELS, WIDTH, smooth, highlights, **options)
         return cls(fine, coarse, albedo)

@@ -175,6 +175,27 @@ def test_the_summary_counts_the_steps(solve, capsys, tmp_path):
         assert float(energies[0]) > 10 * report["energy"] or not count
 
 
+def test_a_depth_map_that_is_given_as_a_frame_is_suspected(work, sim, tmp_path, capsys):
+    """By its name, or because it has no noise; nothing is said of a picture."""
+    z = maps(sim / "truth.npz")["z"] / 100
+    film = tmp_path / "film"
+    film.mkdir()
+    for name, image in (
+        ("1.png", z),
+        ("0001_depth.png", 0.5 + 0 * z),
+        ("frame.png", read_image(sim / "frame.png")),
+    ):
+        write_image(film / name, image, 16)
+    how = ["--calibration", work / "unknown.json", "--solver", "facing", "--out"]
+    for name, suspected in (("1.png", True), ("frame.png", False)):
+        assert call("reconstruct", film / name, *how, tmp_path / name) == 0
+        assert (f"{name} may be a depth map and no picture" in capsys.readouterr().out) == suspected
+    assert call("reconstruct", film, *how, tmp_path / "film-out") == 0
+    assert (
+        "holds depth maps too, which are taken for frames, such as 0001_depth.png" in capsys.readouterr().out
+    )
+
+
 @pytest.mark.parametrize("snapshots", [[], ["--snapshots", "3"]])
 def test_a_march_shows_its_front(solve, capsys, tmp_path, snapshots):
     assert solve("--width", "80", "--solver", "fast_marching", "--out", tmp_path, *snapshots) == 0
@@ -397,7 +418,7 @@ def test_evaluate_takes_a_result_of_a_shrunk_frame(work, solve, sim, tmp_path, c
         (["--threshold", "nan"], "threshold must be positive and finite, got nan"),
         (["--max-iterations", "0"], "--max-iterations must be at least 1, got 0"),
         (["--max-iterations", "1e3"], "argument --max-iterations: expected a whole number, found '1e3'"),
-        (["--width=--"], "argument --width: expected a value, found --"),
+        (["--width=--"], "argument --width: expected a value, found '--'"),
         (["--median-distance", "0"], "median_distance must be positive"),
         (["--median-distance", "-3"], "median_distance must be positive"),
         (["--known-distance", "30"], "--known-distance must be MM,COLUMN,ROW, such as 30,80,80, got 30"),
@@ -556,7 +577,8 @@ def test_a_bad_depth_map(sim, tmp_path, refused, content, message):
         ("0001_depth.png", [], "the depth map is 160x120 px, the truth 4x2 px, of other proportions"),
         ("truth.npz", ["--scale", "none"], "is in relative units: compare it with --scale median"),
         ("truth.npz", ["--scale", "mean"], "argument --scale: invalid choice: 'mean'"),
-        ("truth.npz", ["--max-angle", "0"], "no pixel has both"),
+        ("truth.npz", ["--max-angle", "0"], "--max-angle must be above 0 and at most 180, got 0"),
+        ("truth.npz", ["--max-angle", "1e-3"], "no pixel has both"),
     ],
 )
 def test_a_bad_comparison(work, tmp_path, refused, truth, options, message):
@@ -599,7 +621,20 @@ def test_help(capsys, command):
 
 def test_a_frame_too_large_for_the_memory_is_refused(unsolved, monkeypatch):
     monkeypatch.setattr(posing, "BYTES_PER_PIXEL", 10**12)
-    assert "needs about 19200000.0 GB of memory" in unsolved()
+    assert "needs about 19200000.4 GB of memory" in unsolved()
+
+
+def test_what_a_large_frame_takes_is_said_before_it_is_begun(solve, tmp_path, capsys, monkeypatch):
+    options = ("--solver", "facing", "--out", tmp_path / "out")
+    assert solve(*options) == 0
+    assert "GB" not in capsys.readouterr().out
+    monkeypatch.setattr(cli_reconstruct, "LARGE", 10_000)
+    monkeypatch.setattr(cli_reconstruct, "ENOUGH", 80)
+    assert solve(*options) == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first == "160x120 px: about 0.25 s and 0.41 GB; --width 80 takes about 0.06 s"
+    assert solve(*options, "--width", "80") == 0
+    assert "GB" not in capsys.readouterr().out
 
 
 def test_it_runs_as_a_module(tmp_path):

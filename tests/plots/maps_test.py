@@ -320,3 +320,12 @@ def test_labels_of_colour_bars_can_be_chosen_and_a_map_without_a_value_is_drawn(
     with pytest.raises(ValueError, match="limit must be positive"):
         plots.show_error(flat, flat, limit=0.0)
     pixels(plots.show_depth(flat * np.nan).figure)
+
+
+@pytest.mark.parametrize("shape", [(3000, 3), (500, 1), (1, 500), (240, 320)])
+def test_a_figure_stays_a_page_whatever_is_drawn(shape):
+    ramp = np.linspace(1.0, 2.0, shape[0] * shape[1]).reshape(shape)
+    for figure in (plots.compare_depths({"a": ramp}), plots.compare_depths({"a": ramp}, 1.1 * ramp)):
+        wide, high = figure.get_size_inches() * figure.dpi
+        assert wide < 1000
+        assert high < 1500

@@ -240,3 +240,14 @@ def test_the_figure_shows_every_step(known, wet, solved):
     picture, legend = mask_overlay(ready)
     assert set(legend) == {"outside", "highlights", "lumen"}  # the fisheye's dark rim
     assert np.isfinite(picture).all()
+
+
+@pytest.mark.parametrize(("width", "height"), [(8, 800), (1, 500), (800, 8)])
+def test_the_figure_of_a_strip_is_a_page(rng, width, height):
+    from endolab.plots.preparation import prepare_figure
+
+    camera = el.Pinhole(width, height, 400.0, 400.0, (width - 1) / 2, (height - 1) / 2)
+    image = np.clip(np.linspace(0.3, 0.8, width * height).reshape(height, width), 0, 1)
+    frame = el.Frame(np.clip(image + rng.normal(0, 0.004, image.shape), 0, 1), np.ones(image.shape, bool))
+    figure = prepare_figure(el.prepare(frame, el.Calibration(camera, el.Photometry())))
+    assert figure.get_figheight() < 12

@@ -271,6 +271,17 @@ def test_a_frame_too_large_for_the_memory_is_refused_at_once(small, monkeypatch)
         small.reconstruct()
 
 
+def test_what_a_frame_takes_is_told_and_a_speck_is_refused(small):
+    seconds, needed = posing.effort(4000, 3000)
+    assert 100 < seconds < 300
+    assert 7e9 < needed < 11e9
+    for width, size in ((7, "7x5"), (1, "1x1")):
+        with pytest.raises(
+            ValueError, match=f"a frame of {size} px is too small to be solved: expected 8x8 px"
+        ):
+            small.reconstruct(width=width)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
