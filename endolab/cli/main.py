@@ -94,7 +94,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
         z, normals = true_z(arguments.truth), None
         size, truth = z.shape, resampled_truth(z, shape) / cos_alpha
     if not 0 < arguments.max_angle <= 180:
-        raise ValueError(f"--max-angle must be from 0 to 180, got {arguments.max_angle:g}")
+        raise ValueError(f"--max-angle must be above 0 and at most 180, got {arguments.max_angle:g}")
     mask = cos_alpha >= np.cos(np.deg2rad(arguments.max_angle))
     metric = bool(depth.get("metric", True))
     scale = arguments.scale or ("none" if metric else "median")

@@ -56,7 +56,7 @@ def refused(capsys):
 
     def run(*arguments, says=(), **options):
         capsys.readouterr()
-        code = calibrate(*arguments, **options) if arguments[0] != "target" else call(*arguments)
+        code = (call if arguments[0] in ("target", "calibrate") else calibrate)(*arguments, **options)
         error = capsys.readouterr().err
         assert code == 2
         assert error.startswith("endolab: ")
@@ -210,6 +210,26 @@ def test_no_target_says_where_and_what_for(tmp_path, rng, refused):
     refused(tmp_path / "f", tmp_path / "c.json", says=says)
 
 
+def test_pictures_can_be_named_one_by_one(tmp_path, rng, refused):
+    """In one folder or not; what was found is kept by names that tell them apart."""
+    paths = [tmp_path / place for place in ("a/1.png", "a/10.png", "b/1.png")]
+    for path in paths:
+        path.parent.mkdir(exist_ok=True)
+        write_image(path, rng.random((120, 160)))
+    refused(
+        "calibrate",
+        *reversed(paths),
+        *("--target", "charuco", "--out", tmp_path / "c.json"),
+        says=("in none of 3",),
+    )
+    kept = (tmp_path / "c_report/detections.jsonl").read_text(encoding="utf-8").splitlines()
+    assert [json.loads(line)[0] for line in kept[1:]] == ["a/1.png", "a/10.png", "b/1.png"]
+    for other, says in ((tmp_path / "a", "is a folder: give one folder"), (paths[0], "is given twice")):
+        refused(
+            "calibrate", paths[0], other, *("--target", "charuco", "--out", tmp_path / "d.json"), says=(says,)
+        )
+
+
 def test_frontal_frames_with_a_known_camera_do_not_tell_k(work, tmp_path, refused):
     frames = write_frames(tmp_path / "f", count=8, tilt=0.0, width=640)
     error = refused(frames, tmp_path / "c.json", "--camera", work / "cal.json")
@@ -221,12 +241,12 @@ def test_frontal_frames_with_a_known_camera_do_not_tell_k(work, tmp_path, refuse
     [
         (
             ["--gamma", "two"],
-            "--gamma must be a number, a number and its standard deviation (2.2,0.1) or free",
+            "--gamma must be a positive number, one and its standard deviation (2.2,0.1) or free",
         ),
         (["--gamma", "9"], "gamma must lie between 0.5 and 5"),
         (["--reflectance", "0.5"], "the target has 0 kinds of grey patches, but --reflectance says 1"),
         (["--channel", "infrared"], "--channel"),
-        (["--every", "0"], "every must be a whole number of frames, at least 1, got 0"),
+        (["--every", "0"], "--every must be at least 1, got 0"),
         (["--camera", "none.json"], "none.json: there is no such"),
     ],
 )
