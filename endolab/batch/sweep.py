@@ -114,7 +114,7 @@ def sweep(
     if any(key["lam"] != key["lam"] for key, _, _ in tasks):
         raise ValueError("lam must be a number, got nan")
     target = Path(table)
-    rows = read_table(target) if target.exists() else {}
+    rows = read_table(target) if os.path.lexists(target) else {}
     place = {_key(task[0]): number for number, task in enumerate(tasks)}  # of a row, whoever is done first
 
     def write() -> None:

@@ -200,7 +200,7 @@ class SequenceFolder:
 
     def _resume(self) -> None:
         """Take what is certain of an earlier call's results; ValueError or OSError if there are others."""
-        if not (self.folder / "report.json").exists():
+        if not os.path.lexists(self.folder / "report.json"):
             for path in (self.folder / name for name in FILES):
                 if os.path.lexists(path):
                     said = "is there already, and no report.json that tells of what"

@@ -24,7 +24,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from endolab.io.atomic import PathLike
+from endolab.io.atomic import PathLike, read_bytes
 from endolab.io.descriptions import Calibration
 from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
 from endolab.model.lights import SpotLight
@@ -45,15 +45,7 @@ def read_xml(path: PathLike, root: str) -> ElementTree.Element:
     A `<!DOCTYPE>` or `<!ENTITY>` is refused: it can blow up in memory or open other files.
     """
     source = Path(path)
-    if not source.is_file():
-        raise FileNotFoundError(f"{source}: there is no such XML file")
-    try:
-        with source.open("rb") as stream:
-            content = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise OSError(f"{source}: cannot be read: {error.strerror or error}") from error
-    if len(content) > MAX_BYTES:
-        raise ValueError(f"{source}: expected a calibration of a few kB, found more than 1 MB")
+    content = read_bytes(source, "calibration XML", MAX_BYTES)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -12,7 +12,7 @@ from endolab.datasets.c3vd import read_c3vd, read_c3vd_depth
 from endolab.datasets.sample import Sample
 from endolab.datasets.simcol3d import read_simcol3d, read_simcol3d_depth
 from endolab.datasets.ucl2019 import read_ucl2019, read_ucl2019_depth
-from endolab.io.atomic import PathLike
+from endolab.io.atomic import PathLike, as_path, one_sentence
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 
@@ -72,10 +72,11 @@ def open_dataset(path: PathLike, camera: Camera | None = None) -> Folder:
         In one sentence, if there is no such folder, no layout or more than one fits, or the camera
         is missing or too many.
     """
-    place = Path(path)
-    if not place.is_dir():
-        raise FileNotFoundError(f"{place}: there is no such folder")
-    listed = sorted(entry.name for entry in place.iterdir())
+    place = as_path(path)
+    with one_sentence(f"{place}: cannot be read"):
+        if not place.is_dir():
+            raise FileNotFoundError(f"{place}: there is no such folder")
+        listed = sorted(entry.name for entry in place.iterdir())
     matches = {
         layout: {name: match for name in listed if (match := pattern.fullmatch(name))}
         for layout, pattern in _LAYOUTS.items()

@@ -1,5 +1,6 @@
 """The endoscopes that endolab knows by name."""
 
+import os
 from pathlib import Path
 
 from endolab.io.atomic import PathLike
@@ -59,9 +60,9 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
         In one sentence, if there is none of that name, or as `Calibration.load`.
     """
     name = str(name_or_path)
-    if name in CALIBRATIONS and not Path(name).exists():
+    if name in CALIBRATIONS and not os.path.exists(name):
         found = CALIBRATIONS[name]
-    elif not Path(name).exists() and Path(name).suffix.lower() != ".json":
+    elif not os.path.exists(name) and Path(name).suffix.lower() != ".json":
         raise unknown_name("calibration", name, CALIBRATIONS, "a JSON file")
     else:
         found = Calibration.load(name)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from endolab.io.atomic import PathLike
+from endolab.io.atomic import PathLike, as_path, one_sentence
 from endolab.numerics.memory import check_memory
 
 MOST_PIXELS = 100_000_000  # of a map in a file; no endoscope has a tenth of them
@@ -44,11 +44,12 @@ def read_arrays(
     them by raising before anything is inflated. ValueError or OSError in one sentence, if it is something
     else.
     """
-    source = Path(path)
-    if not source.exists():
-        raise FileNotFoundError(f"{source}: there is no such file")
-    if not source.is_file():
-        raise ValueError(f"{source}: not {what}")
+    source = as_path(path)
+    with one_sentence(f"{source}: cannot be read"):
+        if not source.exists():
+            raise FileNotFoundError(f"{source}: there is no such file")
+        if not source.is_file():
+            raise ValueError(f"{source}: not {what}")
     with _told(source, what), zipfile.ZipFile(source) as archive:
         entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
         heads = {name: _head(archive, entries[name]) for name in names if name in entries}

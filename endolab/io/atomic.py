@@ -236,8 +236,8 @@ def read_bytes(path: PathLike, what: str = "file", most: float = math.inf) -> by
         if not stat.S_ISREG(found.st_mode):  # a pipe might never end
             raise FileNotFoundError(f"{source}: there is no such {what}, but something else of that name")
         if found.st_size > most:
-            size = f"{found.st_size / 1e6:.0f} MB"
-            raise ValueError(f"{source}: expected a {what} of at most {most / 1e6:g} MB, found {size}")
+            size = f"{most / 1e6:g} MB, found {found.st_size / 1e6:.7g} MB"
+            raise ValueError(f"{source}: expected a {what} of at most {size}")
         return source.read_bytes()
 
 

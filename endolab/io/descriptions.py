@@ -1,5 +1,6 @@
 """Endoscopes, cameras and targets in JSON files."""
 
+import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Self
@@ -70,7 +71,7 @@ def read_target(name_or_path: PathLike) -> Target:
     name = str(name_or_path)
     if name in TARGETS:
         return TARGETS[name]
-    if not Path(name).exists() and Path(name).suffix.lower() != ".json":
+    if not os.path.exists(name) and Path(name).suffix.lower() != ".json":
         raise unknown_name("target", name, TARGETS, "a JSON file")
     top = Section(read_json(name, "target file"), "", name)
     version = top.take("endolab_target")

@@ -1,6 +1,7 @@
 """What was detected in a video, kept in a file as it comes, so that nothing is looked for twice."""
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -34,7 +35,7 @@ class DetectionCache:
         known = {"kind": target.kind, **asdict(target)}
         self._head = json.dumps({"endolab_detections": VERSION, "target": known, "files": frames.stamp})
         self._stream: TextIO | None = None
-        if self.path.exists():
+        if os.path.lexists(self.path):
             self._read(overwrite)
 
     def _read(self, overwrite: bool) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from endolab.io.atomic import PathLike, write_atomically
+from endolab.io.atomic import PathLike, as_path, one_sentence, write_atomically
 from endolab.io.picture_size import picture_size
 from endolab.io.quiet import quiet
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -63,12 +63,12 @@ def read_stored(path: PathLike, check: Check | None = None) -> np.ndarray:
 
     `check` is given columns and rows before anything is decoded, to refuse them by raising.
     """
-    source = Path(path)
-    if not source.exists():
-        raise FileNotFoundError(f"{source}: there is no such file")
-    if not (source.is_file() or source.is_dir()):  # a pipe or a device may never end
-        raise ValueError(f"{source}: not a file")
-    try:
+    source = as_path(path)
+    with one_sentence(f"{source}: cannot be read"):
+        if not source.exists():
+            raise FileNotFoundError(f"{source}: there is no such file")
+        if not (source.is_file() or source.is_dir()):  # a pipe or a device may never end
+            raise ValueError(f"{source}: not a file")
         with source.open("rb") as stream:
             size = picture_size(stream)
             if size is None:
@@ -79,8 +79,6 @@ def read_stored(path: PathLike, check: Check | None = None) -> np.ndarray:
             check_memory(needed, f"{source}: a picture of {size[0]}x{size[1]} px")
             stream.seek(0)
             content = stream.read()
-    except OSError as error:
-        raise OSError(f"{source}: cannot be read: {error.strerror or error}") from error
     try:
         with quiet():
             stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from endolab.io.atomic import PathLike, staged_file
+from endolab.io.atomic import PathLike, as_path, one_sentence, staged_file
 from endolab.io.images import read_image
 from endolab.io.quiet import quiet
 from endolab.numerics.arrays import FloatArray
@@ -131,7 +131,7 @@ def is_sequence(path: PathLike) -> bool:
     """Whether this names a folder or a video, by what it is or how it ends, rather than one picture."""
     source = Path(path)
     suffix = source.suffix.lower()
-    return suffix not in PICTURES and (suffix in VIDEOS or source.is_dir())
+    return suffix not in PICTURES and (suffix in VIDEOS or os.path.isdir(source))
 
 
 def _listed(paths: Sequence[PathLike]) -> Frames:
@@ -139,11 +139,12 @@ def _listed(paths: Sequence[PathLike]) -> Frames:
     files = [Path(os.path.abspath(path)) for path in paths]
     count = Counter(files)
     for path, file in zip(paths, files, strict=True):
-        if file.is_dir() or file.suffix.lower() not in PICTURES:
-            kind = "a folder" if file.is_dir() else "no picture by its name"
+        if os.path.isdir(file) or file.suffix.lower() not in PICTURES:
+            kind = "a folder" if os.path.isdir(file) else "no picture by its name"
             raise ValueError(f"{path} is {kind}: give one folder, one video, or pictures alone")
-        if not file.exists():
-            raise FileNotFoundError(f"{path}: there is no such file")
+        with one_sentence(f"{path}: cannot be read"):
+            if not file.exists():
+                raise FileNotFoundError(f"{path}: there is no such file")
         if count[file] > 1:
             raise ValueError(f"{path} is given twice")
     try:
@@ -155,10 +156,8 @@ def _listed(paths: Sequence[PathLike]) -> Frames:
 
 
 def _inside(folder: Path) -> list[Path]:
-    try:
+    with one_sentence(f"{folder}: cannot be read"):
         return list(folder.iterdir())
-    except OSError as error:
-        raise OSError(f"{folder}: cannot be read: {error.strerror or error}") from error
 
 
 def open_frames(*paths: PathLike) -> Frames:
@@ -177,17 +176,18 @@ def open_frames(*paths: PathLike) -> Frames:
     """
     if not paths:
         raise ValueError("give a folder, a video, or pictures")
-    source = Path(paths[0])
-    if len(paths) > 1 or (source.suffix.lower() in PICTURES and source.is_file()):
+    source = as_path(paths[0])
+    if len(paths) > 1 or (source.suffix.lower() in PICTURES and os.path.isfile(source)):
         return _listed(paths)
+    with one_sentence(f"{source}: cannot be read"):
+        if not source.exists():
+            raise FileNotFoundError(f"{source}: there is no such folder or video")
     if source.is_dir():
         found = [file for file in _inside(source) if file.suffix.lower() in PICTURES]
         files = sorted((file for file in found if not file.is_dir()), key=_by_number)
         if not files:
             raise ValueError(f"{source}: no picture in this folder ({', '.join(PICTURES)})")
         return Frames(source, tuple(file.name for file in files))
-    if not source.exists():
-        raise FileNotFoundError(f"{source}: there is no such folder or video")
     capture = _open(source)
     try:
         count = _count(capture, source.stat().st_size // LEAST)

@@ -228,7 +228,10 @@ BOMB = '<!DOCTYPE rig [<!ENTITY a "aaaaaaaa"><!ENTITY b "&a;&a;&a;">]><rig>&b;</
         (b"", "not valid XML"),
         (b"\x00" * 20, "not valid XML"),
         (b"\x89PNG\r\n\x1a\n", "not UTF-8 text"),
-        (b"<rig>" + b" " * 1_000_000 + b"</rig>", "found more than 1 MB"),
+        (
+            b"<rig>" + b" " * 1_000_000 + b"</rig>",
+            "expected a calibration XML of at most 1 MB, found 1.000011 MB",
+        ),
         (b"<rig>" * 100_000, "not valid XML"),
         (b"<rig>&secret;</rig>", "not valid XML: undefined entity"),
         (b"\xef\xbb\xbf<rig/>", "rig/camera: missing"),
@@ -241,7 +244,7 @@ def test_files_that_are_not_read(tmp_path, content, message):
 
 
 def test_files_that_are_not_there_and_several_of_a_kind(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"none\.xml: there is no such XML file"):
+    with pytest.raises(FileNotFoundError, match=r"none\.xml: there is no such calibration XML"):
         endomapper.read_vicalib(tmp_path / "none.xml")
     with pytest.raises(FileNotFoundError, match=r"expected a file \*_geometrical\.xml"):
         endomapper.find_calibrations(tmp_path)

@@ -12,8 +12,16 @@ from pathlib import Path
 
 import pytest
 
+from endolab.batch.sweep import read_table
+from endolab.datasets.endomapper import read_xml
+from endolab.datasets.folders import open_dataset
+from endolab.datasets.known_endoscopes import load_calibration
 from endolab.io import atomic
 from endolab.io.atomic import as_path, read_bytes, read_json, staged_file, staged_folder, write_atomically
+from endolab.io.descriptions import Calibration, read_camera, read_target
+from endolab.io.images import read_image
+from endolab.io.surfaces import read_depth
+from endolab.io.video import open_frames
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
@@ -178,6 +186,22 @@ def test_a_file_that_cannot_be_read_is_named(here, name):
     assert repr(name) in str(caught.value) or str(caught.value).startswith(f"{name}: ")
     if name in ("file/x", "nowhere/x", "folder"):
         assert "there is no such frame" in str(caught.value)
+
+
+READERS = [
+    *(read_image, read_depth, open_frames, read_target, read_camera, Calibration.load),
+    *(load_calibration, open_dataset, read_table, lambda path: read_xml(path, "rig")),
+]
+
+
+@pytest.mark.parametrize("read", READERS)
+@pytest.mark.parametrize("name", ["n" * 300 + ".json", "file/x.json", "", "a\0b.json", "\ud800.json"])
+def test_every_reader_says_in_one_sentence_what_it_cannot_read(here, read, name):
+    with pytest.raises((OSError, ValueError), match=r"^[^\[\n]+$") as caught:
+        read(name)
+    said = str(caught.value)
+    assert name[:200] in said or repr(name)[:200] in said
+    assert getattr(caught.value, "errno", None) is None
 
 
 def test_a_file_that_may_not_be_read_is_named(tmp_path, monkeypatch):
