@@ -13,9 +13,10 @@ import cv2
 import numpy as np
 
 from endolab.io.atomic import PathLike, as_path, one_sentence, staged_file
-from endolab.io.images import read_image
+from endolab.io.images import DECODED, read_image
 from endolab.io.quiet import quiet
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.memory import check_memory
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv")
@@ -100,6 +101,8 @@ def _open(path: Path) -> cv2.VideoCapture:
     with quiet(), suppress(cv2.error):
         capture = cv2.VideoCapture(str(path))
         if capture.isOpened():
+            size = [int(capture.get(what)) for what in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
+            check_memory(size[0] * size[1] * DECODED, f"{path}: a frame of {size[0]}x{size[1]} px")
             return capture
     raise ValueError(f"{path}: not a video that can be decoded")
 

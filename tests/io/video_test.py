@@ -192,3 +192,9 @@ def test_a_sequence_is_known_by_what_it_is(tmp_path):
     assert is_sequence("none.MP4")
     assert not is_sequence("none")
     assert not is_sequence(tmp_path / "a.png")
+
+
+def test_a_video_of_frames_larger_than_memory_is_refused_before_one_is_decoded(video, monkeypatch):
+    monkeypatch.setattr("psutil.virtual_memory", lambda: type("Memory", (), {"available": 10_000}))
+    with pytest.raises(MemoryError, match=r"v\.mkv: a frame of 32x24 px needs about 0.0 GB of memory"):
+        open_frames(video)
