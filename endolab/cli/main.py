@@ -5,6 +5,7 @@ import itertools
 import json
 import signal
 import sys
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any, NoReturn
@@ -207,6 +208,8 @@ def _parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command: 0 when all is done, 2 after bad input, which is said in one sentence on stderr."""
     ended: list[int] = []
+    if argv is None and not sys.warnoptions:  # a process of its own: others' warnings say nothing to its user
+        warnings.filterwarnings("ignore", module=r"(?!endolab\b)")
     try:
         with patient_streams(), ended_like_interrupted(ended):
             arguments = _parser().parse_args(sys.argv[1:] if argv is None else argv)

@@ -637,6 +637,20 @@ def test_what_a_large_frame_takes_is_said_before_it_is_begun(solve, tmp_path, ca
     assert "GB" not in capsys.readouterr().out
 
 
+def test_others_warnings_are_not_shown_and_its_own_are(tmp_path):
+    script = (
+        "import sys, warnings; from endolab.cli import main as cli; sys.argv[1:] = ['--version']\n"
+        "try: cli.main()\nexcept SystemExit: pass\n"
+        "for name in ('other', 'endolabour', 'endolab.model'):\n"
+        "    warnings.warn_explicit(f'from {name}', UserWarning, 'a.py', 1, module=name)\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    environment.pop("PYTHONWARNINGS", None)
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60)
+    assert done.stderr == "a.py:1: UserWarning: from endolab.model\n"
+
+
 def test_it_runs_as_a_module(tmp_path):
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-X", "importtime", "-m", "endolab", "--help"]
