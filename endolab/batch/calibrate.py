@@ -33,7 +33,7 @@ def calibrate_to_files(
     channel: str = "grey",
     record: bool = False,
     overwrite: bool = False,
-    inputs: Collection[PathLike] = (),
+    inputs: Collection[PathLike | None] = (),
     progress: Progress = silent,
     say: Callable[[str], None] | None = None,
     **options: Any,

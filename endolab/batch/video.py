@@ -18,9 +18,9 @@ import numpy as np
 from endolab._extras import lacking
 from endolab.batch.table import Row, measured, read_numbers, read_rows, write_rows
 from endolab.io.archives import Head, read_arrays
-from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
+from endolab.io.atomic import PathLike, as_json, one_sentence, read_json, write_atomically
 from endolab.io.images import read_mask
-from endolab.io.ownership import ASK
+from endolab.io.ownership import ASK, in_the_way, spare_inputs
 from endolab.io.surfaces import read_depth, save_depth
 from endolab.io.video import Frames, open_frames
 from endolab.model.endoscope import Endoscope
@@ -104,6 +104,7 @@ def reconstruct_video(
     known = {key: value for key, value in calibration.to_dict().items() if key != "evidence"}
     settings = {**options, "mask": None if mask is None else str(mask), "calibration": known}
     folder = SequenceFolder(out, str(frames.path.resolve()), frames.names, settings, overwrite)
+    spare_inputs([folder.folder / name for name in FILES], [source, mask])
     recording = _Recording(folder, frames, calibration, inside)
     before, gaps = [name for name in wanted if folder.done(name)], folder.gaps(wanted)
     done, ends = len(before), {gap.before for gap in gaps}
@@ -192,19 +193,25 @@ class SequenceFolder:
         stems = [Path(name).stem for name in self.index]
         alone = len(set(stems)) == len(stems)
         self._places = dict(zip(self.index, stems if alone else self.index, strict=True))
-        if not overwrite:
+        self._anew = False  # whether what is there goes when the first frame is done
+        try:
             self._resume()
-            return
-        with suppress(ValueError, FileExistsError):  # begun anew
-            self._resume()
+        except (ValueError, FileExistsError):
+            if not overwrite:
+                raise
+            self._anew = True
+
+    def _files(self) -> Iterator[Path]:
+        """Give every file that may be there, but for the report."""
+        yield from (self.folder / name for name in ("frames.csv", "recording.rrd"))
+        yield from (path for name in self.index for path in (self.depth(name), self._state(name)))
 
     def _resume(self) -> None:
         """Take what is certain of an earlier call's results; ValueError or OSError if there are others."""
         if not os.path.lexists(self.folder / "report.json"):
-            for path in (self.folder / name for name in FILES):
+            for path in self._files():
                 if os.path.lexists(path):
-                    said = "is there already, and no report.json that tells of what"
-                    raise FileExistsError(f"{path} {said}; {ELSEWHERE}")
+                    raise in_the_way(path)
             return
         try:
             report = read_json(self.folder / "report.json", "report")
@@ -340,6 +347,9 @@ class SequenceFolder:
                 _make(self.folder)
                 if not any(self.done(name) for name in self.index):
                     self.meaning = list(meaning(result))
+                for path in self._files() if self._anew else ():  # else they would pass for what is to come
+                    with one_sentence(f"cannot write {path}"):
+                        path.unlink(missing_ok=True)
                 self._report([])
                 self._begun = True
             _make(depth.parent)

@@ -122,10 +122,10 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         raise ValueError(f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}")
     options = _light_options(arguments, target)
     options |= {name: getattr(arguments, name) for name in ("every", "channel", "record", "overwrite")}
-    inputs = [path for path in (arguments.target, arguments.camera) if path is not None]
+    options["inputs"] = [arguments.target, arguments.camera]
     with closing(_Bar()) as bar:
         session = calibrate_to_files(
-            frames, target, arguments.out, camera=camera, progress=bar, say=print, inputs=inputs, **options
+            frames, target, arguments.out, camera=camera, progress=bar, say=print, **options
         )
     print("\n".join(account(session)))
     pageless = lacking("jinja2")
@@ -150,7 +150,7 @@ def _convert(arguments: argparse.Namespace) -> None:
         if photometry is not None:
             raise ValueError(f"{geometry} is a folder, where both files are looked for; name no other")
         geometry, photometry = find_calibrations(geometry)
-    how = {"overwrite": arguments.overwrite, "inputs": [path for path in (geometry, photometry) if path]}
+    how = {"overwrite": arguments.overwrite, "inputs": [geometry, photometry]}
     if photometry is None:
         with staged_file(out, **how) as temporary:
             write_camera(read_vicalib(geometry), temporary)

@@ -100,7 +100,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     unrecorded = lacking("rerun")
     started = time.perf_counter()
     files = (*result_files(arguments.mesh, arguments.prepare), *(() if unrecorded else ("recording.rrd",)))
-    inputs = [path for path in (arguments.frame, arguments.calibration, arguments.mask) if path is not None]
+    inputs = [arguments.frame, arguments.calibration, arguments.mask]
     with staged_folder(arguments.out, files, overwrite=arguments.overwrite, inputs=inputs) as folder:
         observers: list[Any] = [_Progress(snapshots)]
         if not unrecorded:
@@ -134,8 +134,9 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
 def _reconstruct_video(arguments: argparse.Namespace) -> None:
     from tqdm import tqdm
 
-    from endolab.batch.video import reconstruct_video
+    from endolab.batch.video import FILES, reconstruct_video
     from endolab.datasets.folders import depth_layout
+    from endolab.io.ownership import spare_inputs
 
     for option in ("every", "limit"):
         value = getattr(arguments, option)
@@ -145,6 +146,7 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
         raise ValueError("--mesh, --prepare and --snapshots are of one frame, not of a folder or a video")
     calibration = calibration_of(arguments)
     keywords = solving_keywords(arguments) | known_length(arguments)
+    spare_inputs([Path(arguments.out) / name for name in FILES], [arguments.calibration])
     _say_effort(arguments, calibration, " a frame")
     depths = sorted(path.name for path in Path(arguments.frame).glob("*") if depth_layout(path))
     if depths:

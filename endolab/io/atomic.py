@@ -64,7 +64,7 @@ def staged_folder(
     names: Iterable[str] = (),
     *,
     overwrite: bool = False,
-    inputs: Collection[PathLike] = (),
+    inputs: Collection[PathLike | None] = (),
     elsewhere: Mapping[str, Path] | None = None,
 ) -> Iterator[Path]:
     """Give a temporary folder whose files move into `folder`, all or none, if the block succeeds.
@@ -174,7 +174,7 @@ def _clear_once(folder: Path) -> None:
 
 @contextmanager
 def staged_file(
-    path: PathLike, *, overwrite: bool = True, inputs: Collection[PathLike] = ()
+    path: PathLike, *, overwrite: bool = True, inputs: Collection[PathLike | None] = ()
 ) -> Iterator[Path]:
     """Give a temporary file of the same suffix, which becomes `path` only if the block succeeds.
 

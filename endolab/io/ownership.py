@@ -19,13 +19,16 @@ def in_the_way(path: Path) -> FileExistsError:
     return FileExistsError(f"{path} {said}, {ASK}")
 
 
-def spare_inputs(places: Iterable[Path], inputs: Iterable[str | os.PathLike[str]]) -> None:
-    """Raise FileExistsError in one sentence, if one of the places is a file that the same call reads."""
+def spare_inputs(places: Iterable[Path], inputs: Iterable[str | os.PathLike[str] | None]) -> None:
+    """Raise FileExistsError in one sentence, if one of the places is a file that the same call reads.
+
+    None, and the name of what is no file, are no such inputs.
+    """
     there = {place: place.stat() for place in places if place.exists()}
     for path in inputs if there else ():
         try:
-            read = os.stat(path)
-        except (OSError, ValueError):  # a name rather than a file
+            read = os.stat(path or "")
+        except (OSError, ValueError):
             continue
         for place, found in there.items():
             if os.path.samestat(read, found):
@@ -47,7 +50,7 @@ class Claim:
 
     folder: Path
     overwrite: bool = False  # what others wrote
-    inputs: Collection[str | os.PathLike[str]] = ()  # never replaced
+    inputs: Collection[str | os.PathLike[str] | None] = ()  # never replaced
     elsewhere: Mapping[str, Path] = field(default_factory=dict)  # places of those that go not into the folder
 
     def place(self, name: str) -> Path:

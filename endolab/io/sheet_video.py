@@ -29,7 +29,7 @@ def save_sheet_video(
     fold: float = 0.0,
     video: bool = False,
     overwrite: bool = False,
-    inputs: Collection[PathLike] = (),
+    inputs: Collection[PathLike | None] = (),
     progress: Progress = silent,
     **how: Any,
 ) -> None:

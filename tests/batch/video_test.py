@@ -209,6 +209,46 @@ def test_another_folder_is_left_alone_and_at_least_one_frame_asked_for(film, out
     assert names(out) == ["report.json"]
 
 
+@pytest.mark.parametrize("name", ["frames.csv", "recording.rrd", "frames/frame_1/depth.npz", "report.json"])
+def test_files_of_others_are_not_replaced_unasked(film, out, name, call):
+    (out / name).parent.mkdir(parents=True)
+    (out / name).write_text("mine")
+    (out / "frames").mkdir(exist_ok=True)
+    (out / "frames/notes.txt").write_text("mine too")  # in nobody's way
+    status, _, said = call("--limit", 2, "--solver", "facing", "--width", 48)
+    assert status == 2
+    assert said.endswith("choose another folder, or replace it with --overwrite\n")
+    assert (out / name).read_text() == "mine"
+    assert len(list(out.rglob("*.*"))) == 2
+    assert call("--limit", 2, "--solver", "facing", "--width", 48, "--overwrite")[0] == 0
+    assert (out / name).read_bytes() != b"mine"
+    assert (out / "frames/notes.txt").read_text() == "mine too"
+
+
+def test_results_of_other_settings_are_replaced_whole_or_not(film, out, monkeypatch):
+    reconstruct_video(film, UNKNOWN, out, limit=3, lam=1.0, **QUICK)
+    before = {path: path.read_bytes() for path in out.rglob("*.*")}
+    monkeypatch.setattr(video, "reconstruct_sequence", lambda *them, **how: (x for x in [1 / 0]))
+    with pytest.raises(ZeroDivisionError):  # nothing is replaced before there is something new
+        reconstruct_video(film, UNKNOWN, out, lam=2.0, overwrite=True, **QUICK)
+    assert {path: path.read_bytes() for path in out.rglob("*.*")} == before
+    monkeypatch.undo()
+    found = reconstruct_video(film, UNKNOWN, out, limit=1, lam=2.0, overwrite=True, **QUICK)
+    assert found.done_before == 0
+    assert [path.parent.name for path in out.rglob("depth.npz")] == ["frame_0"]
+    assert reconstruct_video(film, UNKNOWN, out, limit=2, lam=2.0, overwrite=True, **QUICK).done_before == 1
+
+
+def test_what_a_video_is_made_from_is_never_replaced(film, out, call):
+    out.mkdir()
+    (film.parent / "cal.json").rename(out / "report.json")
+    (film.parent / "cal.json").symlink_to(out / "report.json")
+    status, _, said = call("--limit", 1, "--overwrite")
+    assert status == 2
+    assert "report.json is read by this very call" in said
+    assert names(out) == ["report.json"]
+
+
 def test_without_rerun_there_is_no_recording(film, out, monkeypatch, call):
     monkeypatch.setitem(sys.modules, "rerun", None)
     monkeypatch.delitem(sys.modules, "endolab.recording", raising=False)
