@@ -124,34 +124,35 @@ def sweep(
     total = len(tasks)
     n_jobs = n_jobs if n_jobs is None or n_jobs < 1 else min(n_jobs, max(1, len(todo)))  # all are started
     calibration = replace(calibration, camera=replace(calibration.camera))  # its ray field stays here
-    write()  # now, rather than after an hour's run
-    with _config(backend):
-        parallel = joblib.Parallel(
-            n_jobs=n_jobs,
-            return_as="generator_unordered",
-            pre_dispatch="2*n_jobs",
-            initializer=_end_with,  # of processes; other backends take no notice
-            initargs=(os.getpid(),),
-        )
-        try:
-            finished = parallel(joblib.delayed(_solved)(*task, calibration, options) for task in todo)
-        except ValueError as error:
-            why = "this backend of joblib tells nothing before all is done"
-            raise ValueError(f"{why}; choose loky, threading or dask") from error
-        done = total - len(todo)
-        try:
-            for row in finished:
-                if row["status"] == Status.STOPPED.name:
-                    raise KeyboardInterrupt(_interruption(done, total))
-                done += 1
-                rows[_key(row)] = row
-                write()
-                if progress is not None:
-                    progress(done, total, row)
-        except KeyboardInterrupt as interrupt:
-            raise KeyboardInterrupt(_interruption(done, total)) from interrupt
-        finally:
-            finished.close()
+    done = total - len(todo)
+    try:
+        write()  # now, rather than after an hour's run
+        with _config(backend):
+            parallel = joblib.Parallel(
+                n_jobs=n_jobs,
+                return_as="generator_unordered",
+                pre_dispatch="2*n_jobs",
+                initializer=_end_with,  # of processes; other backends take no notice
+                initargs=(os.getpid(),),
+            )
+            try:
+                finished = parallel(joblib.delayed(_solved)(*task, calibration, options) for task in todo)
+            except ValueError as error:
+                why = "this backend of joblib tells nothing before all is done"
+                raise ValueError(f"{why}; choose loky, threading or dask") from error
+            try:
+                for row in finished:
+                    if row["status"] == Status.STOPPED.name:
+                        raise KeyboardInterrupt
+                    rows[_key(row)] = row
+                    write()
+                    done += 1
+                    if progress is not None:
+                        progress(done, total, row)
+            finally:
+                finished.close()
+    except KeyboardInterrupt as interrupt:
+        raise KeyboardInterrupt(_interruption(done, total)) from interrupt
     return [rows[_key(task[0])] for task in tasks]
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import zlib
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -17,15 +18,15 @@ from endolab.io.ownership import in_the_way
 from endolab.io.video import Frames
 
 MARK = b'{"endolab_detections": '  # which every such file begins with
-VERSION = 1  # of the file, and of the detector: another one detects anew
+VERSION = 2  # of the file, and of the detector: another one detects anew
 
 
 class DetectionCache:
     """Detections that survive an interruption: a file with one line of JSON for each frame.
 
-    The first line says of which frames and which target they are; a file that says otherwise, or
-    cannot be read, is begun anew. A last line that is cut off is ignored. FileExistsError, if the file
-    is none of these, unless `overwrite`.
+    The first line says of which frames and which target they are; a file that says otherwise is begun
+    anew. Every other line ends with its checksum; one that is cut off or damaged is ignored.
+    FileExistsError, if the file is none of these, unless `overwrite`.
     """
 
     def __init__(self, path: PathLike, frames: Frames, target: Target, *, overwrite: bool = False) -> None:
@@ -42,23 +43,24 @@ class DetectionCache:
         content = read_bytes(self.path)
         if not overwrite and not content.startswith(MARK):
             raise in_the_way(self.path)
-        try:
-            head, *lines = content.decode().split("\n")
-        except UnicodeDecodeError:
+        head, *lines = content.split(b"\n")
+        if head != self._head.encode():
             return
-        if head != self._head:
-            return
-        for line in lines[:-1]:  # what follows the last line break is empty, or cut off
+        for line in lines:
             try:
-                name, (width, height), ids, pixels, reason = json.loads(line)
-            except (ValueError, TypeError):
-                return
+                *said, checksum = json.loads(line)
+                if checksum != _checksum(said):
+                    continue
+                name, (width, height), ids, pixels, reason = said
+            except (ValueError, TypeError, RecursionError):
+                continue
             self.size = width, height
             self.known[name] = Detection(np.array(ids, int), np.array(pixels, float).reshape(-1, 2), reason)
 
     def _line(self, name: str, size: tuple[int, int]) -> str:
         found = self.known[name]
-        return json.dumps([name, size, found.ids.tolist(), found.pixels.tolist(), found.reason]) + "\n"
+        said = [name, size, found.ids.tolist(), found.pixels.tolist(), found.reason]
+        return json.dumps([*said, _checksum(said)]) + "\n"
 
     def __enter__(self) -> Self:
         # What was read is written again: a line that was cut off must not be gone on with.
@@ -82,6 +84,10 @@ class DetectionCache:
         if self._stream is not None:
             with one_sentence(f"cannot write {self.path}"):  # again, on a full disk
                 self._stream.close()
+
+
+def _checksum(said: list[object]) -> int:
+    return zlib.crc32(json.dumps(said).encode())
 
 
 def detect_cached(
