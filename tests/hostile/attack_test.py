@@ -55,4 +55,4 @@ def test_every_case_is_survived(guard, name):
 
 @pytest.mark.parametrize("name", sorted(MOUNTING))
 def test_every_disk_is_survived(mounting, name):
-    check(mounting.run_all(name, range(12)))
+    check(mounting.run_all(name, range(8)))

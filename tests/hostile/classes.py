@@ -11,7 +11,7 @@ SHARED = (
     (damaged_files.mask, 8),
     (damaged_files.published, 6),
     (damaged_files.depth, 16),
-    (damaged_files.recording, 12),
+    (damaged_files.recording, 6),
     (damaged_files.table, 10),
     (damaged_files.resumed, 8),
     (damaged_files.detections, 6),

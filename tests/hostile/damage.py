@@ -473,7 +473,7 @@ _PACKED = {}  # what zeros come to, by their number
 
 
 def _bomb(shape, members, name):
-    """An archive of a few hundred kB, one of whose arrays takes half a gigabyte and more, as its header says."""
+    """An archive of a few hundred kB, one of whose arrays takes half a gigabyte, as its header says."""
     head, count = npy(shape=shape, descr="<f4", data=b""), 4 * int(np.prod(shape))
     if (
         count not in _PACKED

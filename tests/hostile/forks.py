@@ -12,8 +12,11 @@ import json
 import os
 import signal
 import sys
+import tempfile
 import time
 from pathlib import Path
+
+import cv2
 
 from tests.hostile.worker import opened
 
@@ -29,10 +32,13 @@ def warm():
     import endolab.plots.maps
     import endolab.reports.result
 
+    cv2.setNumThreads(1)
     known = el.load_calibration("paper", width=32)
     scene = el.render(el.SCENES["colon"], known.camera, known.photometry)
-    for solver in ("facing", "gauss_newton"):
-        el.reconstruct(el.Frame(scene.image, scene.mask), known, solver=solver)
+    for how in ({"solver": "gauss_newton"}, {"solver": "primal_dual"}):
+        result = el.reconstruct(el.Frame(scene.image, scene.mask), known, **how)
+    with tempfile.TemporaryDirectory() as folder:
+        el.save_result(result, Path(folder) / "out")
     tasks = Path("/proc/self/task")
     if tasks.is_dir() and len(list(tasks.iterdir())) > 1:
         raise RuntimeError("this process has threads, which a fork would lose")

@@ -2,11 +2,11 @@
 
 import contextlib
 import csv
+import dis
 import gc
 import hashlib
 import io
 import json
-import linecache
 import os
 import re
 import shutil
@@ -19,6 +19,7 @@ from xml.etree import ElementTree
 import numpy as np
 import psutil
 
+RAISE = dis.opmap["RAISE_VARARGS"]
 MARK = ".endolab.json"  # by which a folder of results is known as one
 LONGEST = 400  # characters of a sentence
 MOST_MEMORY = 600  # MB that a case, whose files are small, may take for a while
@@ -112,19 +113,16 @@ def _peak():
 
 # Sentences ----------------------------------------------------------------------------------------
 def raised_on_purpose(error):
-    """Whether the line that raised an exception is one of endolab's, and says `raise`; else, where it is."""
+    """Say where an exception comes from; "" if it is a `raise` in endolab, and so a sentence for people."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     if trace is None:
         return ""
-    file, line = (
-        trace.tb_frame.f_code.co_filename,
-        linecache.getline(trace.tb_frame.f_code.co_filename, trace.tb_lineno),
-    )
-    if "endolab" in Path(file).parts and "raise" in line:
+    code = trace.tb_frame.f_code
+    if "endolab" in Path(code.co_filename).parts and code.co_code[trace.tb_lasti] == RAISE:
         return ""
-    return f"{type(error).__name__} of {Path(file).name}, line {trace.tb_lineno}, was not meant"
+    return f"{type(error).__name__} of {Path(code.co_filename).name}, line {trace.tb_lineno}, was not meant"
 
 
 def wrong_words(status, out, err, names):

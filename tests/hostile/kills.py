@@ -27,12 +27,12 @@ import psutil
 from tests.hostile import judge
 from tests.hostile.guard import ROOT, Outcome
 
-WEIGHTS = ",".join(f"{0.1 * k:.1f}" for k in range(1, 17))
+WEIGHTS = ",".join(f"{0.1 * k:.1f}" for k in range(1, 25))
 KNOWN = ("--calibration", "cal.json")
 # Of each command: its words, what it writes, and of that what may be there before all is done.
 COMMANDS = {
     "reconstruct": (
-        ("reconstruct", "frame.png", *KNOWN, "--channel", "separated", "--out", "out"),
+        ("reconstruct", "wide.png", "--calibration", "wide.json", "--solver", "primal_dual", "--out", "out"),
         ("out",),
         (),
     ),
@@ -141,16 +141,11 @@ class Kills:
 
     def _uninterrupted(self, name):
         if name not in self._whole:
-            found = []
-            for _ in range(2):  # the first one finds files that nobody has read yet
-                folder, started = self._folder(f"whole-{name.replace(' ', '-')}"), time.monotonic()
-                status = self._wait(self._start(name, folder), LONGEST)
-                if status != 0:
-                    raise RuntimeError(f"{name} ends with {status}: {Path(f'{folder}.err').read_text()}")
-                found.append(essence(folder, COMMANDS[name][1]))
-                self._whole[name] = found[0], time.monotonic() - started
-            if found[0] != found[1]:
-                raise RuntimeError(f"{name} is never the same: {list(_differences(*found))}")
+            folder, started = self._folder(f"whole-{name.replace(' ', '-')}"), time.monotonic()
+            status = self._wait(self._start(name, folder), LONGEST)
+            if status != 0:
+                raise RuntimeError(f"{name} ends with {status}: {Path(f'{folder}.err').read_text()}")
+            self._whole[name] = essence(folder, COMMANDS[name][1]), time.monotonic() - started
         return self._whole[name]
 
     def _folder(self, name):
@@ -168,7 +163,8 @@ class Kills:
         folder.mkdir()
         Path(f"{folder}.tmp").mkdir()
         for words in (
-            "simulate colon --width 96 --out colon --seed 1",
+            "simulate colon --width 64 --out colon --seed 1",
+            "simulate colon --width 128 --out wide --seed 1",
             "simulate sheet --width 240 --frames 8 --target vicalib_small --out sheet",
         ):
             process = self._ask(argv=words.split(), folder=str(folder))
@@ -176,9 +172,11 @@ class Kills:
                 raise RuntimeError(f"{words}: {Path(f'{folder}.err').read_text()}")
         shutil.copy(folder / "colon/frame.png", folder / "frame.png")
         shutil.copy(folder / "colon/endoscope.json", folder / "cal.json")
+        shutil.copy(folder / "wide/frame.png", folder / "wide.png")
+        shutil.copy(folder / "wide/endoscope.json", folder / "wide.json")
         (folder / "pictures").mkdir()
         frame = cv2.imread(str(folder / "frame.png"))
-        for number in range(12):  # the same colon, ever darker
+        for number in range(8):  # the same colon, ever darker
             cv2.imwrite(
                 str(folder / f"pictures/{number:02d}.png"),
                 np.round(frame * (1 - 0.01 * number)).astype(np.uint8),
