@@ -18,6 +18,7 @@ RANGES = {
     "position": (-1e3, 1e3),  # mm
     "exponent": (0.0, 100.0),
     "weight": (1e-12, 1e12),
+    "length": (1e-3, 1e6),  # that fixes a scale, mm
     # Cameras, px
     "fx": (1e-2, 1e7),
     "fy": (1e-2, 1e7),

@@ -12,6 +12,7 @@ import numpy as np
 
 from endolab.depth.problem import Problem, Scale
 from endolab.depth.result import SCALED, Iterate, Result
+from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import FloatArray, frozen
 
 Pixel = tuple[float, float]
@@ -144,6 +145,9 @@ def check_scale(
             raise ValueError(f"{name} must be {form}, got {value}")
         if not (np.all(np.isfinite(numbers)) and numbers[0] > 0):
             raise ValueError(f"{name} must be positive and finite (mm), got {value}")
+        low, high = RANGES["length"]
+        if not low <= numbers[0] <= high:
+            raise ValueError(f"{name} must lie in [{low:g}, {high:g}] mm, got {numbers[0]:g}")
 
 
 def pixel_name(pixel: Pixel) -> str:

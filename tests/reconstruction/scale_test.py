@@ -153,6 +153,8 @@ def test_two_pixels_that_are_one_are_refused(relative):
         ({"known_diameter": (3, (1, 2), (3,))}, "known_diameter must be"),
         ({"known_diameter": (-3, (1, 2), (3, 4))}, "known_diameter must be positive"),
         ({"median_distance": np.inf}, "median_distance must be positive and finite"),
+        ({"median_distance": 1e300}, r"median_distance must lie in \[0.001, 1e\+06\] mm, got 1e\+300"),
+        ({"known_diameter": (1e-320, (1, 2), (3, 4))}, "known_diameter must lie in"),
     ],
 )
 def test_a_bad_length_is_refused(given, message):
