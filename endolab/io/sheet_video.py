@@ -42,7 +42,7 @@ def save_sheet_video(
     if not 1 <= count <= MOST:
         raise ValueError(f"count must be from 1 to {MOST}, got {count}")
     files = ["sheet.mkv"] if video else [f"{number:06d}.png" for number in range(count)]
-    others = set() if video else {path.name for path in Path(folder).glob("*") if path.suffix in PICTURES}
+    others = set() if video else {path.name for path in Path(folder).glob("[!.]*") if path.suffix in PICTURES}
     if others.difference(files):
         other = Path(folder) / min(others.difference(files))
         raise ValueError(f"{other} would be taken for one of the {count} frames; choose another folder")

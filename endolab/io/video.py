@@ -186,7 +186,7 @@ def open_frames(*paths: PathLike) -> Frames:
         if not source.exists():
             raise FileNotFoundError(f"{source}: there is no such folder or video")
     if source.is_dir():
-        found = [file for file in _inside(source) if file.suffix.lower() in PICTURES]
+        found = [file for file in _inside(source) if file.suffix.lower() in PICTURES and file.name[0] != "."]
         files = sorted((file for file in found if not file.is_dir()), key=_by_number)
         if not files:
             raise ValueError(f"{source}: no picture in this folder ({', '.join(PICTURES)})")

@@ -80,6 +80,13 @@ def test_a_video_that_ends_early_gives_none_for_what_it_lacks(video, tmp_path):
     assert there == sorted(there, reverse=True)
 
 
+def test_hidden_files_are_no_frames(tmp_path, pictures):
+    """Such as a file that is being written, and what macOS leaves beside pictures on other disks."""
+    for name in ("1.png", "._1.png", ".endolab-01234567-1-01234567.png"):
+        write_image(tmp_path / name, pictures[0])
+    assert open_frames(tmp_path).names == ("1.png",)
+
+
 @pytest.mark.skipif(os.name != "posix", reason="limits are of POSIX")
 def test_a_full_disk_leaves_no_video(tmp_path):
     """OpenCV says nothing of it; so a limit on the size of files does for a full disk."""
