@@ -16,6 +16,7 @@ from typing import Any
 CHECKSUM = "__properties/checksum"  # the entity whose text is that of the file around it
 UNKNOWN = b"~|!#$%&*|~"  # in its place while it is summed up; stored as it is, for nothing is like it
 TRUNCATED, OTHER_VERSION, DAMAGED, CHANGED = 3, 4, 5, 6  # how the program exits; a killed one is DAMAGED too
+PATIENCE = 60  # seconds, and one more for each megabyte
 
 
 def stamped(content: bytes) -> bytes:
@@ -34,7 +35,7 @@ def _is_whole(content: bytes, stamp: str) -> bool:
 
 def _limit(size: int) -> None:
     """Give this process an end for a file of so many bytes, and on Linux a limit of its memory."""
-    faulthandler.dump_traceback_later(60 + size // 1_000_000, exit=True)
+    faulthandler.dump_traceback_later(PATIENCE + size // 1_000_000, exit=True)
     if sys.platform == "linux":
         import resource
 

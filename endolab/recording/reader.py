@@ -18,10 +18,11 @@ import pyarrow as pa  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from endolab.depth.result import SOLUTION
-from endolab.io.atomic import PathLike
+from endolab.io.atomic import PathLike, one_sentence
 from endolab.io.picture_size import picture_size
 from endolab.io.quiet import quiet
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.memory import check_memory
 from endolab.recording import decoder
 from endolab.recording.layouts import TIMELINE
 from endolab.recording.stream import stage_of
@@ -42,9 +43,11 @@ def read_recording(path: PathLike) -> Recording:
 
     Raises
     ------
-    FileNotFoundError, ValueError
+    OSError, ValueError
         In one sentence, if there is no such file, or it is no recording, truncated, damaged, or of
         another version of Rerun.
+    MemoryError
+        If it is too large for this machine.
     """
     entities: dict[str, dict[str, Rows]] = {}
     for batch in _batches(Path(path)):
@@ -68,7 +71,7 @@ def _batches(path: Path) -> Iterator[Any]:
     """What a file holds; `rerun rrd verify` is content with any file, so read it."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no recording {path}")
-    with path.open("rb") as stream:
+    with one_sentence(f"{path}: cannot be read"), path.open("rb") as stream:
         head = stream.read(8)
     if not head:
         raise ValueError(f"{path} is empty: the recording was never written")
@@ -79,6 +82,8 @@ def _batches(path: Path) -> Iterator[Any]:
     version = f"Rerun {'.'.join(map(str, theirs))}, and here is {rerun}"
     if head[3:4] != b"2" or (len(head) == 8 and theirs > ours):
         raise ValueError(f"{path} was written by another version: {version}")
+    size = path.stat().st_size
+    check_memory(6 * size, f"{path}: a recording of {size / 1e6:.0f} MB")
     program = subprocess.run(
         [sys.executable, "-P", decoder.__file__, str(path.resolve())],
         env={**os.environ, "RUST_LOG": "off"},

@@ -12,7 +12,7 @@ from endolab.tuning.engine import Outcome
 from endolab.tuning.panels import Cut, Shared, contrast, error_of, limits_of, outcome_board, spots
 from endolab.tuning.pictures import jpeg
 
-THIRD = w.Layout(width="32%", min_width="240px")
+THIRD = {"width": "32%", "min_width": "240px"}
 
 
 def choice(label: str, options: Sequence[Any], **value: Any) -> w.Dropdown:
@@ -29,6 +29,19 @@ def log_slider(label: str, value: float, low: float, high: float, tip: str) -> w
     """A number between two powers of ten."""
     how = {"description": label, "tooltip": tip, "readout_format": ".2g", "layout": THIRD}
     return w.FloatLogSlider(value, min=low, max=high, step=0.05, **how)
+
+
+def close_parts(widget: w.Widget) -> None:
+    """Close all that a widget is made of: Jupyter keeps what is open, and with it all that it knows."""
+    parts = [
+        *getattr(widget, "children", ()),
+        getattr(widget, "layout", None),
+        getattr(widget, "style", None),
+    ]
+    for part in parts:
+        if isinstance(part, w.Widget):
+            close_parts(part)
+            part.close()
 
 
 ALONE = {"flex": "0 1 1176px", "min_width": "0"}

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
+import numpy as np
 
 from endolab.depth.result import Result
 from endolab.model.photometry import Photometry
@@ -159,6 +160,10 @@ class Source:
         if truth is not None and (frame is None or truth.shape != frame.mask.shape):
             size = "and there is no frame" if frame is None else f"the frame {frame.mask.shape}"
             raise ValueError(f"truth has shape {truth.shape}, {size}")
+        if truth is not None and (
+            truth.dtype.kind not in "fiu" or (truth <= 0).any() or np.isinf(truth).any()
+        ):
+            raise ValueError("truth must be positive and finite, or nan where it is unknown")
         self.calibration, self.frame, self.truth = calibration, frame, truth
         self.last: OrderedDict[Hashable, Result] = OrderedDict()
         self._memory: OrderedDict[Hashable, Any] = OrderedDict()

@@ -8,26 +8,30 @@ wrong is said in one line below the knobs.
 from __future__ import annotations
 
 import html
+import math
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import ipywidgets as w
+import numpy as np
 
 from endolab import datasets
 from endolab.io.atomic import staged_folder, write_atomically
 from endolab.io.descriptions import Calibration
 from endolab.io.images import read_frame
+from endolab.model.endoscope import Endoscope
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame
 from endolab.reports.result import result_files, save_result
 from endolab.synthetic.scenes import SCENES
-from endolab.tuning.controls import Pair, choice, log_slider, slider
+from endolab.tuning.controls import Pair, choice, close_parts, log_slider, slider
 from endolab.tuning.engine import Outcome, Tuner, sentence_of
 from endolab.tuning.panels import NAMES, Cut, outcome_board, summary
 from endolab.tuning.pictures import png
@@ -64,8 +68,14 @@ def tune(
     ValueError
         If frame, calibration and truth do not go together, or if there is no such scene.
     """
-    if scene not in SCENES:
+    for name, given, kind in (("frame", frame, Frame), ("calibration", calibration, Endoscope)):
+        if given is not None and not isinstance(given, kind):
+            raise ValueError(f"{name} must be an endolab {kind.__name__}, got {given!r}")
+    if not isinstance(scene, str) or scene not in SCENES:
         raise unknown_name("scene", scene, SCENES)
+    if not isinstance(width, int) or width < 1:
+        raise ValueError(f"width must be a whole number of pixels, got {width!r}")
+    truth = None if truth is None else np.asarray(truth)
     return TunerBox(frame, calibration or datasets.load_calibration("paper"), truth, scene, width)
 
 
@@ -86,7 +96,7 @@ class TunerBox(w.VBox):
         self._calibration, self._frame = calibration, frame
         self.pair = Pair(self._cut)
         for picture in (self.pair.picture, self.pair.picture_kept):
-            picture.observe(self._guarded(lambda change: self._point(*change["new"])), "point")
+            picture.observe(self._guarded(lambda change: self._point(change["new"])), "point")
         self._make_knobs(scene, width)
         self._reset_light()
         self.status = w.HTML("solving ...", layout=w.Layout(width="100%"))
@@ -206,10 +216,12 @@ class TunerBox(w.VBox):
     def _cut(self) -> Cut:
         return Cut(self.knobs["section"].value / 100, self.knobs["across"].value == "row")
 
-    def _point(self, right: float, down: float, _time: float) -> None:
-        """Lay the section through a point of the map."""
-        knob = self.knobs["section"]
-        share = down if self.knobs["across"].value == "row" else right
+    def _point(self, where: Sequence[Any]) -> None:
+        """Lay the section through a point of the map: to the right, down, and when."""
+        knob, down = self.knobs["section"], self.knobs["across"].value == "row"
+        if len(where) != 3 or not all(isinstance(one, int | float) and math.isfinite(one) for one in where):
+            raise ValueError(f"a point of a map is three numbers, got {where}")
+        share = min(max(where[down], 0.0), 1.0)
         knob.value = knob.step * round(knob.max * share / knob.step)
 
     # Buttons -----------------------------------------------------------------------------
@@ -287,9 +299,9 @@ class TunerBox(w.VBox):
 
     def _export_aside(self) -> None:
         """Export in a thread of its own."""
-        folder = self.folder.value.strip()
-        if not folder:
+        if not self.folder.value.strip():
             raise ValueError("name a folder to export into")
+        folder = Path(self.folder.value.strip()).expanduser()
         self._answer(f"exporting into {folder} ...")
         work = self._guarded(lambda: self._answer(f"exported into {self.export(folder).resolve()}"))
         threading.Thread(target=work, name="endolab export", daemon=True).start()
@@ -306,18 +318,25 @@ class TunerBox(w.VBox):
         A calibration without a picture that it fits renders scenes. An OSError or ValueError says in
         one sentence what cannot be used; then nothing changes.
         """
+        descriptions = [name for name in files if name.lower().endswith(".json")]
+        pictures = [name for name in files if name not in descriptions]
+        for what, names in (("calibration", descriptions), ("picture", pictures)):
+            if len(names) > 1:
+                raise ValueError(
+                    f"expected one {what} at most, found {len(names)}: {', '.join(sorted(names))}"
+                )
         calibration, frame = self._calibration, None
         with tempfile.TemporaryDirectory() as folder:
-            for name in sorted(files, key=lambda name: not name.lower().endswith(".json")):
-                path = Path(folder) / Path(name).name
+            path = Path(folder) / "file"  # not by its name, which can be anything
+            for name in descriptions + pictures:
                 path.write_bytes(files[name])
                 try:
-                    if path.suffix.lower() == ".json":
+                    if name in descriptions:
                         calibration = Calibration.load(path)
                     else:
-                        frame = read_frame(path, calibration)
-                except (OSError, ValueError) as error:
-                    raise ValueError(sentence_of(error).replace(f"{folder}/", "")) from error
+                        frame = replace(read_frame(path, calibration), name=name)
+                except (OSError, ValueError, MemoryError) as error:
+                    raise ValueError(sentence_of(error).replace(str(path), name)) from error
         self.engine.use(calibration, frame)
         self._calibration, self._frame = calibration, frame
         self._reset_light()
@@ -331,4 +350,5 @@ class TunerBox(w.VBox):
         """Close the widget and end its thread."""
         if hasattr(self, "engine"):  # not if it was refused
             self.engine.close()
+        close_parts(self)
         super().close()

@@ -1,12 +1,20 @@
 """Recordings read back: what was solved is what is read, and files that are none are named."""
 
+import re
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import rerun as rr
 
 import endolab as el
 from endolab import datasets
+from endolab.recording import decoder
 from endolab.recording.reader import read_recording
+from endolab.recording.show import picture_of
+from endolab.recording.stream import png
 from tests.tools.recorded import spoiled
 
 
@@ -94,6 +102,124 @@ def test_a_file_that_is_no_recording_is_named(solved, tmp_path):
         assert f"{name}.rrd" in str(error.value)
     with pytest.raises(FileNotFoundError, match=r"there is no recording .*missing\.rrd"):
         read_recording(tmp_path / "missing.rrd")
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_a_damaged_recording_is_one_sentence(solved, tmp_path, seed):
+    """Bits, zeros, cuts, what is put elsewhere: nothing passes for a recording or ends Python."""
+    chance, content = np.random.default_rng(seed), bytearray(solved[1].path.read_bytes())
+    at, other = (int(place) for place in chance.integers(len(content), size=2))
+    if seed % 4 == 0:
+        content[at] ^= 1 << int(chance.integers(8))
+    elif seed % 4 == 1:
+        content[at : at + 300] = bytes(len(content[at : at + 300]))
+    elif seed % 4 == 2:
+        del content[at : at + 300]
+    else:
+        content[at : at + 1000] = content[other : other + 1000]
+    (tmp_path / "run.rrd").write_bytes(content)
+    with pytest.raises(ValueError, match=r"run\.rrd (is|was) ") as error:
+        read_recording(tmp_path / "run.rrd")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("ending", ["os.abort()", "os._exit(1)", "b'x' * 2**44", "sys.exit('no')"])
+def test_a_reader_that_dies_is_one_sentence(solved, tmp_path, monkeypatch, capfd, ending):
+    (tmp_path / "decoder.py").write_text(f"import os, sys\nprint('half')\n{ending}\n")
+    monkeypatch.setattr(decoder, "__file__", str(tmp_path / "decoder.py"))
+    with pytest.raises(ValueError, match=r"run\.rrd is damaged: record the run again"):
+        read_recording(solved[1].path)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere memory has no limit")
+def test_the_reader_has_an_end_and_little_memory():
+    code = f"""
+import sys, time
+sys.path.insert(0, {str(Path(decoder.__file__).parent)!r})
+import decoder
+decoder.PATIENCE = 1
+decoder._limit(0)
+if sys.argv[1] == "time":
+    time.sleep(600)
+bytearray(2**33)
+"""
+    for what, last in (("time", "Timeout"), ("memory", "MemoryError")):
+        done = subprocess.run([sys.executable, "-c", code, what], capture_output=True, text=True, check=False)
+        assert done.returncode == 1
+        assert last in done.stderr
+
+
+# What a recording of another program may hold under our names, or an unfinished one lacks.
+ODD = {
+    "no picture of the frame": ("input", None),
+    "no mask": ("mask", None),
+    "no settings": ("settings", None),
+    "no normals": ("normals", None),
+    "a picture that is none": ("normals", rr.EncodedImage(contents=b"abc", media_type="image/png")),
+    "an empty picture": ("input", rr.EncodedImage(contents=b"", media_type="image/png")),
+    "normals of another size": ("normals", png(np.ones((3, 3, 3)))),
+    "a mask of another size": ("mask", rr.SegmentationImage(np.ones((3, 3), np.uint8))),
+    "a mask of another kind": ("mask", rr.SegmentationImage(np.ones((4, 5), np.uint16))),
+    "distances of another kind": ("depth", rr.DepthImage(np.ones((4, 5), np.uint16), meter=1000.0)),
+    "no distance": ("depth", rr.DepthImage(np.full((4, 5), np.nan, np.float32), meter=1000.0)),
+    "a negative distance": ("depth", rr.DepthImage(np.full((4, 5), -1, np.float32), meter=1000.0)),
+    "an infinite distance": ("depth", rr.DepthImage(np.full((4, 5), np.inf, np.float32), meter=1000.0)),
+    "no unit": ("depth", rr.DepthImage(np.ones((4, 5), np.float32))),
+    "an energy that is none": ("plots/energy", rr.Scalars(np.nan)),
+    "words for numbers": ("plots/energy", rr.TextDocument("low")),
+}
+
+
+@pytest.mark.parametrize("odd", [None, *ODD])
+def test_what_is_missing_or_odd_is_said_when_it_is_read(odd, tmp_path):
+    logged = {
+        "input": png(np.ones((4, 5, 3))),
+        "mask": rr.SegmentationImage(np.ones((4, 5), np.uint8)),
+        "settings": rr.TextDocument("fast"),
+        "depth": rr.DepthImage(np.ones((4, 5), np.float32), meter=1000.0),
+        "normals": png(np.ones((4, 5, 3))),
+        "plots/energy": rr.Scalars(1.0),
+    }
+    if odd is not None:
+        entity, what = ODD[odd]
+        logged[entity] = what
+    stream = rr.RecordingStream("another")
+    memory = rr.binary_stream(stream)
+    stream.set_time("iteration", sequence=0)
+    for entity, what in logged.items():
+        if what is not None:
+            stream.log(entity, what)
+    (tmp_path / "run.rrd").write_bytes(memory.read() or b"")
+    if odd is None:
+        assert picture_of(read_recording(tmp_path / "run.rrd")).axes
+    elif odd == "words for numbers":
+        assert read_recording(tmp_path / "run.rrd").runs == {}
+    else:
+        with pytest.raises(ValueError, match=r"run\.rrd is damaged: \w+") as error:
+            read_recording(tmp_path / "run.rrd")
+        assert "\n" not in str(error.value)
+
+
+def test_a_recording_that_is_written_anew_by_another_program_is_not_trusted(solved, tmp_path):
+    content = solved[1].path.read_bytes()
+    (stamp,) = re.findall(rb"~[0-9a-f]{8}~", content)
+    for other in (b"~00000000~", decoder.UNKNOWN):
+        (tmp_path / "run.rrd").write_bytes(content.replace(stamp, other))
+        if other == decoder.UNKNOWN:  # as if it had never been stamped
+            assert read_recording(tmp_path / "run.rrd").runs
+        else:
+            with pytest.raises(ValueError, match="its checksum is another one"):
+                read_recording(tmp_path / "run.rrd")
+
+
+def test_a_recording_of_frames_holds_no_reconstruction(tmp_path):
+    stream = rr.RecordingStream("endolab")
+    memory = rr.binary_stream(stream)
+    stream.set_time("frame", sequence=0)
+    stream.log("plots/energy", rr.Scalars(1.0))
+    (tmp_path / "video.rrd").write_bytes(memory.read() or b"")
+    assert read_recording(tmp_path / "video.rrd").runs == {}
 
 
 def test_a_recording_of_something_else_holds_no_reconstruction(tmp_path):

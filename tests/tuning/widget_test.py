@@ -1,11 +1,13 @@
 """The tuner's widget without a browser: knobs, picture, status line, export, what cannot be read."""
 
+import gc
 import threading
 import time
 from dataclasses import replace
 from types import SimpleNamespace
 
 import cv2
+import ipywidgets
 import numpy as np
 import pytest
 
@@ -247,6 +249,11 @@ def test_a_dropped_frame_and_calibration_are_looked_at(make, seen):
         ({"a.json": b"{"}, "a.json"),
         ({"a.json": b'{"endolab": 2}'}, "expected version 1, found 2"),
         ({"a.png": png(np.ones((4, 5, 3)))}, "a.png is 5x4 px, but the calibration is for 1440x1080 px"),
+        ({"../a.png": b""}, "../a.png: not a picture that can be read"),
+        ({300 * "a" + ".json": b"\xff"}, "a.json: not UTF-8 text"),
+        ({"a\0b": b"", "e.json": b"[]"}, "e.json: the file: expected an object"),
+        ({"a.png": b"", "b.png": b""}, "expected one picture at most, found 2: a.png, b.png"),
+        ({"a.json": b"", "b.JSON": b""}, "expected one calibration at most, found 2: a.json, b.JSON"),
     ],
 )
 def test_what_cannot_be_read_is_said_and_changes_nothing(make, files, words):
@@ -256,6 +263,59 @@ def test_what_cannot_be_read_is_said_and_changes_nothing(make, files, words):
     assert words in box.status.value
     assert "/tmp" not in box.status.value
     assert box.engine.wait(1) is before
+
+
+@pytest.mark.parametrize(
+    "name", ["../../x.png", "a/b.png", "", ".", "..", "a\0b.png", 'a"b\n.png', "<b>x</b>"]
+)
+def test_a_frame_may_have_any_name(make, seen, name):
+    frame, calibration, _ = seen
+    box = make()
+    box.take({name: png(frame.image), "endoscope.json": as_json(calibration.to_dict())})
+    assert box.engine.wait(30).subject.frame.name == name
+    assert box.engine.complaint == ""
+    compile(box.python(), "shown", "exec")
+    assert "<b>" not in box.status.value
+
+
+def test_spoiled_pictures_are_a_line_and_the_next_wish_is_answered(make, seen):
+    frame, calibration, _ = seen
+    box = make()
+    known = as_json(calibration.to_dict())
+    chance = np.random.default_rng(0)
+    for _ in range(30):
+        content = bytearray(png(frame.image))
+        for place in chance.integers(len(content), size=chance.choice([1, 5, 50])):
+            content[place] = chance.integers(256)
+        files = {"endoscope.json": known, "a.png": bytes(content[: chance.choice([None, len(content) // 2])])}
+        box._guarded(lambda files=files: box.take(files))()
+        outcome = box.engine.wait(30)
+        assert outcome.error is None or "\n" not in outcome.error
+    for light in ({"gain": 1e-300}, {"gain": 1e300}, {"k": 1e9}, {"gamma": 1e-9}):
+        odd = calibration.to_dict()
+        odd["photometry"] |= light
+        box._guarded(lambda odd=odd: box.take({"a.json": as_json(odd)}))()
+        box.engine.wait(30)
+        assert "<" not in box.status.value.split(">", 1)[1].removesuffix("</span>")
+    box.take({"endoscope.json": known})
+    assert box.engine.wait(30).error is None
+    assert box.engine.complaint == ""
+
+
+def test_a_point_that_is_none_and_a_folder_that_cannot_be_are_a_line(make):
+    box = make()
+    box.engine.wait(30)
+    for point in ([0.5], ["a", "b", "c"], [float("nan"), 0.0, 0.0]):
+        box.pair.picture.point = point
+        assert "a point of a map is three numbers" in box.status.value
+    box.pair.picture.point = [7.0, -7.0, 1.0]
+    assert box.knobs["section"].value == 100
+    for folder in ("", "a\0b", 300 * "a"):
+        box.folder.value, before = folder, box.status.value
+        box._guarded(box._export_aside)()
+        until(lambda before=before: box.status.value != before and "exporting" not in box.status.value)
+        assert "C0392B" in box.status.value
+        assert "Errno" not in box.status.value
 
 
 def test_a_solve_under_way_does_not_wipe_off_what_a_button_said(make):
@@ -278,11 +338,36 @@ def test_wrong_arguments_are_refused_and_close_ends_the_thread(make, seen):
         el.tune(scene="moon")
     with pytest.raises(ValueError, match="but the calibration is for 1440x1080"):
         el.tune(seen[0])
+    for wrong in (
+        {"frame": "a.png"},
+        {"calibration": "paper"},
+        {"width": 0},
+        {"width": "x"},
+        {"scene": None},
+    ):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            el.tune(**wrong)
+    for truth in (-seen[2], 0 * seen[2], np.full(seen[2].shape, "far")):
+        with pytest.raises(ValueError, match="truth must be positive and finite, or nan"):
+            el.tune(*seen[:2], truth=truth)
     assert threading.active_count() == threads
     box = make()
     assert threading.active_count() == threads + 1
     box.close()
     assert threading.active_count() == threads
+
+
+def test_tuners_that_are_closed_are_forgotten():
+    """Jupyter keeps all widgets that are not closed; the first few load what stays."""
+    counts = []
+    for _ in range(5):
+        box = el.tune(scene="plane", width=16)
+        box.engine.wait(30)
+        box.close()
+        del box
+        gc.collect()
+        counts.append((threading.active_count(), len(ipywidgets.widgets.widget._instances)))
+    assert counts[-1] == counts[2]
 
 
 @pytest.fixture(scope="module")
