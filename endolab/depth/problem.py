@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from endolab.model.cameras import Camera, RayField
 from endolab.model.photometry import Photometry
+from endolab.model.ranges import check_range
 from endolab.model.schema import unknown_name
 from endolab.model.surface import check_xi, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -76,6 +77,8 @@ class Problem:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive and finite, got {value}")
+        for name in ("lam", "epsilon", "threshold"):
+            check_range(name, getattr(self, name))
         shape = (self.camera.height, self.camera.width)
         for name in ("image", "mask"):
             if getattr(self, name).shape != shape:

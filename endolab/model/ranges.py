@@ -19,6 +19,9 @@ RANGES = {
     "exponent": (0.0, 100.0),
     "weight": (1e-12, 1e12),
     "length": (1e-3, 1e6),  # that fixes a scale, mm
+    "lam": (0.0, 1e12),
+    "epsilon": (1e-12, 1e6),
+    "threshold": (1e-9, 1e6),
     # Cameras, px
     "fx": (1e-2, 1e7),
     "fy": (1e-2, 1e7),
