@@ -101,8 +101,7 @@ class Kills:
         rng = np.random.default_rng([zlib.crc32(name.encode()), seed])
         number, share = SIGNALS[int(rng.integers(len(SIGNALS)))], float(rng.uniform(0.05, 0.95))
         folder = self._folder(f"{name.replace(' ', '-')}-{seed}")
-        shared, started = _shared_memory(), time.monotonic()
-        process = self._start(name, folder)
+        started, process = time.monotonic(), self._start(name, folder)
         time.sleep(share * usual)
         with contextlib.suppress(ProcessLookupError):
             os.kill(process, number)
@@ -117,7 +116,8 @@ class Kills:
         )
         there = sorted(path for path in judge.tree(folder) if path.split("/")[0] in COMMANDS[name][1])
         wrong += self._partial(name, folder, whole)
-        status_again = self._wait(self._start(name, folder), LONGEST)
+        second = self._start(name, folder)
+        status_again = self._wait(second, LONGEST)
         said = Path(f"{folder}.err").read_text(errors="replace").strip()[:300]
         if status_again != 0:
             wrong.append(f"run again, it ends with {status_again!r}: {said}")
@@ -130,7 +130,7 @@ class Kills:
             if "/." in f"/{path}" and Path(path).name != judge.MARK
         ]
         wrong += [f"temporary file left: {path}" for path in judge.tree(f"{folder}.tmp")]
-        wrong += [f"shared memory left: {path}" for path in _shared_memory() - shared]
+        wrong += [f"shared memory left: {path}" for path in _shared_memory(process, second)]
         told = (
             f"endolab {' '.join(COMMANDS[name][0])[:120]}, {number.name} after {share:.0%} of {usual:.1f} s"
         )
@@ -247,10 +247,12 @@ def _belongs(process, folder):
     return False
 
 
-def _shared_memory():
+def _shared_memory(*processes):
+    """What processes have left in shared memory, where others' may be, too."""
     place = Path("/dev/shm")
-    names = place.iterdir() if place.is_dir() else ()
-    return {path.name for path in names if path.name.startswith(("joblib", "loky", "sem.", "psm_", "rerun"))}
+    names = [path.name for path in place.iterdir()] if place.is_dir() else []
+    marks = [mark for process in processes for mark in (f"_{process}_", f"-{process}-")]
+    return sorted(name for name in names if any(mark in name for mark in marks))
 
 
 def _words_after(status, number, folder, done):
