@@ -15,6 +15,7 @@ class Case:
     names: tuple[str, ...] = ()  # a refusal must have one of these words; none: any sentence will do
     new: tuple[str, ...] = ()  # what is there after exit 0, whole, and not after exit 2
     kept: tuple[str, ...] = ()  # what may be there, whole, after either: rows or frames that are done
+    safe: tuple[str, ...] = ()  # what nothing may touch, wherever it is
     any: tuple[str, ...] = ()  # those of `kept` whose names do not say what is in them
     status: int | None = None  # the exit status that it must have, where that is known
     loose: bool = (

@@ -20,6 +20,7 @@ SHARED = (
     (odd_calls.paths, 10),
     (odd_calls.calls, 24),
     (odd_calls.tuner, 4),
+    (odd_calls.yours, 5),
     (disks.full_disk, 3),
     (disks.read_only_disk, 2),
 )

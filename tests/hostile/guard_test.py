@@ -151,6 +151,8 @@ def test_what_is_as_it_must_be_survives(run):
         run(lambda: leave("rows.csv", "a,b\n1,2\n") or say("endolab: the second row\n"), kept=("rows.csv",))
         == []
     )
+    assert run(lambda: leave("given.txt", "y") or 0, kept=("given.txt",), any=("given.txt",)) == []
+    assert run(lambda: leave("given.txt", "z") or 0, kept=("given.txt",), safe=("given.txt",)) != []
     assert run(lambda: 0, status=2) == ["exit status 0, where 2 was expected: ''"]
 
 

@@ -175,7 +175,7 @@ def wrong_files(before, after, status, case):
         if before.get(name) == after.get(name):
             continue
         hidden = any(part.startswith(".") and part != MARK for part in name.split("/"))
-        if hidden or not within(name, allowed):
+        if hidden or not within(name, allowed) or name in case.safe:
             what = "left over" if name not in before else "gone" if name not in after else "changed"
             yield f"{what}: {name}"
         elif name in after and after[name] not in ("folder", "special") and name not in case.any:

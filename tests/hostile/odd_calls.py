@@ -502,3 +502,72 @@ def tuner(rng, good):
             box.close()
 
     return call(f"tuner.take({ {name: len(content) for name, content in files.items()} })", work, status=0)
+
+
+# What was there before ----------------------------------------------------------------------------
+WRITING = (
+    (
+        ("reconstruct", "frame.png", "--calibration", "endoscope.json", *QUICK, "--out", "out"),
+        ("out/depth.npz", "out/cloud.ply", "out/report.json", "out/overview.png", "out/recording.rrd", "out"),
+    ),
+    (
+        ("reconstruct", "pictures", "--calibration", "cal.json", *QUICK, "--out", "out"),
+        ("out/report.json", "out/frames.csv", "out/frames/000/depth.npz", "out/frames", "out/recording.rrd"),
+    ),
+    (
+        ("simulate", "tube", "--calibration", "cal.json", "--width", "24", "--out", "out"),
+        ("out/frame.png", "out/truth.npz", "out/endoscope.json", "out"),
+    ),
+    (
+        ("simulate", "sheet", "--calibration", "cal.json", "--width", "48", "--frames", "1", "--out", "out"),
+        ("out/000000.png", "out/truth.json"),
+    ),
+    (("sweep", "frame.png", "--calibration", "endoscope.json", *QUICK, "--out", "out.csv"), ("out.csv",)),
+    (("target", "vicalib_small", "--out", "out.svg"), ("out.svg",)),
+    (("convert", "geometry.xml", "photometry.xml", "--out", "out.json"), ("out.json",)),
+    (
+        ("calibrate", "sheet", "--target", "vicalib_small", "--out", "out.json"),
+        ("out.json", "out_report/report.json", "out_report/detections.jsonl", "out_report/camera.json"),
+    ),
+)
+
+
+def yours(rng, good):
+    """A command whose results have the names of a user's files, which stay; and the user's umask."""
+    words, names = pick(rng, WRITING)
+    name, how = (
+        Path(pick(rng, names)),
+        pick(rng, ["text", "text", "empty", "link", "other", "folder", "nothing"]),
+    )
+    good.take(*FILES, *FOLDERS)
+    name.parent.mkdir(parents=True, exist_ok=True)
+    Path("mine.txt").write_text("mine")
+    if how == "folder":
+        name.mkdir()
+        (name / "mine.txt").write_text("mine")
+    elif how == "link":
+        name.symlink_to(Path("mine.txt").resolve())
+    elif how == "other":  # of the same kind, and not endolab's
+        name.write_text(
+            {".json": '{"my": "list"}', ".csv": "a,b\n1,2\n", ".jsonl": "{}\n"}.get(name.suffix, "mine")
+        )
+    elif how != "nothing":
+        name.write_text("" if how == "empty" else "mine")
+    safe = ("mine.txt",) if how == "nothing" else ("mine.txt", str(name), f"{name}/mine.txt")
+    case = command(*words, kept=("out", "out.csv", "out.svg", "out.json", "out_report"), safe=safe)
+    there = {path for path in Path().rglob("*") if path.is_file()}
+
+    def run():
+        before = os.umask(0o027)
+        try:
+            status = case.run()
+        finally:
+            os.umask(before)
+        for path in Path().rglob("*"):
+            if path.is_file() and path not in there and path.stat().st_mode & 0o777 != 0o640:
+                raise ZeroDivisionError(
+                    f"{path} has the mode {path.stat().st_mode & 0o777:o} where umask says 640"
+                )
+        return status
+
+    return case.but(run=run)
