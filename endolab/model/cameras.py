@@ -334,7 +334,7 @@ class Scaramuzza(Camera):
         numbers = (self.cx, self.cy, self.c, self.d, self.e, self.row_scale)
         if not (np.all(np.isfinite(numbers)) and np.linalg.det(self._affine) > 0):
             raise ValueError(f"cx, cy, c, d, e must be finite and c - d·e positive, got {list(numbers[:5])}")
-        ranges = {"cx": self.cx, "cy": self.cy, "a0": self.a[0], "a": self.a}
+        ranges: dict[str, ArrayLike] = {"cx": self.cx, "cy": self.cy, "a0": self.a[0], "a": self.a}
         ranges |= {
             "c, d, e": (self.c, self.d, self.e, self.row_scale),
             "c - d·e": np.linalg.det(self._affine),

@@ -38,6 +38,15 @@ def test_a_mask_restricts_the_pixels():
     assert (errors.pixels, errors.mean_mm) == (2, 3.0)
 
 
+@pytest.mark.parametrize("unknown", [0.0, -3.0, np.inf, -np.inf, np.nan])
+@pytest.mark.parametrize("which", [0, 1])
+def test_what_is_no_distance_does_not_count(unknown, which):
+    maps = [np.full((3, 4), 10.0), np.full((3, 4), 11.0)]
+    maps[which][0, 0] = unknown
+    found = compare(*maps, np.ones((3, 4)), scale="median")
+    assert (found.pixels, found.mean_mm) == (11, pytest.approx(0.0))
+
+
 def test_normals_count_where_both_distances_are_known():
     normals, true_normals = np.full((2, 3, 3), np.nan), np.full((2, 3, 3), np.nan)
     angles = np.deg2rad([0.0, 1.0, 2.0, 9.0])
