@@ -133,8 +133,8 @@ def _move_in(files: Iterable[Path], claim: Claim, replaced: Collection[str], asi
             place = claim.place(path.name)
             with one_sentence(f"cannot write {place}"):
                 if path.name in replaced:
+                    done.append((place, aside / path.name))  # before, so that no interrupt loses it
                     _move_new(place, aside / path.name)
-                    done.append((place, aside / path.name))
                     _replace(path, place)
                 else:
                     _move_new(path, place)

@@ -340,6 +340,29 @@ def test_a_move_that_fails_half_way_is_taken_back(tmp_path, monkeypatch, failure
     write(tmp_path)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_a_run_that_is_killed_while_it_moves_leaves_what_may_be_written_again(tmp_path):
+    write(tmp_path / "out", content="old")
+    code = """if True:
+        import os, signal
+        from endolab.io import atomic
+        def killed(path, place):
+            if place.name == "b":
+                os.kill(os.getpid(), signal.SIGKILL)
+            path.replace(place)
+        atomic._replace = killed
+        with atomic.staged_folder("out") as folder:
+            for name in "abc":
+                (folder / name).write_text("half")
+    """
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=ENVIRONMENT, timeout=60)
+    assert done.returncode == -signal.SIGKILL
+    assert texts(tmp_path / "out") == {"a": "half", "b": "old"}
+    write(tmp_path / "out", "abc")
+    assert texts(tmp_path / "out") == dict.fromkeys("abc", "new")
+    assert contents(tmp_path / "out") == [".endolab.json", "a", "b", "c"]
+
+
 def test_one_of_two_runs_at_once_wins_whole(tmp_path):
     """However they meet, what is left is of one of them, and endolab's own."""
     names = [f"{number:02d}" for number in range(20)]
