@@ -80,7 +80,7 @@ PLANTED = {
     "two lines": (lambda: say("endolab: frame.png: cannot be read\nmore\n"), "2 lines on stderr"),
     "no sentence": (lambda: say("frame.png\n"), "no sentence"),
     "nothing said": (lambda: 2, "0 lines on stderr"),
-    "too long": (lambda: say(f"endolab: {'long ' * 100}\n"), "a sentence of"),
+    "too long": (lambda: say(f"endolab: {'long ' * 200}\n"), "a sentence of"),
     "escape codes": (lambda: say("endolab: \x1b[31mframe.png\x1b[0m is red\n"), "unprintable"),
     "words of Python": (
         lambda: say("endolab: frame.png: [Errno 28] No space left on device\n"),
