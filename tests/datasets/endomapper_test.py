@@ -283,6 +283,23 @@ def test_convert_the_camera_alone(write, tmp_path, capsys):
     assert set(json.loads((tmp_path / "camera.json").read_text())) == {"endolab", "camera"}
 
 
+def test_convert_replaces_nothing_else_unasked(write, capsys):
+    geometry, photometry = write()
+    out = geometry.with_name("cal.json")
+    for _ in range(2):  # the same again
+        assert convert(geometry, photometry, "--out", out) == 0
+    out.write_text("mine")
+    assert convert(geometry, photometry, "--out", out) == 2
+    assert "cal.json is there already; choose another name, or replace it with --overwrite" in (
+        capsys.readouterr().err
+    )
+    assert out.read_text() == "mine"
+    assert convert(geometry, photometry, "--out", out, "--overwrite") == 0
+    geometry.rename(out)
+    assert convert(out, photometry, "--out", out, "--overwrite") == 2
+    assert "cal.json is read by this very call" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
