@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 from scipy.spatial import Delaunay
 
+from endolab.model.ranges import check_range
 from endolab.numerics.arrays import FloatArray, IntArray
 
 VICALIB_SEED = 71
@@ -107,6 +108,7 @@ class Target:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive and finite (mm), got {value}")
+            check_range(name, value, "length")
         if self.fold is None:
             return
         if not _is_whole(self.fold):
@@ -214,6 +216,7 @@ class DotGrid(Target):
         if not 0 < self.small < self.large < self.spacing / 2:
             told = f"small {self.small}, large {self.large}, spacing {self.spacing}"
             raise ValueError(f"the radii must be 0 < small < large < spacing / 2, got {told}")
+        check_range("small", self.small, "length")
         if not _is_whole(self.seed) or not 0 <= self.seed < 2**32:
             raise ValueError(f"seed must be a whole number from 0 to 2**32 - 1, got {self.seed}")
         if self.greys is not None and not 0 < self.greys < 1:
@@ -264,6 +267,7 @@ class CircleGrid(Target):
         super().__post_init__()
         if not 0 < self.radius < self.spacing / np.sqrt(2):
             raise ValueError(f"radius must be positive and below spacing / √2, got {self.radius}")
+        check_range("radius", self.radius, "length")
 
     @cached_property
     def points(self) -> FloatArray:  # noqa: D102
@@ -319,6 +323,7 @@ class Charuco(Chessboard):
         Target.__post_init__(self)
         if not 0 < self.marker < self.spacing:
             raise ValueError(f"marker must be positive and below spacing, got {self.marker}")
+        check_range("marker", self.marker, "length")
         if not (self.dictionary.startswith("DICT_") and hasattr(cv2.aruco, self.dictionary)):
             raise ValueError(f"dictionary must be one of OpenCV's (DICT_…), got {self.dictionary!r}")
         markers, most = len(self.board.getIds()), len(self.board.getDictionary().bytesList)

@@ -18,7 +18,7 @@ RANGES = {
     "position": (-1e3, 1e3),  # mm
     "exponent": (0.0, 100.0),
     "weight": (1e-12, 1e12),
-    "length": (1e-3, 1e6),  # that fixes a scale, mm
+    "length": (1e-3, 1e6),  # of a target, or one that fixes a scale, mm
     "lam": (0.0, 1e12),
     "epsilon": (1e-12, 1e6),
     "threshold": (1e-9, 1e6),
@@ -35,9 +35,9 @@ RANGES = {
 }
 
 
-def check_range(name: str, values: ArrayLike) -> None:
-    """Raise a ValueError if a value of this name, or one of several, is out of its range."""
-    low, high = RANGES[name]
+def check_range(name: str, values: ArrayLike, kind: str = "") -> None:
+    """Raise a ValueError if a value of this name, or one of several, is out of its range, or a kind's."""
+    low, high = RANGES[kind or name]
     wrong = [value for value in np.ravel(values) if not low <= value <= high]
     if wrong:
         raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {wrong[0]:g}")

@@ -181,6 +181,11 @@ def test_the_least_targets_work(make):
             for make, key in itertools.product(GOOD, ("spacing", "margin"))
             for value in (0.0, -1.0, np.inf, np.nan)
         ),
+        *((make, "spacing", 1e300, "spacing must lie in") for make in GOOD),
+        *((make, "margin", 1e-320, "margin must lie in") for make in GOOD),
+        *((DotGrid, key, 1e-320, "must lie in|0 < small") for key in ("small", "large")),
+        (CircleGrid, "radius", 1e-320, "radius must lie in"),
+        (Charuco, "marker", 1e-320, "marker must lie in"),
         (DotGrid, "small", 0.0, "0 < small < large < spacing / 2, got small 0.0"),
         (DotGrid, "small", 2.0, "0 < small < large"),
         (DotGrid, "large", 2.6, "0 < small < large"),
