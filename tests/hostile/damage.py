@@ -381,6 +381,8 @@ def odd_array(rng, array):
     """An array of other values, another type or another shape than expected."""
     array = np.array(array)
     how = pick(rng, ["values", "values", "values", "type", "shape", "all"])
+    if array.ndim == 0 and how == "shape":
+        return np.full(pick(rng, [(1,), (0,), (2, 2)]), array)
     if how == "values" and array.size and array.dtype.kind == "f":
         some = rng.random(array.shape) < pick(rng, [1e-3, 0.05, 0.5])
         array[some] = pick(rng, [np.nan, np.inf, -np.inf, 0, -1, 1e30, 1e-30, -1e30])
