@@ -6,6 +6,7 @@ import json
 import struct
 import zipfile
 import zlib
+from functools import cache
 
 import numpy as np
 
@@ -79,7 +80,8 @@ def pick(rng, choices):
 def number_near(rng, value):
     """A number that another was mistaken for."""
     how = pick(rng, ["nasty", "times", "sign", "near", "near"])
-    if how == "nasty" or isinstance(value, bool) or not isinstance(value, int | float):
+    plain = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+    if how == "nasty" or not plain:
         return pick(rng, NUMBERS)
     if how == "times":
         return value * 10.0 ** float(rng.integers(-12, 13))
@@ -289,6 +291,12 @@ def png(width, height, data=None, *, depth=8, kind=0, interlaced=0, chunks=(), g
     )
 
 
+@cache
+def _large_png():
+    """A picture of 50 kB that takes 400 MB."""
+    return png(20_000, 20_000, bytes(2501 * 20_000), depth=1)
+
+
 def odd_png(rng):
     """A PNG of another kind than expected, or one whose parts contradict each other."""
     noise = rng.bytes(24 * 33)
@@ -321,7 +329,7 @@ def odd_png(rng):
         "promise": lambda: png(
             *pick(rng, [(20_000, 20_000), (65_000, 65_000), (300_000, 64), (1_000_000, 1_000_000)])
         ),
-        "bomb": lambda: png(20_000, 20_000, bytes(2501 * 20_000), depth=1),
+        "bomb": _large_png,
     }
     return odd[pick(rng, list(odd))]()
 
