@@ -3,18 +3,18 @@
 import itertools
 import math
 import os
-import threading
+import sys
 import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import psutil
-
 from endolab.batch.table import Row, measured, read_numbers, read_rows, write_rows
+from endolab.batch.workers import end_with
 from endolab.depth.problem import REGULARISERS
 from endolab.depth.result import Result
 from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver
@@ -132,7 +132,7 @@ def sweep(
                 n_jobs=n_jobs,
                 return_as="generator_unordered",
                 pre_dispatch="2*n_jobs",
-                initializer=_end_with,  # of processes; other backends take no notice
+                initializer=end_with,  # of processes; other backends take no notice
                 initargs=(os.getpid(),),
             )
             try:
@@ -153,11 +153,25 @@ def sweep(
                 finished.close()
     except KeyboardInterrupt as interrupt:
         raise KeyboardInterrupt(_interruption(done, total)) from interrupt
+    except _losses() as error:
+        why = "a worker was lost, perhaps for want of memory"
+        raise OSError(f"{why}; {_so_far(done, total)}") from error
     return [rows[_key(task[0])] for task in tasks]
 
 
 def _interruption(done: int, total: int) -> str:
-    return f"interrupted; {done} of {total} rows are in the table, the same command goes on"
+    return f"interrupted; {_so_far(done, total)}"
+
+
+def _so_far(done: int, total: int) -> str:
+    return f"{done} of {total} rows are in the table, the same command goes on"
+
+
+def _losses() -> tuple[type[BaseException], ...]:
+    """Make a list of what is raised when a worker ends before its work; Dask's, where it is in use."""
+    dask = sys.modules.get("distributed")
+    others = () if dask is None else (dask.scheduler.KilledWorker, dask.comm.CommClosedError)
+    return (BrokenExecutor, CancelledError, *others)
 
 
 def _config(backend: str | None) -> AbstractContextManager[Any]:
@@ -197,17 +211,6 @@ def _unfinished(row: Row | None, compared: bool) -> bool:
     if row is None or row["error"] or row["status"] not in Status.__members__ or math.isnan(row["energy"]):
         return True
     return compared and math.isnan(row["mean_percent"])
-
-
-def _end_with(parent: int) -> None:
-    """End this worker as soon as the process that it works for is gone, however that ended."""
-
-    def watch() -> None:
-        while (os.getppid() == parent) if os.name == "posix" else psutil.pid_exists(parent):
-            time.sleep(0.2)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def _solved(
