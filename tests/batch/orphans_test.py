@@ -1,12 +1,16 @@
-"""A sweep that is killed leaves no worker, no memory and no file behind."""
+"""A sweep that is killed leaves no worker, no memory and no file behind; a killed worker is said."""
 
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
+
+import endolab as el
+from endolab.batch.sweep import read_table
 
 SWEEP = """
 import sys
@@ -63,3 +67,46 @@ def test_workers_end_with_a_sweep_that_is_killed(early, tmp_path):
     assert (len(gone), alive) == (len(workers), [])
     assert until(lambda: not memories(program.pid)), memories(program.pid)
     assert [path.name for path in tmp_path.iterdir()] == ["t.csv"]
+
+
+@pytest.fixture(scope="module")
+def seen():
+    calibration = el.load_calibration("simple", width=64)
+    scene = el.render(el.SCENES["tube"], calibration.camera, calibration.photometry)
+    return [el.Frame(scene.image, scene.mask, "tube")], el.Calibration(scene.camera, scene.photometry)
+
+
+def workers_of_loky():
+    children = psutil.Process().children(recursive=True)
+    return [child for child in children if "popen_loky" in " ".join(child.cmdline())]
+
+
+def test_a_worker_that_is_killed_is_one_sentence_and_the_next_sweep_goes_on(seen, tmp_path):
+    how = {"lam": np.geomspace(0.01, 100, 12), "table": tmp_path / "t.csv", "n_jobs": 2, "backend": "loky"}
+
+    def kill(done, total, row):
+        if done == 2:
+            for worker in workers_of_loky():
+                worker.kill()
+
+    with pytest.raises(
+        OSError, match=r"a worker was lost.*; \d+ of 12 rows are in the table, the same command"
+    ):
+        el.sweep(*seen, **how, progress=kill)
+    assert len(read_table(tmp_path / "t.csv")) >= 2
+    assert len(el.sweep(*seen, **how)) == 12
+
+
+@pytest.mark.filterwarnings("ignore")  # of Dask's own
+def test_other_machines_find_the_same(seen, tmp_path):
+    distributed = pytest.importorskip(
+        "distributed", reason='Dask is not installed: pip install "distributed"'
+    )
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster),
+    ):
+        far = el.sweep(*seen, lam=(0.1, 1.0), table=tmp_path / "far.csv", backend="dask")
+    near = el.sweep(*seen, lam=(0.1, 1.0), table=tmp_path / "near.csv", n_jobs=1)
+    assert [row["energy"] for row in far] == pytest.approx([row["energy"] for row in near])
+    assert {row["error"] for row in far} == {""}
