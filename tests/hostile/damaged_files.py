@@ -327,10 +327,9 @@ def _odd_picture(rng, good, stem):
     """Put something into the folder of pictures that is none."""
     path = Path("pictures") / (stem + pick(rng, [".png", ".png", ".png", ".jpg", ".PNG", ".tif", ".txt"]))
     how = pick(rng, ["picture", "picture", "gone", "folder", "link", "loop", "empty", "twin", "pipe"])
-    if path.is_file() or path.is_symlink():
-        path.unlink()
-    if path.is_dir():
+    if path.is_dir() and not path.is_symlink():
         return
+    path.unlink(missing_ok=True)
     if how == "picture":
         path.write_bytes(_bad_picture(rng, good, pick(rng, given.PICTURES)))
     elif how == "folder":

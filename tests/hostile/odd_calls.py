@@ -219,7 +219,7 @@ NAMES = [
     ),
     *(
         "y" * 300 + ".png",
-        "z/" * 3000 + "x.json",
+        ("z" * 200 + "/") * 30 + "x.json",
         " ",
         "paper",
         "vicalib_small",
