@@ -23,6 +23,6 @@ def test_all_there_is_to_choose_is_named():
         said == "unknown calibration 'papr'; choose paper, simple, c3vd or a JSON file; did you mean paper?"
     )
     assert (
-        str(unknown_name("scale", "mean", ("none", "median")))
-        == "unknown scale 'mean'; choose none or median"
+        str(unknown_name("scale", "both", ("none", "median")))
+        == "unknown scale 'both'; choose none or median"
     )
