@@ -21,7 +21,7 @@ import psutil
 
 RAISE = dis.opmap["RAISE_VARARGS"]
 MARK = ".endolab.json"  # by which a folder of results is known as one
-LONGEST = 640  # characters of a sentence; the command line cuts the middle out of a longer one
+LONGEST = 700  # characters of a sentence; the command line cuts the middle out of a longer one
 MOST_MEMORY = 600  # MB that a case, whose files are small, may take for a while
 MOST_THREADS = 8  # that libraries may start in their pools while cases run, and keep
 # What Python, NumPy and other libraries say to those who wrote the program.
