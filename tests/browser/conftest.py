@@ -1,5 +1,6 @@
 """A JupyterLab on a copy of the notebooks, a Chromium, and a notebook open in it."""
 
+import json
 import os
 import shutil
 import socket
@@ -14,6 +15,7 @@ import endolab as el
 from endolab import datasets
 from endolab.depth.solvers import SOLVERS
 from tests.conftest import missing_system
+from tests.tools.foreign_notebooks import foreign_notebooks
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -122,6 +124,8 @@ def lab(tmp_path_factory, compiled):
     """Address of a JupyterLab on a copy of the notebooks, started as ``make lab`` does."""
     root = tmp_path_factory.mktemp("lab")
     shutil.copytree(ROOT / "notebooks", root / "notebooks", ignore=shutil.ignore_patterns(".*"))
+    for name, content in foreign_notebooks().items():
+        (root / "notebooks" / name).write_text(json.dumps(content), encoding="utf-8")
     environment = {key: value for key, value in os.environ.items() if key != "MPLBACKEND"}
     environment |= {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
     command = [sys.executable, "-m", "endolab", "lab", f"--notebooks={root / 'notebooks'}"]

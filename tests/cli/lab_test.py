@@ -18,6 +18,7 @@ import pytest
 
 from endolab.cli import lab
 from endolab.cli import main as cli
+from tests.tools.foreign_notebooks import QUICKSTART, foreign_notebooks
 
 ROOT = Path(__file__).resolve().parents[2]
 LONG_SOLVE = """
@@ -28,22 +29,6 @@ tell = lambda iterate: print("solving", flush=True) if iterate.k else None
 endless = dict(solver="primal_dual", tolerance=0.0, max_iterations=10**9)
 result = el.reconstruct(el.Frame(scene.image, scene.mask), known, observers=[tell], **endless)
 """
-
-
-QUICKSTART = ROOT / "notebooks" / "00_quickstart.ipynb"
-SCRIPT = {"text/html": "<script>document.title = 'taken over'</script>", "text/plain": "nothing"}
-
-
-def foreign_notebooks():
-    """Notebooks that somebody else wrote, by name: a script waits in an output, or in a widget."""
-    output = {"output_type": "display_data", "data": SCRIPT, "metadata": {}}
-    cell = {"cell_type": "code", "source": "1", "metadata": {"trusted": True}, "outputs": [output]}
-    whole = json.loads(QUICKSTART.read_text(encoding="utf-8"))
-    foreign = whole | {"cells": [cell | {"execution_count": None, "id": "a"}]}
-    scripted, widgets = json.loads(json.dumps(whole)), json.loads(json.dumps(whole))
-    next(cell for cell in scripted["cells"] if cell["cell_type"] == "code")["outputs"] = [output]
-    widgets["metadata"]["widgets"] = {"application/vnd.jupyter.widget-state+json": {"state": {}}}
-    return {"00_quickstart_again.ipynb": scripted, "02_foreign.ipynb": foreign, "03_widgets.ipynb": widgets}
 
 
 @pytest.fixture(scope="module")
