@@ -8,11 +8,12 @@ import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from endolab._extras import MissingPackage
 from endolab.batch.table import Row, measured, read_numbers, read_rows, write_rows
 from endolab.batch.workers import end_with
 from endolab.depth.problem import REGULARISERS
@@ -34,6 +35,7 @@ KEY = ("frame", "xi", "regulariser", "lam", "solver", "options")
 ERRORS = ("mean_mm", "median_mm", "mean_percent", "median_percent", "mean_degrees")
 MEASURED = ("iterations", "energy", "data", "regulariser_energy", "seconds", *ERRORS)
 COLUMNS = (*KEY, "status", *MEASURED, "error")
+BACKENDS = ("loky", "threading", "dask")
 
 Truth = tuple[FloatArray, FloatArray | None] | FloatArray | PathLike
 
@@ -126,8 +128,8 @@ def sweep(
     calibration = replace(calibration, camera=replace(calibration.camera))  # its ray field stays here
     done = total - len(todo)
     try:
-        write()  # now, rather than after an hour's run
         with _config(backend):
+            write()  # now, rather than after an hour's run
             parallel = joblib.Parallel(
                 n_jobs=n_jobs,
                 return_as="generator_unordered",
@@ -174,13 +176,33 @@ def _losses() -> tuple[type[BaseException], ...]:
     return (BrokenExecutor, CancelledError, *others)
 
 
-def _config(backend: str | None) -> AbstractContextManager[Any]:
+@contextmanager
+def _config(backend: str | None) -> Iterator[None]:
     import joblib
 
-    if backend is None:
-        return nullcontext()
-    threads = {"inner_max_num_threads": 1} if backend == "loky" else {}
-    return joblib.parallel_config(backend=backend, **threads)
+    with _dask() if backend == "dask" else nullcontext():
+        threads = {"inner_max_num_threads": 1} if backend == "loky" else {}
+        try:
+            config = nullcontext() if backend is None else joblib.parallel_config(backend=backend, **threads)
+        except ValueError as error:
+            raise unknown_name("backend", str(backend), BACKENDS) from error
+        with config:
+            yield
+
+
+def _dask() -> AbstractContextManager[Any]:
+    """Return who talks to Dask's workers, here or where DASK_SCHEDULER_ADDRESS says, unless somebody does."""
+    try:
+        import dask
+        import distributed
+    except ModuleNotFoundError as error:
+        raise MissingPackage(f"{error.name} is not installed; pip install distributed brings it") from error
+
+    try:
+        return nullcontext(distributed.get_client())
+    except ValueError:
+        there = dask.config.get("scheduler-address", None)
+        return distributed.Client(there) if there else distributed.Client(dashboard_address=None)
 
 
 def _checksum(calibration: Endoscope) -> str:

@@ -107,6 +107,7 @@ def test_other_machines_find_the_same(seen, tmp_path):
         distributed.Client(cluster),
     ):
         far = el.sweep(*seen, lam=(0.1, 1.0), table=tmp_path / "far.csv", backend="dask")
-    near = el.sweep(*seen, lam=(0.1, 1.0), table=tmp_path / "near.csv", n_jobs=1)
+    far += el.sweep(*seen, lam=(10.0,), table=tmp_path / "far.csv", backend="dask")  # with workers of its own
+    near = el.sweep(*seen, lam=(0.1, 1.0, 10.0), table=tmp_path / "near.csv", n_jobs=1)
     assert [row["energy"] for row in far] == pytest.approx([row["energy"] for row in near])
     assert {row["error"] for row in far} == {""}

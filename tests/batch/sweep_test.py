@@ -203,7 +203,7 @@ def test_the_command(seen, tmp_path, capsys):
     for wrong, message in (
         (["--lam", "a,b"], "--lam must be numbers such as 0.1,1,10, got a,b"),
         (["--jobs", "0"], "--jobs must be at least 1"),
-        (["--backend", "smoke"], "smoke"),
+        (["--backend", "smoke"], "unknown backend 'smoke'; choose loky, threading or dask"),
         (["--xi", "w"], "unknown xi 'w'; choose 1/z, d or 1/d"),
         (["--out", str(tmp_path / "no/t.csv")], "cannot write"),
     ):
