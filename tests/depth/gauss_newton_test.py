@@ -226,7 +226,7 @@ def test_a_tighter_tolerance_takes_more_steps_to_less(tube):
 
 
 def test_slow_falls_are_not_taken_for_the_end(monkeypatch):
-    """Falls of 1 to 2 % go on for twenty steps. Measured 2.3 % left; 29 % where a promise of 1 % is enough."""
+    """Falls of 1 to 2 % go on for twenty steps. Measured 2.3 % left; 29 % if one promise of 1 % is enough."""
     problem, _ = problem_of("colon", 96, xi="1/z", regulariser="first", lam=1.8, noise=3, bits=8)
     result = solved(problem)
     assert result.status is el.Status.CONVERGED
