@@ -21,7 +21,7 @@ from endolab.io.archives import Head, read_arrays
 from endolab.io.atomic import PathLike, as_json, one_sentence, read_json, write_atomically
 from endolab.io.images import read_mask
 from endolab.io.ownership import ASK, in_the_way, spare_inputs
-from endolab.io.surfaces import read_depth, save_depth
+from endolab.io.surfaces import MAPS, read_depth, save_depth
 from endolab.io.video import Frames, open_frames
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -258,9 +258,12 @@ class SequenceFolder:
     def _check(self, row: Row) -> None:
         """ValueError or OSError in one sentence, if a frame's depth map is not what its row tells of."""
         path = self.depth(row["frame"])
-        distance = read_depth(path, ("distance", "normals"))["distance"]
-        known = distance[np.isfinite(distance)]
-        if known.size != row["pixels"] or not np.isclose(np.median(known), row["median_distance"], rtol=1e-5):
+        maps = read_depth(path, (*MAPS, "mask", "metric"))
+        known = maps["distance"][maps["mask"] != 0]
+        told = known.size, bool(maps["metric"]), np.isfinite(known).all()
+        if told != (row["pixels"], row["unit"] == "mm", True) or not np.isclose(
+            np.median(known), row["median_distance"], rtol=1e-5
+        ):
             raise ValueError(f"{path}: not the depth map that frames.csv tells of")
 
     def depth(self, name: str) -> Path:

@@ -36,6 +36,7 @@ HANDED = {
     "numbers": (np.float64, 1),
     "flags": (np.bool_, 1),
 }  # arrays of `Carried`: kind, dimensions
+FARTHEST = 100.0  # that a log-distance can be, in any unit
 GRAZING = 0.25  # cosine between ray and normal below which a surface says little of its place
 
 
@@ -83,12 +84,10 @@ class Carried:
             raise ValueError("not what a frame hands to the next")
         v, (gain, light, least, age), (metric, torn) = (arrays[name] for name in HANDED)
         inside, finite = np.isfinite(v), np.isfinite([gain, light, least, age]).all()
-        if (
-            not (finite and min(gain, light) > 0 <= least and age >= 1)
-            or not inside.any()
-            or np.isinf(v).any()
-        ):
+        if not (finite and min(gain, light) > 0 <= least and age >= 1):
             raise ValueError("what a frame hands to the next must be finite and positive")
+        if not inside.any() or np.nanmax(np.abs(v)) > FARTHEST:
+            raise ValueError("what a frame hands to the next must be a surface")
         camera = calibration.camera
         if v.shape != (camera.height, camera.width):
             camera = camera.resize(v.shape[1], v.shape[0])

@@ -98,6 +98,51 @@ def test_an_interrupted_sweep_goes_on(frames, tmp_path, solved):
     assert len(solved) == len(set(solved)) == 4
 
 
+def test_a_sweep_that_was_interrupted_comes_to_the_same_table(frames, tmp_path):
+    def stop(done, total, row):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    def written(path):
+        with open(path, newline="", encoding="utf-8") as stream:
+            return [row | {"seconds": ""} for row in csv.DictReader(stream)]
+
+    how = {"lam": (0.1, 1), "max_iterations": 3}
+    sweep(frames, CALIBRATION, table=tmp_path / "whole.csv", **how)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(frames, CALIBRATION, table=tmp_path / "t.csv", progress=stop, **how)
+    sweep(frames, CALIBRATION, table=tmp_path / "t.csv", **how)
+    assert written(tmp_path / "t.csv") == written(tmp_path / "whole.csv")
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [{"iterations": "inf"}, {"iterations": "3.5"}, {"pixels": "x", "lam": ""}, {"energy": "\0"}, {"xi": '"'}],
+)
+def test_wild_cells_are_no_row_and_stay(frames, tmp_path, cells):
+    path = tmp_path / "t.csv"
+    row = dict.fromkeys(COLUMNS, "1") | cells
+    path.write_text(f"{','.join(COLUMNS)}\n{','.join(row[name] for name in COLUMNS)}\n")
+    content = path.read_bytes()
+    with pytest.raises(ValueError, match=r"t\.csv, line 2: not a row of a sweep"):
+        sweep(frames, CALIBRATION, table=path)
+    assert path.read_bytes() == content
+
+
+def test_a_field_without_end_is_another_table(frames, tmp_path):
+    (tmp_path / "t.csv").write_text(",".join(COLUMNS) + '\n"' + "x" * 200_000)
+    with pytest.raises(ValueError, match=r"t\.csv: not a table of a sweep"):
+        sweep(frames, CALIBRATION, table=tmp_path / "t.csv")
+
+
+def test_a_row_that_says_neither_result_nor_error_is_made_again(frames, tmp_path, solved):
+    path = tmp_path / "t.csv"
+    sweep(frames[:1], CALIBRATION, table=path)
+    path.write_text(path.read_text().replace("CONVERGED", "FINE"))
+    assert sweep(frames[:1], CALIBRATION, table=path)[0]["status"] == "CONVERGED"
+    assert len(solved) == 2
+
+
 def test_another_calibration_and_a_new_truth_are_made_anew(frames, seen, tmp_path, solved):
     path = tmp_path / "t.csv"
     sweep(frames[:1], CALIBRATION, table=path)
@@ -167,6 +212,7 @@ def test_workers_find_the_same_and_the_backend_may_be_set_outside(frames, tmp_pa
     ("change", "message"),
     [
         ({"lam": ()}, "at least one frame, lam, xi and regulariser"),
+        ({"lam": [math.nan]}, "lam must be a number, got nan"),
         ({"truth": []}, "expected a truth for each of 2 frames, found 0"),
         ({"frames": ["a/x.png", "b/x.png"]}, "two frames are called x.png"),
     ],

@@ -2,7 +2,9 @@
 
 import csv
 import json
+import os
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -17,11 +19,13 @@ from endolab.io import surfaces
 from endolab.io.images import write_image
 from endolab.io.video import write_video
 from endolab.reconstruction import sequence
+from tests.tools.recorded import Recorded
 
 COUNT = 5
 BASE = datasets.load_calibration("simple", 96)
 UNKNOWN = el.Calibration(BASE.camera, replace(BASE.photometry.channel("green"), gain=None))
 QUICK = {"solver": "facing", "width": 48}
+SHORT = {"max_iterations": 3, "width": 48}
 OUTPUTS = ["frames", "frames.csv", "recording.rrd", "report.json"]
 
 
@@ -146,6 +150,147 @@ def test_an_interrupted_video_goes_on_where_it_was(film, out, shots, stopped, fa
     assert (again.done_before, again.rows) == (COUNT, found.rows)
     assert {name: (out / name).read_bytes() for name in kept} == kept
     assert (out / "recording.rrd").stat().st_mtime_ns == stamp
+
+
+def kept(out):
+    """All that a folder holds, read back, but for seconds."""
+    found = {"report": report(out), "rows": [row | {"seconds": ""} for row in table(out)]}
+    for path in sorted((out / "frames").rglob("*.npz")):
+        with np.load(path, allow_pickle=False) as maps:
+            found[path.relative_to(out).as_posix()] = {name: maps[name].tobytes() for name in maps.files}
+    for entity, components in Recorded(out / "recording.rrd").rows.items():
+        if "seconds" not in entity and not entity.startswith("/__"):
+            found[entity] = {name: {k: str(v) for k, v in rows.items()} for name, rows in components.items()}
+    return found
+
+
+def lost(monkeypatch, after):
+    """Fail at a change of the disk, as if the power went: nothing is tidied up after it."""
+    changes = []
+
+    def counted(real):
+        def write(*what):
+            changes.append(what)
+            if len(changes) > after:
+                raise RuntimeError("the power is gone")
+            real(*what)
+
+        return write
+
+    for name in ("write_atomically", "write_rows", "save_depth"):
+        monkeypatch.setattr(video, name, counted(getattr(video, name)))
+    monkeypatch.setattr(video, "_undone", lambda files: nullcontext())
+
+
+@pytest.mark.parametrize("after", range(1, 10))
+def test_whenever_it_was_cut_off_it_comes_to_the_same_bits(film, out, monkeypatch, after):
+    """After the report, and after the depth map, what is handed on and the table of each frame."""
+    (film / "frame_1.png").write_bytes(b"broken")
+    reconstruct_video(film, UNKNOWN, out.with_name("whole"), limit=4, **SHORT)
+    with monkeypatch.context() as patch:
+        lost(patch, after)
+        with pytest.raises(RuntimeError, match="the power is gone"):
+            reconstruct_video(film, UNKNOWN, out, limit=4, **SHORT)
+    reconstruct_video(film, UNKNOWN, out, limit=4, **SHORT)
+    assert kept(out) == kept(out.with_name("whole"))
+
+
+def test_what_the_next_frame_takes_up_is_kept_no_longer_than_that(film, out):
+    reconstruct_video(film, UNKNOWN, out.with_name("whole"), **SHORT)
+    reconstruct_video(film, UNKNOWN, out, limit=2, **SHORT)
+    assert [path.parent.name for path in out.rglob("state.npz")] == ["frame_1"]
+    reconstruct_video(film, UNKNOWN, out, **SHORT)
+    assert list(out.rglob("state.npz")) == []
+    assert kept(out) == kept(out.with_name("whole"))
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", "another"])
+def test_what_is_handed_on_but_damaged_is_not_trusted(film, out, content):
+    reconstruct_video(film, UNKNOWN, out, limit=2, **SHORT)
+    state = out / "frames/frame_1/state.npz"
+    if content == "another":
+        with np.load(state) as arrays:
+            handed = dict(arrays)
+        np.savez(state, **handed | {"log_distance": handed["log_distance"] + 1e-3})
+    else:
+        state.write_bytes(content)
+    rows = reconstruct_video(film, UNKNOWN, out, limit=3, **SHORT).rows
+    assert [(row["error"], row["warm"]) for row in rows[2:]] == [("", 0)]
+    assert [path.parent.name for path in out.rglob("state.npz")] == ["frame_2"]
+
+
+@pytest.mark.parametrize("damage", ["cut", "empty", "foreign", "another frame's", "gone"])
+def test_a_damaged_depth_map_is_done_again_and_said(film, out, call, damage):
+    options = ("--width", 48, "--max-iterations", 3)
+    assert call(*options)[0] == 0
+    depth = out / "frames/frame_2/depth.npz"
+    wrong = {"cut": depth.read_bytes()[:-99], "empty": b"", "foreign": b"mine"}
+    wrong["another frame's"] = (out / "frames/frame_1/depth.npz").read_bytes()
+    depth.unlink()
+    if damage in wrong:
+        depth.write_bytes(wrong[damage])
+    code, said, error = call(*options)
+    assert (code, error) == (0, "")
+    assert f"frame_2.png is done again; {depth}: " in said
+    assert "done by an earlier call: 4 of them" in said
+    assert np.isfinite(distances(out, 2)).any()
+
+
+@pytest.mark.parametrize(
+    ("change", "again"),
+    [
+        (lambda text: text[:-20], False),  # of whom a row is that lacks cells is not certain
+        (lambda text: text.replace(",3,", ",1e999,", 1), True),
+        (lambda text: text.replace(",3,", ",-inf,", 1), True),
+        (lambda text: text.replace(",3,", ",nan,", 1), True),
+        (lambda text: text.replace("relative units", "furlongs", 1), True),
+        (lambda text: text + text.splitlines()[1] + "\n", False),
+        (lambda text: text + text.splitlines()[1].replace("frame_0", "../../x") + "\n", False),
+    ],
+)
+def test_rows_that_are_not_certain_are_done_again(film, out, call, change, again):
+    options = ("--width", 48, "--max-iterations", 3, "--limit", 2)
+    assert call(*options)[0] == 0
+    text = (out / "frames.csv").read_text(encoding="utf-8")
+    (out / "frames.csv").write_text(change(text), encoding="utf-8")
+    code, said, error = call(*options)
+    assert (code, error) == (0, "")
+    assert ("not a row of a frame" in said) == again
+    assert [row["frame"] for row in table(out)] == ["frame_0.png", "frame_1.png"]
+    assert names(out) == OUTPUTS
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("frames.csv", b""),
+        ("frames.csv", b"a,b\n1,2\n"),
+        ("frames.csv", b'"' + b"x" * 200_000),
+        ("report.json", b"[" * 100_000),
+        ("report.json", b'{"sequence": "x", "settings": [], "meaning": []}'),
+        ("report.json", b'{"sequence": "x", "settings": {}, "meaning": 3}'),
+    ],
+)
+def test_other_tables_and_reports_are_refused_and_stay(film, out, call, name, content):
+    options = ("--width", 48, "--solver", "facing", "--limit", 1)
+    assert call(*options)[0] == 0
+    (out / name).write_bytes(content)
+    code, _, error = call(*options)
+    assert (code, error.count("\n")) == (2, 1)
+    assert "choose another folder, or replace it with --overwrite" in error
+    assert (out / name).read_bytes() == content
+
+
+def test_names_of_any_bytes(film, out):
+    odd = [b"line\nbreak.png", b"byte\xff.png", b"comma,.png"]
+    try:
+        for name, old in zip(odd, sorted(film.iterdir()), strict=False):
+            old.rename(film / os.fsdecode(name))
+    except (OSError, UnicodeError):
+        pytest.skip("this system has no such names")
+    for before in (0, COUNT):
+        found = reconstruct_video(film, UNKNOWN, out, **QUICK)
+        assert (found.done_before, [row["error"] for row in found.rows]) == (before, [""] * COUNT)
 
 
 def test_a_frame_between_takes_up_its_neighbours_scale(film, out, shots):

@@ -50,6 +50,16 @@ def test_a_line_that_was_cut_off_is_looked_for_again(path, frames):
     assert list(DetectionCache(path, frames, TARGET).known) == ["a.png", "b.png"]
 
 
+@pytest.mark.parametrize(
+    "wrong", [b"3", b"{}", b"[" * 5000, b'["a.png", [4, 4], [], [], "", 1]', b"\xff\xfe"]
+)
+def test_a_damaged_line_is_looked_for_again_and_the_others_are_kept(path, frames, wrong):
+    lines = path.read_bytes().split(b"\n")
+    for spoilt in (wrong, lines[1].replace(b"7.125", b"8.125")):
+        path.write_bytes(b"\n".join([lines[0], spoilt, *lines[2:]]))
+        assert list(DetectionCache(path, frames, TARGET).known) == ["b.png"]
+
+
 @pytest.fixture
 def looked(monkeypatch):
     """A detector that finds nothing, and gives up at its second picture; the pictures it was shown."""

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from endolab.io import video as video_module
 from endolab.io.images import write_image
 from endolab.io.video import is_sequence, open_frames, write_video
 
@@ -205,3 +206,52 @@ def test_a_video_of_frames_larger_than_memory_is_refused_before_one_is_decoded(v
     monkeypatch.setattr("psutil.virtual_memory", lambda: type("Memory", (), {"available": 10_000}))
     with pytest.raises(MemoryError, match=r"v\.mkv: a frame of 32x24 px needs about 0.0 GB of memory"):
         open_frames(video)
+
+
+def test_what_the_decoder_does_not_give_is_none(video, monkeypatch):
+    class Broken:
+        """A capture that says it has done what it has not."""
+
+        given = iter([(True, None), (True, np.zeros((0, 0), np.uint8)), (False, None)])
+
+        def grab(self):
+            return True
+
+        def retrieve(self):
+            return next(self.given)
+
+        def release(self):
+            pass
+
+    frames = open_frames(video)
+    monkeypatch.setattr(video_module, "_open", lambda path: Broken())
+    assert [image for _, image in frames.read(frames.names[:3])] == [None] * 3
+
+
+@pytest.mark.parametrize("said", [-1.0, 0.0, 1e18, float("nan"), float("inf")])
+def test_frames_are_counted_where_the_head_cannot_be_right(video, said):
+    class Boasting:
+        left = 12
+
+        def get(self, what):
+            return said
+
+        def grab(self):
+            self.left -= 1
+            return self.left >= 0
+
+    assert video_module._count(Boasting(), 1000) == 12
+
+
+def test_a_folder_is_no_picture_and_a_link_to_nowhere_cannot_be_read(tmp_path, pictures):
+    write_image(tmp_path / "1.png", pictures[0])
+    write_image(tmp_path / "\u00b2.png", pictures[0])  # a digit to some, a number to none
+    (tmp_path / "2.png").mkdir()
+    try:
+        (tmp_path / "3.png").symlink_to(tmp_path / "nowhere.png")
+    except OSError:
+        pytest.skip("this system has no links")
+    frames = open_frames(tmp_path)
+    assert sorted(frames.names) == ["1.png", "3.png", "\u00b2.png"]
+    assert dict(frames)["3.png"] is None
+    assert {name: changed for name, *changed in frames.stamp}["3.png"] == [-1, -1]

@@ -11,7 +11,7 @@ from endolab.depth.energy import energy_terms
 from endolab.reconstruction import reconstruct as reconstruct_module
 from endolab.reconstruction import sequence
 from endolab.reconstruction.scale import rescaled
-from endolab.reconstruction.sequence import Surface, reconstruct_sequence, scale_between
+from endolab.reconstruction.sequence import Carried, Surface, reconstruct_sequence, scale_between
 from tests.tools.problems import moved_colon
 
 COUNT = 8
@@ -82,6 +82,46 @@ def test_a_scale_goes_on_after_a_break():
     rest = list(reconstruct_sequence(named(seen)[2:], UNKNOWN, before=Surface.of(whole[1].result)))
     for a, b in zip(whole[2:], rest, strict=True):
         assert np.nanmedian(a.result.distance / b.result.distance) == pytest.approx(1, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"channel": "separated"}, {"known_distance": (60, 48, 36)}, {"width": 48}], ids=str
+)
+@pytest.mark.parametrize("gain", [900.0, None], ids=["known", "unknown"])
+def test_with_what_a_frame_hands_on_there_is_no_break(gain, options):
+    calibration = el.Calibration(BASE.camera, replace(BASE.photometry, gain=gain))
+    lights = [replace(BASE.photometry, gain=float(each)) for each in (900, 950, 1000)]
+    scenes = zip(WAYS["tube"], lights, strict=False)
+    frames = named([el.render(scene, BASE.camera, light, noise=1.0, bits=8) for scene, light in scenes])
+    frames.insert(1, ("lost", None))
+    whole = list(reconstruct_sequence(frames, calibration, max_iterations=3, **options))
+    assert [step.result is None for step in whole] == [False, True, False, False]
+    kept = Carried.from_arrays(whole[2].carried.to_arrays(), calibration)
+    (rest,) = reconstruct_sequence(frames[3:], calibration, before=kept, max_iterations=3, **options)
+    np.testing.assert_array_equal(rest.result.iterate.log_distance, whole[3].result.iterate.log_distance)
+    np.testing.assert_array_equal(rest.result.normals, whole[3].result.normals)
+    for name, array in rest.carried.to_arrays().items():
+        np.testing.assert_array_equal(array, whole[3].carried.to_arrays()[name])
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("log_distance", np.full((72, 96), np.nan)),
+        ("log_distance", np.full((72, 96), 1e300)),
+        ("log_distance", np.zeros((72, 96), np.float32)),
+        ("numbers", np.array([1.0, 1.0, np.nan, 1.0])),
+        ("numbers", np.array([-1.0, 1.0, 1.0, 1.0])),
+        ("numbers", np.ones(3)),
+        ("flags", np.ones(2)),
+    ],
+)
+def test_what_no_frame_hands_on_is_refused(name, value):
+    good = {"log_distance": np.zeros((72, 96)), "numbers": np.ones(4), "flags": np.ones(2, bool)}
+    assert Carried.from_arrays(good, KNOWN).age == 1
+    for wrong in (good | {name: value}, {name: good[name]}):
+        with pytest.raises(ValueError, match="what a frame hands to the next"):
+            Carried.from_arrays(wrong, KNOWN)
 
 
 def test_the_link_is_exact_for_one_surface_in_two_units():
