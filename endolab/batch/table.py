@@ -10,6 +10,7 @@ from endolab.depth.result import Result
 from endolab.io.atomic import PathLike, read_bytes, write_atomically
 
 COUNTS = ("iterations", "pixels")  # the columns of whole numbers
+MOST = 2.0**53  # below it, a float tells every whole number
 
 Row = dict[str, Any]
 
@@ -49,7 +50,7 @@ def read_numbers(cells: Mapping[str, str], names: Iterable[str]) -> Row:
     """Read the cells of these columns; ValueError if one is no number, or a count is not whole."""
     values: Row = {name: float(cells[name].strip() or "nan") for name in names}
     for name in (name for name in COUNTS if not math.isnan(values.get(name, math.nan))):
-        if not (values[name] >= 0 and values[name].is_integer()):
+        if not (0 <= values[name] < MOST and values[name].is_integer()):
             raise ValueError(f"{name} must be a whole number, found {cells[name]}")
         values[name] = int(values[name])
     return values

@@ -117,7 +117,14 @@ def test_a_sweep_that_was_interrupted_comes_to_the_same_table(frames, tmp_path):
 
 @pytest.mark.parametrize(
     "cells",
-    [{"iterations": "inf"}, {"iterations": "3.5"}, {"pixels": "x", "lam": ""}, {"energy": "\0"}, {"xi": '"'}],
+    [
+        {"iterations": "inf"},
+        {"iterations": "3.5"},
+        {"iterations": "1e308"},
+        {"pixels": "x", "lam": ""},
+        {"energy": "\0"},
+        {"xi": '"'},
+    ],
 )
 def test_wild_cells_are_no_row_and_stay(frames, tmp_path, cells):
     path = tmp_path / "t.csv"
