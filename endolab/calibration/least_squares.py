@@ -21,6 +21,7 @@ import numpy as np
 from scipy.special import chdtri, gammainc
 
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, frozen
+from endolab.numerics.checks import whole
 from endolab.numerics.iteration import Status, drive
 from endolab.numerics.penalties import huber
 
@@ -295,6 +296,7 @@ def iterate_fit(
     σ is never taken to be below `smallest`: what the measurements are good for at best. ValueError if no
     measurement is usable, or too few are left.
     """
+    whole("max_iterations", max_iterations)
     unknowns, k, status = start, 0, Status.STALLED
     lin = model.linearise(start)
     count = lin.by_common.shape[-1] + lin.by_own.shape[-1] * (int(model.group[-1]) + 1)

@@ -17,7 +17,7 @@ def _to_main_thread(number: int) -> None:
     if hasattr(signal, "pthread_kill"):  # which wakes it, too
         signal.pthread_kill(threading.main_thread().ident or 0, number)
     else:
-        _thread.interrupt_main(number)
+        _thread.interrupt_main(signal.Signals(number))
 
 
 @contextmanager

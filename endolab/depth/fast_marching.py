@@ -31,6 +31,7 @@ import numpy as np
 from endolab.depth.problem import Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import whole
 from endolab.numerics.compiled import kernel
 from endolab.numerics.derivatives import links, shifted
 from endolab.numerics.iteration import Status
@@ -321,12 +322,13 @@ def fast_marching(problem: Problem, inflow: FloatArray | None = None, snapshots:
     the pixel on smooth surfaces. ValueError if the BRDF cannot be inverted or `inflow` cannot be used.
     """
     check_maps(problem.mask, inflow=inflow)
+    whole("snapshots", snapshots, 1)
     mask, metric = problem.mask, problem.field.inverse_metric
     table = problem.photometry.slant_table()
     march = March.seeded(problem.log_facing, mask, metric, table, inflow, problem.cuts)
     iterate = Iterate.of(problem, march.log_distance, maps={"arrived": march.arrived})
     yield iterate
-    count = -(-int(mask.sum()) // max(snapshots, 1))
+    count = -(-int(mask.sum()) // snapshots)
     while march.size:
         march.advance(count)
         iterate = Iterate.of(problem, march.log_distance, iterate, maps={"arrived": march.arrived})

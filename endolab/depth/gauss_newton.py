@@ -30,6 +30,7 @@ from endolab.depth.multigrid import Multigrid, dot
 from endolab.depth.problem import Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import number, whole
 from endolab.numerics.compiled import inner, padded
 from endolab.numerics.iteration import Status
 
@@ -203,6 +204,8 @@ def gauss_newton(
     """
     mask = problem.mask
     check_maps(mask, start, inflow)
+    number("tolerance", tolerance, 0)
+    whole("max_iterations", max_iterations)
     finest = Grid.of(problem, inflow)
     if start is not None:
         v = padded(

@@ -39,6 +39,7 @@ from endolab.depth.problem import Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.model.surface import from_xi, to_xi
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import number, whole
 from endolab.numerics.compiled import framed, kernel, padded
 from endolab.numerics.derivatives import REFERENCE_WIDTH, gradient, hessian_stencils, links
 from endolab.numerics.iteration import Status
@@ -360,10 +361,10 @@ def primal_dual(
     goes in one.
     """
     for (name, (low, high)), value in zip(RANGES.items(), (coupling, decay, safety, patch), strict=True):
-        if not low <= value <= high:
-            raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {value}")
-    if not (tolerance >= 0 and every >= 1):
-        raise ValueError(f"tolerance must be at least 0 and every at least 1, got {tolerance} and {every}")
+        number(name, value, low, high)
+    number("tolerance", tolerance, 0)
+    whole("every", every, 1)
+    whole("max_iterations", max_iterations)
     check_maps(problem.mask, start)
     v = problem.log_facing if start is None else start
     radius = round(patch * problem.camera.width / REFERENCE_WIDTH)

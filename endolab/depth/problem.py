@@ -13,6 +13,7 @@ from endolab.model.ranges import check_range
 from endolab.model.schema import unknown_name
 from endolab.model.surface import check_xi, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import mask_array, number, owned, real_array, told
 from endolab.numerics.derivatives import REFERENCE_WIDTH, forward_gradient
 
 REGULARISERS = ("first", "second")
@@ -71,18 +72,20 @@ class Problem:
         check_xi(self.xi)
         if self.regulariser not in REGULARISERS:
             raise unknown_name("regulariser", self.regulariser, REGULARISERS)
-        if not (np.isfinite(self.lam) and self.lam >= 0):
-            raise ValueError(f"lam must be finite and at least 0, got {self.lam}")
-        for name in ("epsilon", "threshold"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be positive and finite, got {value}")
         for name in ("lam", "epsilon", "threshold"):
+            number(name, getattr(self, name))
             check_range(name, getattr(self, name))
         shape = (self.camera.height, self.camera.width)
+        object.__setattr__(self, "image", owned(real_array("image", self.image)))
+        object.__setattr__(self, "mask", owned(mask_array("mask", self.mask)))
+        if self.picture is not None:
+            object.__setattr__(self, "picture", owned(real_array("picture", self.picture)))
         for name in ("image", "mask"):
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, the camera {shape}")
+        for name in ("cuts", "evidence"):
+            if not isinstance(getattr(self, name), np.ndarray | None):
+                raise ValueError(f"{name} must be an array, got {told(getattr(self, name))}")
         if self.cuts is not None and (self.cuts.shape != (2, *shape) or self.cuts.dtype != bool):
             found = f"{self.cuts.dtype} of shape {self.cuts.shape}"
             raise ValueError(f"cuts must be a bool array of shape {(2, *shape)}, found {found}")
@@ -141,6 +144,8 @@ class Problem:
 def check_maps(mask: BoolArray, start: FloatArray | None = None, inflow: FloatArray | None = None) -> None:
     """Raise a ValueError if log-distances, to start from or said to be known, cannot be used."""
     for name, given in (("start", start), ("inflow", inflow)):
+        if given is not None and not (isinstance(given, np.ndarray) and given.dtype.kind == "f"):
+            raise ValueError(f"{name} must be an array of log-distances, got {told(given)}")
         if given is not None and given.shape != mask.shape:
             raise ValueError(f"{name} has shape {given.shape}, the frame {mask.shape}")
     if inflow is not None and np.isinf(inflow[mask]).any():

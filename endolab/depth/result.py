@@ -17,9 +17,11 @@ import numpy as np
 
 from endolab.depth.energy import energy_terms
 from endolab.depth.problem import Problem
+from endolab.model.ranges import RANGES
 from endolab.model.surface import normals, points
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
-from endolab.numerics.iteration import Status, closing, drive
+from endolab.numerics.checks import whole
+from endolab.numerics.iteration import Status, checked_observers, closing, drive
 
 SOLUTION, SCALED = "solution", "scaled"  # the stage whose answer counts, and the same in a known unit
 NOTHING = "the solver produced no depth map that is finite"
@@ -119,6 +121,14 @@ class Result:
     history: list[dict[str, float]]
     seconds: float  # what all stages took, observers apart
     stages: tuple[Stage, ...] = ()  # all, in order
+
+    def __post_init__(self) -> None:
+        v, (least, most) = self.iterate.log_distance[self.mask], np.log(RANGES["distance"])
+        if not (np.all(v >= least) and np.all(v <= most)):
+            with np.errstate(over="ignore"):
+                found = f"{np.exp(v.min()):.3g} to {np.exp(v.max()):.3g} {self.problem.unit}"
+            said = "the gain, or the length that fixes the scale, is wrong by powers of ten"
+            raise ValueError(f"distances would be {found}: {said}")
 
     @property
     def problem(self) -> Problem:
@@ -247,6 +257,8 @@ def run(
     Result
         Also after a keyboard interrupt, if there is an iterate to return.
     """
+    if max_iterations is not None:
+        whole("max_iterations", max_iterations)
     kept: list[_Kept] = []
     stages: list[Stage] = []
 
@@ -255,7 +267,7 @@ def run(
             kept.append(_Kept(iterate))
         kept[-1].add(iterate, seconds)
 
-    watching = list(observers)
+    watching = checked_observers(observers)
     with closing(watching):
         status = drive(_bounded(iterates, max_iterations), watching, keep)
         if not kept:

@@ -99,9 +99,10 @@ def staged_folder(
         made.clear()
     finally:
         shutil.rmtree(staging, ignore_errors=True)
-        with suppress(OSError):  # another run has taken to the folder
-            for path in reversed(made):
+        for path in reversed(made):
+            with suppress(OSError):  # another run has taken to the folder, or no name in it is short enough
                 (path / MANIFEST).unlink(missing_ok=True)
+            with suppress(OSError):
                 path.rmdir()
 
 

@@ -24,7 +24,7 @@ def spare_inputs(places: Iterable[Path], inputs: Iterable[str | os.PathLike[str]
 
     None, and the name of what is no file, are no such inputs.
     """
-    there = {place: place.stat() for place in places if place.exists()}
+    there = {place: place.stat() for place in places if os.path.exists(place)}
     for path in inputs if there else ():
         try:
             read = os.stat(path or "")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from endolab.io.archives import MOST_PIXELS, Head, read_arrays
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.model.mesh import Mesh
+from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import FloatArray
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from endolab.synthetic.rendering import Rendered
 
 FRAME = "camera frame: x right, y down, z forward"
-NEAREST, FARTHEST = 1e-9, 1e9  # mm, or the unit of a relative result: no surface is nearer or farther
+NEAREST, FARTHEST = RANGES["distance"]
 MAPS = {"distance": (), "z": (), "normals": (3,)}  # what a depth.npz holds for each pixel
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import mask_array, real_array
 from endolab.numerics.derivatives import forward_gradient, links
 
 
@@ -127,11 +128,27 @@ def compare(
     """
     if scale not in ("none", "median"):
         raise unknown_name("scale", scale, ("none", "median"))
+    distance, truth, cos_alpha = (
+        real_array(name, given)
+        for name, given in (("distance", distance), ("truth", truth), ("cos_alpha", cos_alpha))
+    )
+    if distance.ndim != 2 or truth.ndim != 2:
+        raise ValueError(f"depth maps have rows and columns, got shapes {distance.shape} and {truth.shape}")
     if distance.shape != truth.shape:
         raise ValueError(
             f"the depth map is {distance.shape[1]}x{distance.shape[0]} px, "
             f"the truth {truth.shape[1]}x{truth.shape[0]} px"
         )
+    others: dict[str, np.ndarray] = {"cos_alpha": cos_alpha}
+    if mask is not None:
+        others["mask"] = mask = mask_array("mask", mask)
+    if normals is not None and true_normals is not None:
+        normals, true_normals = real_array("normals", normals), real_array("true_normals", true_normals)
+        others |= {"normals": normals[..., :1], "true_normals": true_normals[..., :1]}
+    for name, given in others.items():
+        expected = (*truth.shape, 1) if name.endswith("normals") else truth.shape
+        if given.shape != expected:
+            raise ValueError(f"{name} has shape {given.shape}, the depth map {truth.shape}")
     known = np.isfinite(distance) & np.isfinite(truth) & (distance > 0) & (truth > 0)
     if mask is not None:
         known &= mask

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from endolab.model.ranges import check_range
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import number, real_array
 from endolab.numerics.roots import invert_increasing, smallest_positive_root
 
 
@@ -91,9 +92,9 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
-            value = getattr(self, name)
+            value = number(name, getattr(self, name))
             if not (1 <= value <= 100_000 and int(value) == value):
-                raise ValueError(f"{name} must be a positive whole number of pixels, got {value}")
+                raise ValueError(f"{name} must be a positive whole number of pixels, got {value:g}")
 
     def project(self, points: ArrayLike) -> FloatArray:
         """Project points or directions (..., 3) in the camera frame, mm, to columns and rows (..., 2), px.
@@ -258,7 +259,7 @@ class KannalaBrandt(_FocalCamera):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "k", tuple(float(value) for value in self.k))
+        object.__setattr__(self, "k", tuple(real_array("k", self.k).ravel().tolist()))
         if len(self.k) != 4 or not np.all(np.isfinite(self.k)):
             raise ValueError(f"k must hold four finite coefficients, got {list(self.k)}")
         check_range("distortion", self.k)

@@ -8,7 +8,9 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from enum import Enum
-from typing import TypeVar
+from typing import Any, TypeVar
+
+from endolab.numerics.checks import told
 
 Step = TypeVar("Step")
 Value = TypeVar("Value")
@@ -56,6 +58,15 @@ def drive(
         return Status.STOPPED
     finally:
         steps.close()
+
+
+def checked_observers(observers: Any) -> list[Any]:
+    """Return the observers, if all can be called; else ValueError."""
+    given = list(observers) if isinstance(observers, Iterable) else [observers]
+    if not isinstance(observers, Iterable) or not all(map(callable, given)):
+        wrong = next((one for one in given if not callable(one)), observers)
+        raise ValueError(f"observers must be several that can be called, got {told(wrong)}")
+    return given
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import mask_array, owned, real_array
 
 DARK = 4 / 255  # below this rounding and noise say more than the surface does
 MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
@@ -49,30 +50,36 @@ class Frame:
     silent: BoolArray | None = None
 
     def __post_init__(self) -> None:
-        image = np.asarray(self.image, dtype=np.float64)
-        mask = np.asarray(self.mask, dtype=bool)
+        image = real_array(f"{self.name}: the image", self.image)
+        mask = mask_array(f"{self.name}: the mask", self.mask)
         if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or 0 in image.shape:
             raise ValueError(
                 f"{self.name}: expected a grey or RGB picture, found an array of shape {image.shape}"
             )
+        if mask.ndim != 2:
+            raise ValueError(f"{self.name}: expected a mask of rows and columns, found shape {mask.shape}")
         if mask.shape != image.shape[:2]:
             raise ValueError(
                 f"{self.name}: the mask is {mask.shape[1]}x{mask.shape[0]} px, "
                 f"the frame {image.shape[1]}x{image.shape[0]} px"
             )
-        if self.silent is not None and self.silent.shape != mask.shape:
-            raise ValueError(f"{self.name}: silent has shape {self.silent.shape}, the mask {mask.shape}")
+        if self.silent is not None:
+            silent = mask_array(f"{self.name}: silent", self.silent)
+            if silent.shape != mask.shape:
+                raise ValueError(f"{self.name}: silent has shape {silent.shape}, the mask {mask.shape}")
+            object.__setattr__(self, "silent", owned(silent))
         if not mask.any():
             raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
         used = image[mask]
         if not np.all(np.isfinite(used)):
             raise ValueError(f"{self.name}: the picture holds values that are not finite")
         if used.min() < 0 or used.max() > 1:
-            raise ValueError(
-                f"{self.name}: values must lie in [0, 1], found {used.min():.4g} to {used.max():.4g}"
-            )
-        object.__setattr__(self, "image", image)
-        object.__setattr__(self, "mask", mask)
+            found = f"{used.min():.4g} to {used.max():.4g}"
+            bytes_said = "; divide bytes by 255" if np.asarray(self.image).dtype == np.uint8 else ""
+            raise ValueError(f"{self.name}: values must lie in [0, 1], found {found}{bytes_said}")
+        # The caller's buffer may be that of the next frame soon.
+        object.__setattr__(self, "image", owned(image))
+        object.__setattr__(self, "mask", owned(mask))
 
     @property
     def width(self) -> int:
@@ -101,7 +108,7 @@ class Frame:
         name = name or "green"
         if name == "grey":
             return name, self.image @ GREY_WEIGHTS
-        if name not in CHANNELS:
+        if not isinstance(name, str) or name not in CHANNELS:
             raise unknown_name("channel", name, (*CHANNELS, "grey"))
         return name, self.image[..., CHANNELS.index(name)]
 

@@ -113,7 +113,7 @@ def _with_seeds(seed: BoolArray, skirt: BoolArray) -> BoolArray:
 def check_highlights(treatment: str | None) -> str:
     """Return what is to be done with highlights, "keep" by default, if it is one of `HIGHLIGHTS`."""
     treatment = HIGHLIGHTS[0] if treatment is None else treatment
-    if treatment not in HIGHLIGHTS:
+    if not isinstance(treatment, str) or treatment not in HIGHLIGHTS:
         raise unknown_name("way with highlights", treatment, HIGHLIGHTS)
     return treatment
 

@@ -14,6 +14,7 @@ from endolab.depth.problem import AT_LEAST, EXACT, NONE, Origin, Problem
 from endolab.depth.result import Iterate, Result
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import number, whole
 from endolab.numerics.memory import check_memory
 from endolab.preprocessing.contours import find_contours
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
@@ -67,13 +68,13 @@ def make_problems(
     camera, photometry, size = calibration.camera, calibration.photometry, (frame.width, frame.height)
     check_size(frame.name, size, camera)
     highlights = check_highlights(highlights)
+    if width is not None:
+        width = whole("width", width, 1)
     if width is not None and width != frame.width:
         height = max(1, round(frame.height * width / frame.width))
         frame, camera = frame.resize(width, height, photometry.gamma), camera.resize(width, height)
     _check_frame(frame.width, frame.height)
-    if smooth is not None and not (np.isfinite(smooth) and smooth >= 0):
-        raise ValueError(f"smooth must be finite and at least 0 (px), got {smooth}")
-    if smooth is not None and smooth > frame.width:
+    if smooth is not None and number("smooth", smooth, 0) > frame.width:
         raise ValueError(f"smooth must not exceed the frame's width of {frame.width} px, got {smooth}")
     picture, known = frame.image, frame.mask & camera.field.valid
     silent = np.zeros_like(known) if frame.silent is None else frame.silent

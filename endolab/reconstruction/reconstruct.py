@@ -15,12 +15,15 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from endolab._deprecated import callable_as_before
 from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate, Observer, Result, Solver, run
 from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, options_of, solve
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import told as said
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.problem_setup import SEPARATED, make_problem, noted, on_grid, start_from
 from endolab.reconstruction.scale import KnownDiameter, KnownDistance, check_scale, known_scale
@@ -39,9 +42,23 @@ def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVE
     """
     how = {name: options.pop(name) for name in PREPARING if name in options}
     start, contours = options.pop("start", None), options.pop("contours", None)
+    _check(frame, calibration, contours, start)
     checked_solver(solver, options if start is None else options | {"start": start})
     prepared = _prepared(frame, calibration, contours=contours, **how)
     return _stages(prepared, contours, start, solver, options)
+
+
+def _check(frame: Any, calibration: Any, contours: Any, start: Any) -> None:
+    """Raise a ValueError if what is no number is not what it must be."""
+    for name, value, kind, expected in (
+        ("frame", frame, Frame, "a Frame"),
+        ("calibration", calibration, Endoscope, "an Endoscope"),
+        ("start", start, Result | np.ndarray | None, "an earlier Result"),
+    ):
+        if not isinstance(value, kind):
+            raise ValueError(f"{name} must be {expected}, got {said(value)}")
+    if not isinstance(contours, bool | np.bool_ | None):
+        raise ValueError(f"contours must be True, False or None, got {said(contours)}")
 
 
 def _prepared(
@@ -160,6 +177,7 @@ def reconstruct(
     MemoryError
         If the problem is too large for this machine, before anything is computed.
     """
+    _check(frame, calibration, contours, start)
     of_problem: dict[str, Any] = {"xi": xi, "regulariser": regulariser, "lam": lam}
     of_problem |= {name: options.pop(name) for name in ("epsilon", "threshold", "cuts") if name in options}
     checked_solver(solver, options if start is None else options | {"start": start})

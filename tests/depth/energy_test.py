@@ -345,9 +345,10 @@ def test_edges_of_the_image_weigh_less(tiny):
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        *(("lam", x, "lam must be finite and at least 0") for x in (-1.0, np.nan, np.inf, -np.inf)),
-        *(("epsilon", x, "epsilon must be positive and finite") for x in (0.0, -1e-4, np.nan, np.inf)),
-        *(("threshold", x, "threshold must be positive and finite") for x in (0.0, -1e-4, np.nan, np.inf)),
+        *(("lam", x, "lam must be finite") for x in (np.nan, np.inf, -np.inf)),
+        ("lam", -1.0, "lam must lie in [0, 1e+12]"),
+        *((name, x, f"{name} must lie in [") for name in ("epsilon", "threshold") for x in (0.0, -1e-4)),
+        *((name, x, f"{name} must be finite") for name in ("epsilon", "threshold") for x in (np.nan, np.inf)),
         ("lam", 1e300, "lam must lie in [0, 1e+12]"),
         ("epsilon", 1e-30, "epsilon must lie in [1e-12, 1e+06]"),
         ("threshold", 1e-30, "threshold must lie in [1e-09, 1e+06]"),
@@ -362,8 +363,7 @@ def test_edges_of_the_image_weigh_less(tiny):
     ],
 )
 def test_a_problem_refuses(tiny, key, value, message):
-    got = f", got {value}" if isinstance(value, float) else ""
-    with pytest.raises(ValueError, match=re.escape(message + got)):
+    with pytest.raises(ValueError, match=re.escape(message)):
         replace(tiny[0], **{key: value})
 
 

@@ -204,8 +204,8 @@ def test_lone_pixels_and_no_regulariser():
         (None, {"safety": 2.0}, "safety must lie in"),
         (None, {"coupling": np.inf}, "coupling must lie in"),
         (None, {"patch": -1.0}, "patch must lie in"),
-        (None, {"tolerance": np.nan}, "tolerance must be at least 0"),
-        (None, {"every": 0}, "every at least 1"),
+        (None, {"tolerance": np.nan}, "tolerance must be finite and at least 0"),
+        (None, {"every": 0}, "every must be a whole number of at least 1, got 0"),
     ],
 )
 def test_what_cannot_be_used_is_named(start, options, complaint):

@@ -12,13 +12,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="it looks into /
 CASES = 16  # of each class, times its share
 
 # Seeds that are not survived yet, by class, with the reason: to be empty.
-BACKEND = "an unknown backend of a sweep is named in joblib's words"
-TEXT = "an array of text is compared: NumPy's words"
-OPEN: dict[str, dict[int, str]] = {
-    "calls": {28: "5000 digits", 294: "5000 digits", 170: TEXT, 310: TEXT},
-    "options": {71: BACKEND, 82: BACKEND, 210: BACKEND},
-    "paths": {134: "a path that is too long leaves by an exception of pathlib, if in good words"},
-}
+OPEN: dict[str, dict[int, str]] = {}
 
 
 @pytest.fixture(scope="module")

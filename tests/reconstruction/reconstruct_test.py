@@ -297,7 +297,17 @@ def test_what_a_frame_takes_is_told_and_a_speck_is_refused(small):
         ({"smooth": np.nan}, "smooth must be finite"),
         ({"median_distance": 0.0}, "median_distance must be positive and finite"),
         ({"median_distance": np.inf}, "median_distance must be positive and finite"),
-        ({"width": 0}, "cannot shrink 80x60 px to 0x1 px"),
+        ({"width": 0}, "width must be a whole number of at least 1, got 0"),
+        ({"width": 3.5}, "width must be a whole number of at least 1, got 3.5"),
+        ({"lam": "1"}, "lam must be a number, got '1'"),
+        ({"start": 3}, "start must be an earlier Result, got 3"),
+        ({"inflow": 5}, "inflow must be an array of log-distances, got 5"),
+        ({"contours": "no"}, "contours must be True, False or None, got 'no'"),
+        ({"tolerance": -1}, "tolerance must be finite and at least 0, got -1"),
+        *(({"max_iterations": n}, "max_iterations must be a whole number") for n in (-1, np.nan, 2.5, True)),
+        ({"observers": 5}, "observers must be several that can be called, got 5"),
+        ({"observers": [None]}, "observers must be several that can be called, got None"),
+        ({"median_distance": "forty"}, "median_distance must be mm, got forty"),
         ({"width": 81}, "cannot shrink 80x60 px to 81x61 px"),
         ({"inflow": np.zeros((3, 3))}, r"inflow has shape \(3, 3\)"),
     ],
@@ -307,7 +317,32 @@ def test_bad_options(small, options, message):
         small.reconstruct(**options)
 
 
+def test_what_was_given_may_be_used_again_and_results_stay(small):
+    image, mask = small.frame.image.copy(), small.frame.mask.copy()
+    result = el.reconstruct(el.Frame(image, mask), small.calibration)
+    before = [array.copy() for array in (result.problem.picture, result.problem.image, result.mask)]
+    image[:], mask[:] = 0, False  # as a video's buffer is
+    for now, then in zip((result.problem.picture, result.problem.image, result.mask), before, strict=True):
+        np.testing.assert_array_equal(now, then)
+        assert not now.flags.writeable
+
+
+@pytest.mark.parametrize("gain", [1e-15, 1e15])
+def test_a_result_is_of_a_surface_or_there_is_none(small, gain):
+    known = replace(small.calibration, photometry=replace(small.calibration.photometry, gain=gain))
+    result = el.reconstruct(small.frame, known)
+    distance = result.distance[result.mask].astype(np.float32)
+    assert np.all(np.isfinite(distance) & (distance > 0))
+    beyond = replace(result.iterate, log_distance=result.iterate.log_distance + 100)
+    with pytest.raises(ValueError, match=r"distances would be .* mm: the gain, or the length"):
+        replace(result, iterate=beyond)
+
+
 def test_frame_calibration_and_channel_must_fit(small):
+    with pytest.raises(ValueError, match="frame must be a Frame, got an array of float64 of shape"):
+        el.reconstruct(small.frame.image, small.calibration)
+    with pytest.raises(ValueError, match="calibration must be an Endoscope, got 'paper'"):
+        el.reconstruct(small.frame, "paper")
     with pytest.raises(ValueError, match="frame is 80x60 px, but the calibration is for 320x240 px"):
         el.reconstruct(small.frame, CALIBRATION)
     grey = el.Frame(small.frame.image[..., 1], small.frame.mask)

@@ -216,8 +216,8 @@ def test_an_error_is_one_line_and_the_next_wish_works(start):
     [
         (Settings(scene="moon"), "unknown scene 'moon'; choose plane"),
         (Settings(scene=None), "there is no frame to look at"),
-        (replace(SMALL, lam=-1), "lam must be finite and at least 0, got -1"),
-        (replace(SMALL, epsilon=0), "epsilon must be positive"),
+        (replace(SMALL, lam=-1), "lam must lie in [0, 1e+12], got -1"),
+        (replace(SMALL, epsilon=0), "epsilon must lie in [1e-12, 1e+06], got 0"),
         (replace(SMALL, noise=-1), "noise must be finite"),
         (replace(SMALL, gamma=0.0), "gamma must be positive"),
         (replace(SMALL, solver="magic"), "unknown solver 'magic'"),

@@ -1,0 +1,71 @@
+"""What a caller gave, as a number, a count or an array, or one sentence that says what it was instead."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from endolab.numerics.arrays import BoolArray, FloatArray, frozen
+
+LONGEST = 60  # characters of a value that a sentence repeats
+
+
+def told(value: object) -> str:
+    """Say what was given, in few words."""
+    if isinstance(value, np.ndarray) and value.ndim:
+        return f"an array of {value.dtype} of shape {value.shape}"
+    try:
+        text = repr(value.item() if isinstance(value, np.ndarray | np.generic) else value)
+    except (ValueError, RecursionError):  # a whole number of thousands of digits
+        text = type(value).__name__
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
+
+
+def number(name: str, value: Any, least: float = -math.inf, most: float = math.inf) -> float:
+    """Return a finite number that lies between two others, which belong to it; else ValueError."""
+    # An array of a list that is ragged is an error to NumPy, and one of a long whole number an object.
+    plain = np.asarray(value) if isinstance(value, int | float | np.ndarray | np.generic) else np.empty(0)
+    if plain.ndim or plain.dtype.kind not in "iuf":
+        raise ValueError(f"{name} must be a number, got {told(value)}")
+    found = float(plain)
+    if not (math.isfinite(found) and least <= found <= most):
+        said = "be finite" if math.isinf(least) else f"be finite and at least {least:g}"
+        said = said if math.isinf(most) else f"lie in [{least:g}, {most:g}]"
+        raise ValueError(f"{name} must {said}, got {told(value)}")
+    return found
+
+
+def whole(name: str, value: Any, least: int = 0) -> int:
+    """Return a whole number that is not less than another; else ValueError."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise ValueError(f"{name} must be a whole number of at least {least}, got {told(value)}")
+    return int(value)
+
+
+def real_array(name: str, value: Any) -> FloatArray:
+    """Return an array of real numbers, as it is if it is one; else ValueError."""
+    try:
+        found = np.asarray(value)
+    except ValueError as error:  # lists of unequal length
+        raise ValueError(f"{name} must be an array of real numbers, got {told(value)}") from error
+    if found.dtype.kind not in "fiub":
+        raise ValueError(f"{name} must be an array of real numbers, got {told(value)}")
+    return found.astype(np.float64, copy=False)
+
+
+def mask_array(name: str, value: Any) -> BoolArray:
+    """Return an array of truth values, for which whole numbers will do, or 0.0 and 1.0; else ValueError."""
+    found = real_array(name, value)
+    if np.asarray(value).dtype.kind == "f" and not np.all((found == 0) | (found == 1)):
+        raise ValueError(f"{name} must be an array of True and False, got {told(value)}")
+    return found != 0
+
+
+def owned(array: np.ndarray) -> np.ndarray:
+    """Return an array that nobody can write into: the same one if it is so already, else a copy."""
+    base: Any = array
+    while isinstance(base, np.ndarray):
+        if base.flags.writeable:
+            return frozen(array.copy())
+        base = base.base
+    return array

@@ -1,0 +1,75 @@
+"""What a caller may give, and the sentence about anything else."""
+
+import re
+
+import numpy as np
+import pytest
+
+from endolab.numerics.checks import mask_array, number, owned, real_array, told, whole
+
+HUGE = 10**5000
+
+
+@pytest.mark.parametrize("value", [2, 2.5, np.float32(2), np.int64(2), np.array(2.0)])
+def test_a_number_may_be_of_any_kind(value):
+    found = number("x", value, 0, 3)
+    assert type(found) is float
+    assert found == value
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("1", "x must be a number, got '1'"),
+        (None, "x must be a number, got None"),
+        (True, "x must be a number, got True"),
+        (1j, "x must be a number, got 1j"),
+        ([1.0], "x must be a number, got [1.0]"),
+        ([[1], [2, 3]], "x must be a number, got [[1], [2, 3]]"),
+        (np.ones(2), "x must be a number, got an array of float64 of shape (2,)"),
+        (HUGE, "x must be a number, got int"),
+        (np.nan, "x must lie in [0, 3], got nan"),
+        (-1, "x must lie in [0, 3], got -1"),
+        (np.float64(4), "x must lie in [0, 3], got 4.0"),
+    ],
+    ids=lambda value: told(value),
+)
+def test_what_is_no_number_between_two_others_is_said(value, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        number("x", value, 0, 3)
+
+
+@pytest.mark.parametrize("value", [-1, 2.0, True, "2", None, np.nan])
+def test_what_is_no_whole_number_is_said(value):
+    assert whole("x", np.int32(3)) == 3
+    with pytest.raises(ValueError, match=r"x must be a whole number of at least 0, got "):
+        whole("x", value)
+
+
+@pytest.mark.parametrize("value", [None, "a", [[1], [2, 3]], np.ones(2) * 1j, np.array([HUGE]), {}])
+def test_what_is_no_array_of_real_numbers_is_said(value):
+    assert real_array("x", [1, 2]).dtype == np.float64
+    for check in (real_array, mask_array):
+        with pytest.raises(ValueError, match=r"x must be an array of real numbers, got "):
+            check("x", value)
+
+
+def test_a_mask_may_be_of_numbers_that_leave_no_doubt():
+    for good in ([True, False], [255, 0], [1.0, 0.0], np.array([7, 0], np.uint8)):
+        np.testing.assert_array_equal(mask_array("x", good), [True, False])
+    for doubtful in ([0.5, 0.0], [np.nan, 1.0]):
+        with pytest.raises(ValueError, match="x must be an array of True and False"):
+            mask_array("x", doubtful)
+
+
+def test_what_is_owned_is_nobody_elses_to_write():
+    buffer = np.zeros((3, 4))
+    view = buffer[1:]
+    view.flags.writeable = False  # but by way of the buffer it can be written
+    for given in (buffer, buffer[::2, ::-1], view):
+        kept = owned(given)
+        buffer[:] = 7
+        assert not kept.any()
+        assert not kept.flags.writeable
+        assert owned(kept) is kept
+        buffer[:] = 0
