@@ -2,6 +2,8 @@
 
 import psutil
 
+RENDERING = 500  # bytes a pixel, at least, to render a picture of a known scene
+
 
 def check_memory(needed: float, what: str, remedy: str = "") -> None:
     """Raise a MemoryError in one sentence, if `what` needs more bytes than are free."""

@@ -9,6 +9,7 @@ from endolab.model.brdf import Glossy, Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.memory import RENDERING, check_memory
 from endolab.synthetic.scenes import Scene
 
 TEXTURE_SCALE = 5.0  # mm, of the mottled albedo
@@ -69,6 +70,7 @@ def developed(linear: FloatArray, gamma: float, noise: float, bits: int | None, 
 
 def truth_of(scene: Scene, camera: Camera) -> dict[str, Any]:
     """What a frame of a scene has beside its picture and light, see `Rendered`."""
+    check_memory(RENDERING * camera.width * camera.height, f"a picture of {camera.width}x{camera.height} px")
     rays = camera.field.rays
     distance, normals = scene.distance(rays), np.full(rays.shape, np.nan)
     mask = np.isfinite(distance) & (camera.field.cos_alpha > 0)

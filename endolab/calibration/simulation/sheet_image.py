@@ -21,6 +21,8 @@ from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import number
+from endolab.numerics.memory import RENDERING, check_memory
 
 WHITE = 0.7  # stored value that the automatic gain gives to the bright part of the sheet
 GAIN_RANGE = 3.0  # largest gain over smallest, as in the paper
@@ -216,8 +218,8 @@ def render_sheet(
     direction; `outliers` the share of the sheet under glints and dust; `black` the ink's reflectance.
     """
     for name, value in (("noise", noise), ("blur", blur), ("motion", motion)):
-        if not 0 <= value < np.inf:
-            raise ValueError(f"{name} must be finite and at least 0, got {value}")
+        number(name, value, 0, camera.width if name != "noise" else np.inf)
+    check_memory(RENDERING * camera.width * camera.height, f"a picture of {camera.width}x{camera.height} px")
     for name, value in (("outliers", outliers), ("black", black)):
         if not 0 <= value < 1:
             raise ValueError(f"{name} must be from 0 to below 1, got {value}")
@@ -232,10 +234,10 @@ def render_sheet(
     rays = rays_of(camera, 1)
     shape = camera.height, camera.width
     linear, paper = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    for number, pose in enumerate(poses):
+    for panel, pose in enumerate(poses):
         if pose.translation @ pose.normal >= 0:  # seen from behind: hidden by the other panel
             continue
-        seen, share = _paper(target, number, pose, camera, black)
+        seen, share = _paper(target, panel, pose, camera, black)
         linear += seen * _plane_light(photometry, rays, pose.normal, pose.translation, share > 0)
         paper += share
     cloth = replace(photometry, brdf=BACKGROUND)

@@ -148,8 +148,8 @@ def test_an_unknown_gain_puts_the_white_near_its_level():
     ("options", "complaint"),
     [
         ({"noise": -1.0}, "noise must be finite and at least 0, got -1"),
-        ({"blur": np.inf}, "blur must be finite"),
-        ({"motion": np.nan}, "motion must be finite"),
+        ({"blur": np.inf}, r"blur must lie in \[0, 480\], got inf"),
+        ({"motion": np.nan}, r"motion must lie in \[0, 480\], got nan"),
         ({"outliers": 1.0}, "outliers must be from 0 to below 1"),
         ({"black": -0.1}, "black must be from 0 to below 1"),
         ({"bits": 0}, "bits must be from 1 to 16, got 0"),
