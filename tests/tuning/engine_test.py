@@ -151,7 +151,8 @@ def test_what_is_told_of_a_stage_on_the_way_is_of_that_stage_alone(start, monkey
     assert {one.label for one in between} >= {"bounced light, round 1", "bounced light, round 2"}
     for one in between:
         assert [entry["k"] for entry in one.result.history] == list(range(one.result.iterate.k + 1))
-        assert one.result.mask.shape == (60, 80)
+        on_the_way = one.label.startswith("bounced light")  # the answer's own iterates may be told, too
+        assert one.result.mask.shape == ((60, 80) if on_the_way else (120, 160))
         assert one.median_error is not None  # the truth is of the whole grid
         assert f"Gauss-Newton, {one.label} · " in summary(one)
         assert outcome_board(one, Cut()).shape == outcome_board(final, Cut()).shape
