@@ -224,7 +224,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _failed(status: int, why: object) -> int:
     with patient_streams():
-        print(f"endolab: {in_one_line(why).replace('overwrite=True', '--overwrite')}", file=sys.stderr)
+        print(f"endolab: {in_one_line(why)}", file=sys.stderr)
     return status
 
 

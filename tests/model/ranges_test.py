@@ -52,6 +52,18 @@ def test_absurd_numbers_are_refused_without_a_warning(make, message):
         make()
 
 
+def file_with(folder, place, value):
+    """A calibration's file in which one value is another."""
+    content = json.loads(json.dumps(PAPER.to_dict()))
+    *sections, key = place.split(".")
+    part = content
+    for name in sections:
+        part = part[name]
+    part[key] = value
+    (folder / "c.json").write_text(json.dumps(content))
+    return folder / "c.json"
+
+
 @pytest.mark.parametrize(
     ("place", "value"),
     [
@@ -64,29 +76,17 @@ def test_absurd_numbers_are_refused_without_a_warning(make, message):
     ],
 )
 def test_a_file_with_an_absurd_number_says_where(tmp_path, place, value):
-    content = json.loads(json.dumps(PAPER.to_dict()))
-    *sections, key = place.split(".")
-    part = content
-    for name in sections:
-        part = part[name]
-    part[key] = value
-    (tmp_path / "c.json").write_text(json.dumps(content))
-    with pytest.raises(ValueError, match=rf"c\.json: {'.'.join(sections)}: .* must lie in \["):
-        el.load_calibration(tmp_path / "c.json")
+    file = file_with(tmp_path, place, value)
+    with pytest.raises(ValueError, match=rf"c\.json: {place.rpartition('.')[0]}: .* must lie in \["):
+        el.load_calibration(file)
 
 
 @pytest.mark.parametrize("value", ["x" * 10**6, "9" * 10**5, [0] * 10**5, {"a" * 10**5: 1}])
 @pytest.mark.parametrize("place", ["endolab", "camera", "camera.width", "camera.k", "photometry.brdf.model"])
 def test_a_long_value_is_not_said_whole(tmp_path, place, value):
-    content = json.loads(json.dumps(PAPER.to_dict()))
-    *sections, key = place.split(".")
-    part = content
-    for name in sections:
-        part = part[name]
-    part[key] = value
-    (tmp_path / "c.json").write_text(json.dumps(content))
+    file = file_with(tmp_path, place, value)
     with pytest.raises(ValueError, match=r"c\.json: ") as caught:
-        el.load_calibration(tmp_path / "c.json")
+        el.load_calibration(file)
     assert len(str(caught.value)) < 500 + len(str(tmp_path))
 
 
