@@ -141,10 +141,22 @@ class _Parser(argparse.ArgumentParser):
         return super().parse_known_args(args, namespace)
 
 
+class _Completion(argparse.Action):
+    """Print what a shell needs to complete commands and options, and end."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *given: Any) -> None:
+        import shtab
+
+        print(shtab.complete(parser, given[1]))
+        parser.exit()
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="endolab", description="See how one endoscope frame becomes 3D.")
     parser.epilog = "endolab COMMAND --help shows what a command takes, with examples."
     parser.add_argument("--version", action="version", version=f"endolab {__version__}")
+    shells = ("bash", "zsh", "tcsh")
+    parser.add_argument("--completion", action=_Completion, choices=shells, help="print it for this shell")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     add_reconstruct_commands(commands)

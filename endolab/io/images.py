@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Check = Callable[[tuple[int, int]], None]  # refuses columns and rows by raising
 DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes, and what was stored
-UNREADABLE = "not a picture that can be read (PNG, JPEG, TIFF or BMP)"
+UNREADABLE = "not a picture that can be read (PNG, JPEG, TIFF or BMP of 8 or 16 bits)"
 
 
 def write_image(path: PathLike, image: FloatArray, bits: int = 8) -> None:

@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import shutil
+import subprocess
 
 import pytest
 
@@ -86,3 +87,22 @@ def test_the_version(capsys):
     with pytest.raises(SystemExit, match="0"):
         cli.main(["--version"])
     assert capsys.readouterr().out == f"endolab {el.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [
+        ("endolab rec", "reconstruct"),
+        ("endolab reconstruct --highl", "--highlights"),
+        ("endolab evaluate --scale m", "median"),
+    ],
+)
+def test_a_shell_completes(typed, completed, tmp_path, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["--completion", "bash"])
+    script = tmp_path / "completion"
+    script.write_text(capsys.readouterr().out)
+    words = f"COMP_WORDS=({typed}); COMP_CWORD={len(typed.split()) - 1}"
+    typing = f"source {script}; {words}; _shtab_endolab; echo ${{COMPREPLY[*]}}"
+    done = subprocess.run(["bash", "-c", typing], capture_output=True, text=True)
+    assert done.stdout.split() == [completed], done.stderr
