@@ -344,8 +344,9 @@ def primal_dual(
     """Minimise the energy by the paper's path; see the head of this file.
 
     Islands of the mask are solved apart. The first order wants a small λ, 0.1 say. The energy may rise:
-    its normals are not of a patch. Areas of no `evidence` fill slowly. ValueError if the start or an
-    option cannot be used, or the BRDF has two slants for one brightness.
+    its normals are not of a patch. So where it converges is no minimum either, and Gauss-Newton finds lower
+    ones. Areas of no `evidence` fill slowly. ValueError if the start or an option cannot be used, or the BRDF
+    has two slants for one brightness.
 
     - start: (H, W), log d to begin with, finite inside the mask; the paper's d₀ by default.
     - coupling: θ in units of 1/c at the start; what is stable limits it further.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from importlib import import_module
 from typing import BinaryIO
 
 KINDS = {b"\x89PNG": "Png", b"\xff\xd8\xff": "Jpeg", b"II": "Tiff", b"MM": "Tiff", b"BM": "Bmp"}
+logging.getLogger("PIL").addHandler(logging.NullHandler())  # else its complaints are printed
 
 
 def picture_size(stream: BinaryIO) -> tuple[int, int] | None:

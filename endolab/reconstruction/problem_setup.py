@@ -24,7 +24,7 @@ SEPARATED = "separated"  # the channel that is made of all three, bounced light 
 LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
 # Of a whole run of gauss_newton with its recording and its files, measured at 0.2 to 12 Mpx.
 BYTES, BYTES_PER_PIXEL = 400e6, 720  # at the peak, of any channel
-SECONDS_PER_PIXEL = 13e-6  # on two cores; a frame that converges late takes some times as long
+SECONDS_PER_PIXEL, TO_SEPARATE = 9e-6, 28e-6  # on two cores; a frame that converges late takes longer
 
 
 def make_problem(
@@ -112,9 +112,10 @@ def make_problems(
     return problems
 
 
-def effort(width: int, height: int) -> tuple[float, float]:
+def effort(width: int, height: int, channel: str | None = None) -> tuple[float, float]:
     """Seconds and bytes that a frame of this size takes, roughly: see the constants."""
-    return width * height * SECONDS_PER_PIXEL, BYTES + width * height * BYTES_PER_PIXEL
+    seconds = SECONDS_PER_PIXEL + (TO_SEPARATE if channel == SEPARATED else 0)
+    return width * height * seconds, BYTES + width * height * BYTES_PER_PIXEL
 
 
 def _check_frame(width: int, height: int) -> None:

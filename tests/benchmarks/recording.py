@@ -1,4 +1,4 @@
-"""What recording costs, in time and on disk: `python -m tests.benchmarks.recording [RUNS]`.
+"""What recording costs in time and on disk, and leaves behind: `python -m tests.benchmarks.recording [RUNS]`.
 
 Not a test: it asserts nothing and depends on the machine.
 """
@@ -8,6 +8,8 @@ import tempfile
 import time
 from pathlib import Path
 from statistics import median
+
+import psutil
 
 import endolab as el
 from endolab import datasets
@@ -44,5 +46,20 @@ def main(repeats: int) -> None:
     table("Recording a run, 320 x 240", ["run", "alone, ms", "recorded, ms", "overhead", "file, MB"], rows)
 
 
+def many(count: int = 200) -> None:
+    """Tell threads and memory of a process that makes one recording after another, of a small frame."""
+    calibration = datasets.load_calibration("paper", width=32)
+    scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)
+    frame, process, rows = el.Frame(scene.image, scene.mask), psutil.Process(), []
+    with tempfile.TemporaryDirectory() as folder:
+        for done in range(1, count + 1):
+            el.reconstruct(frame, calibration, observers=[el.record(Path(folder) / "run.rrd")])
+            if done in (1, 10, 50, 100, count):
+                megabytes = f"{process.memory_info().rss / 1e6:.0f}"
+                rows.append([str(done), str(process.num_threads()), megabytes])
+    table("One recording after another", ["recordings", "threads", "memory, MB"], rows)
+
+
 if __name__ == "__main__":
+    many()
     main(int(sys.argv[1]) if len(sys.argv) > 1 else 7)

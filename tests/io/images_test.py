@@ -78,7 +78,7 @@ def test_a_jpeg_is_read_as_others_read_it(tmp_path, mode):
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int16])
 def test_other_numbers_are_not_a_picture(tmp_path, dtype):
     tifffile.imwrite(tmp_path / "a.tiff", np.ones((4, 4), dtype))
-    with pytest.raises(ValueError, match="a.tiff: .* 8 or 16 bits"):
+    with pytest.raises(ValueError, match=r"a.tiff: .* 8 or 16 bits"):
         read_image(tmp_path / "a.tiff")
 
 
