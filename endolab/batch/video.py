@@ -25,6 +25,7 @@ from endolab.io.surfaces import MAPS, read_depth, save_depth
 from endolab.io.video import Frames, open_frames
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import number
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.assumptions import meaning
@@ -98,6 +99,9 @@ def reconstruct_video(
     for name, value in (("every", every), ("limit", limit)):
         if value is not None and value < 1:
             raise ValueError(f"{name} must be at least 1, got {value}")
+    for name, value in options.items():
+        if isinstance(value, float):
+            number(name, value)
     inside = None if mask is None else read_mask(mask)
     frames = open_frames(source)
     wanted = list(frames.names[::every][:limit])
@@ -239,7 +243,7 @@ class SequenceFolder:
             cells = list(read_rows(table, COLUMNS, "a video's frames"))
         except ValueError as error:
             raise ValueError(f"{error}; remove it, {ELSEWHERE}") from error
-        for number, row in cells:
+        for place, row in cells:
             name = None if row is None else row["frame"]
             if row is None or name not in self.index:
                 continue
@@ -250,7 +254,7 @@ class SequenceFolder:
                 if not known["error"]:
                     self._check(known)
             except (ValueError, OSError) as error:
-                found = str(error) or f"{table}, line {number}: not a row of a frame"
+                found = str(error) or f"{table}, line {place}: not a row of a frame"
                 self.doubts[name] = f"{name} is done again; {found}"
             else:
                 self.rows[name] = known
@@ -386,6 +390,8 @@ def _read_row(cells: dict[str, str]) -> Row:
         row: Row = {**cells, **read_numbers(cells, NUMBERS), "warm": ["0", "1"].index(cells["warm"])}
     except ValueError:
         raise ValueError from None
+    if not 0 <= row["seconds"] < math.inf:
+        raise ValueError
     if not row["error"]:
         numbers = [row[name] for name in ("gain", "median_distance", "pixels")]
         told = row["status"] in Status.__members__ and row["unit"] in UNITS and row["iterations"] >= 0

@@ -140,13 +140,15 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 
 def _convert(arguments: argparse.Namespace) -> None:
     from endolab.datasets.endomapper import find_calibrations, read_endomapper, read_vicalib
-    from endolab.io.atomic import staged_file
+    from endolab.io.atomic import one_sentence, staged_file
     from endolab.io.descriptions import write_camera
 
     geometry, photometry, out = arguments.geometry, arguments.photometry, Path(arguments.out)
     if out.suffix != ".json":
         raise ValueError(f"the calibration's name ends in .json, got {out.name}")
-    if Path(geometry).is_dir():
+    with one_sentence(f"{geometry}: cannot be read"):
+        is_folder = Path(geometry).is_dir()
+    if is_folder:
         if photometry is not None:
             raise ValueError(f"{geometry} is a folder, where both files are looked for; name no other")
         geometry, photometry = find_calibrations(geometry)

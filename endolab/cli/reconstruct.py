@@ -32,9 +32,8 @@ def _say_effort(arguments: argparse.Namespace, calibration: Any, what: str = "")
     high, less = (max(1, round(camera.height * width / camera.width)) for width in (wide, ENOUGH))
     if wide * high <= LARGE or wide <= ENOUGH:
         return
-    (seconds, needed), (quick, _) = (
-        effort(*size, arguments.channel) for size in ((wide, high), (ENOUGH, less))
-    )
+    seconds, needed = effort(wide, high, arguments.channel)
+    quick, _ = effort(ENOUGH, less, arguments.channel)
     takes = f"about {float(f'{seconds:.2g}'):g} s and {needed / 1e9:.2g} GB"
     helps = f"--width {ENOUGH} takes about {float(f'{quick:.1g}'):g} s"
     print(f"{wide}x{high} px: {takes}{what}; {helps}", flush=True)

@@ -1,12 +1,14 @@
 """What was detected in a video, kept in a file as it comes, so that nothing is looked for twice."""
 
+import errno
 import json
 import os
 import zlib
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from io import FileIO
 from pathlib import Path
-from typing import Self, TextIO
+from typing import Self
 
 import numpy as np
 
@@ -35,7 +37,7 @@ class DetectionCache:
         self.size: tuple[int, int] | None = None  # width and height of the frames, px, once known
         known = {"kind": target.kind, **asdict(target)}
         self._head = json.dumps({"endolab_detections": VERSION, "target": known, "files": frames.stamp})
-        self._stream: TextIO | None = None
+        self._stream: FileIO | None = None
         if os.path.lexists(self.path):
             self._read(overwrite)
 
@@ -69,21 +71,23 @@ class DetectionCache:
             lines += [self._line(name, self.size) for name in self.known]
         write_atomically(self.path, "".join(lines).encode())
         with one_sentence(f"cannot write {self.path}"):
-            self._stream = self.path.open("a", encoding="utf-8")
+            self._stream = self.path.open("ab", buffering=0)
         return self
 
     def add(self, name: str, detection: Detection, size: tuple[int, int]) -> None:
         """Keep what was found in a frame of a size (width, height)."""
         self.known[name], self.size = detection, size
         if self._stream is not None:
+            line = self._line(name, size).encode()
             with one_sentence(f"cannot write {self.path}"):
-                self._stream.write(self._line(name, size))
-                self._stream.flush()
+                end = self._stream.seek(0, os.SEEK_END)
+                if self._stream.write(line) != len(line):  # a full disk takes a part
+                    self._stream.truncate(end)
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def __exit__(self, *_: object) -> None:
         if self._stream is not None:
-            with one_sentence(f"cannot write {self.path}"):  # again, on a full disk
-                self._stream.close()
+            self._stream.close()
 
 
 def _checksum(said: list[object]) -> int:

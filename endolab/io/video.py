@@ -82,7 +82,7 @@ class Frames:
 def _picture(path: Path) -> FloatArray | None:
     try:
         return read_image(path)
-    except (OSError, ValueError):
+    except (OSError, ValueError, MemoryError):  # of what is damaged, the head may say any size
         return None
 
 

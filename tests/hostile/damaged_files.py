@@ -342,6 +342,7 @@ def _odd_picture(rng, good, stem):
         path.touch()
     elif how == "twin":
         path.write_bytes(good.read("frame.png"))
+        path.with_suffix(".jpg").unlink(missing_ok=True)  # it may be a pipe
         path.with_suffix(".jpg").write_bytes(good.read("frame.jpg"))
     elif how == "pipe":
         os.mkfifo(path)

@@ -135,7 +135,7 @@ def test_a_full_disk_is_said_in_one_sentence(path, frames):
     kept = DetectionCache(path, frames, TARGET)
     with said, kept:
         kept._stream.close()
-        kept._stream = Path("/dev/full").open("w")  # noqa: SIM115
+        kept._stream = Path("/dev/full").open("wb", buffering=0)  # noqa: SIM115
         kept.add("c.png", FOUND, (4, 4))
 
 
