@@ -6,9 +6,9 @@ import os
 import sys
 import time
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,7 @@ COLUMNS = (*KEY, "status", *MEASURED, "error")
 BACKENDS = ("loky", "threading", "dask")
 
 Truth = tuple[FloatArray, FloatArray | None] | FloatArray | PathLike
+Task = tuple[Row, Frame | PathLike, Truth | None]
 
 
 def sweep(
@@ -95,8 +96,6 @@ def sweep(
         In one sentence, if the table is none of ours or cannot be written, if frames share a name,
         or if there is nothing to do. What is in the table stays.
     """
-    import joblib
-
     checked_solver(solver, {})
     xi, regulariser = [check_xi(one) for one in xi], list(regulariser)
     for one in regulariser:
@@ -128,21 +127,10 @@ def sweep(
     calibration = replace(calibration, camera=replace(calibration.camera))  # its ray field stays here
     done = total - len(todo)
     try:
-        with _config(backend):
+        with _workers(backend) as client:
             write()  # now, rather than after an hour's run
-            parallel = joblib.Parallel(
-                n_jobs=n_jobs,
-                return_as="generator_unordered",
-                pre_dispatch="2*n_jobs",
-                initializer=end_with,  # of processes; other backends take no notice
-                initargs=(os.getpid(),),
-            )
-            try:
-                finished = parallel(joblib.delayed(_solved)(*task, calibration, options) for task in todo)
-            except ValueError as error:
-                why = "this backend of joblib tells nothing before all is done"
-                raise ValueError(f"{why}; choose loky, threading or dask") from error
-            try:
+            far = None if client is None else _from_dask(client, todo, calibration, options)
+            with closing(far or _from_joblib(n_jobs, todo, calibration, options)) as finished:
                 for row in finished:
                     if row["status"] == Status.STOPPED.name:
                         raise KeyboardInterrupt
@@ -151,8 +139,6 @@ def sweep(
                     done += 1
                     if progress is not None:
                         progress(done, total, row)
-            finally:
-                finished.close()
     except KeyboardInterrupt as interrupt:
         raise KeyboardInterrupt(_interruption(done, total)) from interrupt
     except _losses() as error:
@@ -177,17 +163,57 @@ def _losses() -> tuple[type[BaseException], ...]:
 
 
 @contextmanager
-def _config(backend: str | None) -> Iterator[None]:
+def _workers(backend: str | None) -> Iterator[Any]:
+    """Make ready who is to work, and give Dask's client, or None if it is joblib who hands out work."""
     import joblib
 
-    with _dask() if backend == "dask" else nullcontext():
-        threads = {"inner_max_num_threads": 1} if backend == "loky" else {}
-        try:
-            config = nullcontext() if backend is None else joblib.parallel_config(backend=backend, **threads)
-        except ValueError as error:
-            raise unknown_name("backend", str(backend), BACKENDS) from error
-        with config:
-            yield
+    if backend == "dask":
+        with _dask() as client:
+            yield client
+        return
+    threads = {"inner_max_num_threads": 1} if backend == "loky" else {}
+    try:
+        config = nullcontext() if backend is None else joblib.parallel_config(backend=backend, **threads)
+    except ValueError as error:
+        raise unknown_name("backend", str(backend), BACKENDS) from error
+    with config:
+        yield None
+
+
+def _from_joblib(
+    n_jobs: int | None, todo: Sequence[Task], calibration: Endoscope, options: dict[str, Any]
+) -> Generator[Row]:
+    """Rows as workers finish them."""
+    import joblib
+
+    parallel = joblib.Parallel(
+        n_jobs=n_jobs,
+        return_as="generator_unordered",
+        pre_dispatch="2*n_jobs",
+        initializer=end_with,  # of processes; other backends take no notice
+        initargs=(os.getpid(),),
+    )
+    try:
+        finished = parallel(joblib.delayed(_solved)(*task, calibration, options) for task in todo)
+    except ValueError as error:
+        why = "this backend of joblib tells nothing before all is done"
+        raise ValueError(f"{why}; choose loky, threading or dask") from error
+    with closing(finished):
+        yield from finished
+
+
+def _from_dask(
+    client: Any, todo: Sequence[Task], calibration: Endoscope, options: dict[str, Any]
+) -> Generator[Row]:
+    """Rows as Dask's workers finish them; by way of joblib one would wait for ever for a lost one's."""
+    import distributed
+
+    futures = [client.submit(_solved, *task, calibration, options, pure=False) for task in todo]
+    try:
+        for future in distributed.as_completed(futures):
+            yield future.result()
+    finally:
+        client.cancel(futures)
 
 
 def _dask() -> AbstractContextManager[Any]:

@@ -1,5 +1,6 @@
 """A sweep that is killed leaves no worker, no memory and no file behind; a killed worker is said."""
 
+import os
 import subprocess
 import sys
 import time
@@ -10,6 +11,7 @@ import psutil
 import pytest
 
 import endolab as el
+from endolab.batch import sweep as sweeps
 from endolab.batch.sweep import read_table
 
 SWEEP = """
@@ -111,3 +113,23 @@ def test_other_machines_find_the_same(seen, tmp_path):
     near = el.sweep(*seen, lam=(0.1, 1.0, 10.0), table=tmp_path / "near.csv", n_jobs=1)
     assert [row["energy"] for row in far] == pytest.approx([row["energy"] for row in near])
     assert {row["error"] for row in far} == {""}
+
+
+@pytest.mark.filterwarnings("ignore")  # of Dask's own
+def test_a_worker_of_dask_that_dies_again_and_again_is_a_sentence(seen, tmp_path, monkeypatch):
+    distributed = pytest.importorskip(
+        "distributed", reason='Dask is not installed: pip install "distributed"'
+    )
+    dask = pytest.importorskip("dask")
+    monkeypatch.setattr(sweeps, "_solved", dies)
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster),
+        pytest.raises(OSError, match=r"a worker was lost.*; 0 of 2 rows are in the table, the same command"),
+    ):
+        el.sweep(*seen, lam=(0.1, 1.0), table=tmp_path / "far.csv", backend="dask")
+
+
+def dies(*_):
+    os._exit(1)
