@@ -10,7 +10,8 @@ walls, shadows, and a wet film. Each is kept as a layer of its own, in linear li
   measure its irradiance by way of other walls; each pixel then gathers by rays of its own what
   the walls around it send (Jensen 2001, final gathering), with the direct light there exact;
 - mirrored: a microfacet film (Walter et al. 2007: GGX, Smith, Schlick) of its own small ripples,
-  straight from the lights, in their shadows too.
+  straight from the lights, in their shadows too; a rougher one is the sheen of a wall without
+  highlights. What such a film sends to other walls, or mirrors of theirs, is left out.
 
 All three fade by cos^k α when the photometry names its lights, k being the vignetting's. When it
 names none, the whole joint exponent k is taken for the spread of the light at the optical centre:
@@ -30,7 +31,7 @@ from endolab.model.cameras import Camera
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.synthetic.mucosa import film_radiance, rippled, tissue
+from endolab.synthetic.mucosa import ROUGHNESS, film_radiance, rippled, tissue
 from endolab.synthetic.rendering import VEIL, Rendered, check_amounts, developed, exposed, truth_of
 from endolab.synthetic.scenes import Scene
 
@@ -192,7 +193,7 @@ class _Tracer:
         radiance = dr.select(seen, left * far_left * arriving / dr.pi, 0.0)
         return np.array(radiance, dtype=np.float64).T
 
-    def mirrored(self, met: Any, film: float, seed: int) -> FloatArray:
+    def mirrored(self, met: Any, film: float, roughness: float, seed: int) -> FloatArray:
         """Light (n,) that the film on what was met sends back."""
         hit, normal, faced, _ = met
         points, normals = np.array(hit.p, dtype=np.float64).T, np.array(normal, dtype=np.float64).T
@@ -201,7 +202,7 @@ class _Tracer:
             lit = np.array(self._arriving(hit, normal, lamp, faced)) > 0
             there = points[lit]
             way = np.linalg.norm(there - np.asarray(lamp.position), axis=-1) + np.linalg.norm(there, axis=-1)
-            total[lit] += np.exp(-self.fog * way) * film_radiance(there, normals[lit], lamp, film)
+            total[lit] += np.exp(-self.fog * way) * film_radiance(there, normals[lit], lamp, film, roughness)
         return total
 
 
@@ -222,7 +223,9 @@ def trace(
     *,
     texture: float = 0.0,
     vessels: float = 0.0,
+    stains: float = 0.0,
     film: float = 0.0,
+    roughness: float = ROUGHNESS,
     fog: float = 0.0,
     noise: float = 0.0,
     bits: int | None = None,
@@ -236,8 +239,9 @@ def trace(
 
     Lights, response and mean albedos (Lambertian, below 1) are those of the photometry; with an unknown gain,
     one that puts the 99th percentile of the brightest channel, highlights apart, at 0.9 is chosen. `fog`,
-    `noise` and `bits` are as for `render`, `texture` and `vessels` as for `tissue`; `film` is the share of
-    the light that a wet film mirrors at normal incidence, 0.02 being water. `bounces` are the turns of a path
+    `noise` and `bits` are as for `render`, `texture`, `vessels` and `stains` as for `tissue`; `film` is the
+    share of the light that a wet film mirrors at normal incidence, 0.02 being water, and `roughness` the root
+    of its GGX width: 0.15 makes highlights, 0.4 to 0.7 a sheen without any. `bounces` are the turns of a path
     after the first wall, 0 leaving the direct light alone; `samples` the paths a pixel, rounded up to whole
     grids of at most 4x4 places in it. `seed` is of texture, ripples, noise and paths, and `progress` is told
     the share of the work that is done, from 0 to 1.
@@ -247,8 +251,17 @@ def trace(
     if not isinstance(photometry.brdf, Lambertian) or np.max(photometry.brdf.albedo) >= 1:
         raise ValueError(f"path tracing needs a Lambertian surface of albedos below 1, got {photometry.brdf}")
     check_amounts(
-        texture=texture, vessels=vessels, film=film, fog=fog, noise=noise, bounces=bounces, seed=seed
+        texture=texture,
+        vessels=vessels,
+        stains=stains,
+        film=film,
+        fog=fog,
+        noise=noise,
+        bounces=bounces,
+        seed=seed,
     )
+    if not 0.05 <= roughness <= 1:
+        raise ValueError(f"roughness must be from 0.05 to 1, got {roughness}")
     for name, value, greatest in (("bits", 8 if bits is None else bits, 16), ("samples", samples, 100_000)):
         if not 1 <= value <= greatest:
             raise ValueError(f"{name} must be from 1 to {greatest}, got {value}")
@@ -257,7 +270,7 @@ def trace(
     lights = photometry.lights or (SpotLight(exponent=photometry.k),)
 
     vertices, triangles = scene.mesh(mesh_size)
-    albedo = tissue(vertices, mean, texture, vessels, seed)
+    albedo = tissue(vertices, mean, texture, vessels, seed, stains)
     tracer = _Tracer(vertices, triangles, scene.normals(vertices), albedo, lights, fog)
     share = 0.5 if bounces > 1 else 0.0  # of the work, about, that is the vertices'
     for done in tracer.fill(bounces - 2, max(1, samples // PIXELS_FOR_A_VERTEX), seed) if bounces > 1 else ():
@@ -282,7 +295,7 @@ def trace(
             layers[:, 3:6] += tracer.gather(met, start) / rounds
             progress(share + (1 - share) * (first + len(part) * (again + 1) / rounds) / side**2)
         if film:
-            layers[:, 6] = tracer.mirrored(met, film, seed)
+            layers[:, 6] = tracer.mirrored(met, film, roughness, seed)
         layers *= faded[part][here][:, None]
         every = np.zeros((*here.shape, 7))
         every[here] = layers
