@@ -122,7 +122,21 @@ def test_film_mirrors_in_a_layer_of_its_own(mitsuba):
     assert_allclose(wet.image, np.clip((wet.direct + wet.mirrored[..., None]) ** (1 / 2.2), 0, 1), atol=1e-12)
 
 
-def test_film_mirrors_no_more_than_arrives():
+def test_a_rough_wall_has_a_sheen_instead_of_highlights(mitsuba):
+    wet, rough = (
+        trace(Colon(), CAMERA, THREE, bounces=0, samples=16, film=0.04, roughness=roughness)
+        for roughness in (0.15, 0.6)
+    )
+    assert_array_equal(rough.direct, wet.direct)
+    share = [(one.mirrored / np.maximum(one.direct[..., 1], 1e-9))[one.mask] for one in (wet, rough)]
+    assert np.median(share[1]) > 2 * np.median(share[0])
+    assert np.percentile(share[1], 99) < 0.3 * np.percentile(share[0], 99)
+    # Facing a lamp beside the lens, a wall mirrors F / (4 α²) for the ρ that it scatters; θ makes it less.
+    assert 0.3 < np.percentile(share[1], 90) / (0.04 / (4 * 0.6**4) / 0.38) < 1.5
+
+
+@pytest.mark.parametrize("roughness", [0.15, 0.4, 0.7])
+def test_film_mirrors_no_more_than_arrives(roughness):
     """All that a film sends one way, over all ways the light may come, is at most 1."""
     points, normals = np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, -1.0]])
     theta = np.pi / 2 * (np.arange(1000) + 0.5) ** 2 / 1000**2  # dense about the mirror's way
@@ -130,9 +144,11 @@ def test_film_mirrors_no_more_than_arrives():
     for angle in theta:
         way = np.array([np.sin(angle), 0.0, -np.cos(angle)])
         lamp = SpotLight(tuple(points[0] + 1e3 * way), tuple(-way))
-        sent.append(1e6 * film_radiance(points, normals, lamp, 1.0)[0])
+        sent.append(1e6 * film_radiance(points, normals, lamp, 1.0, roughness)[0])
     total = 2 * np.pi * np.trapezoid(np.array(sent) * np.sin(theta), theta)
-    assert 0.97 < total <= 1
+    # Facets steeper than 45° send it into the wall, and others hide one another.
+    most = 1 / (1 + roughness**4)
+    assert (0.97 if roughness < 0.5 else 0.85) * most < total <= most
     assert film_radiance(points, normals, SpotLight(), 0.025)[0] > 0
 
 
@@ -149,6 +165,9 @@ def test_ripples_and_tissue():
     assert veined.max() <= 0
     assert veined[:, 1].min() == pytest.approx(-0.35, abs=0.01)
     assert 0.02 < np.mean(veined[:, 1] < -0.1) < 0.4
+    stained = np.log(tissue(points, mean, 0.0, 0.0, stains=0.5) / mean)
+    assert_allclose(stained.min(axis=0), [-0.15, -0.35, -0.5], atol=1e-3)
+    assert 0.03 < np.mean(stained[:, 2] < -0.25) < 0.25
 
 
 def test_the_seed_decides_and_progress_is_told(mitsuba):
@@ -168,6 +187,8 @@ def test_the_seed_decides_and_progress_is_told(mitsuba):
     [
         ({"fog": -1.0}, "fog must be finite and at least 0, got -1.0"),
         ({"film": np.nan}, "film must be finite"),
+        ({"stains": -1.0}, "stains must be finite and at least 0"),
+        ({"roughness": 0.0}, "roughness must be from 0.05 to 1, got 0"),
         ({"bounces": -1}, "bounces must be finite and at least 0"),
         ({"samples": 0}, "samples must be from 1 to"),
         ({"bits": 0}, "bits must be from 1 to 16, got 0"),
