@@ -219,7 +219,7 @@ def _wall(rng: np.random.Generator) -> dict[str, float]:
     if surface == "film":
         wall["film"] = rng.uniform(0.02, 0.03)
     elif surface == "rough":
-        wall |= {"film": 0.04, "roughness": math.sqrt(rng.uniform(0.15, 0.5))}
+        wall |= {"sheen": 0.04, "roughness": math.sqrt(rng.uniform(0.15, 0.5))}
     return wall
 
 
