@@ -331,11 +331,10 @@ def make(seeds: Sequence[int], folder: PathLike, **how: int) -> None:
     from tqdm import tqdm
 
     Path(folder).mkdir(parents=True, exist_ok=True)
-    for seed in tqdm(seeds, unit="frame"):
-        case = random_case(seed)
-        path = Path(folder) / f"{seed}-{case.kind}.npz"
-        if not path.exists():
-            write(path, frame_of(case, **how))
+    missing = [seed for seed in seeds if not list(Path(folder).glob(f"{seed}-*.npz"))]
+    for seed in tqdm(missing, unit="frame", disable=not missing):
+        made = frame_of(random_case(seed), **how)
+        write(Path(folder) / f"{made.frame.name}.npz", made)
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -105,16 +105,27 @@ def test_round_trip(cases, tmp_path):
     assert new.facts["wall"] == case.wall
 
 
-def test_the_bench_scores_frames_and_tells_what_got_worse(cases, tmp_path, capsys, monkeypatch):
+def test_the_bench_scores_both_sets_and_tells_the_gap_and_what_got_worse(
+    cases, tmp_path, capsys, monkeypatch
+):
+    def obeying(seeds, folder):
+        folder.mkdir(parents=True)
+        for seed in seeds:
+            case = small(cases[seed], noise=0.0, jpeg=None, fog=0.0, exposure=(0.01, 0.9))
+            write(folder / f"{seed}.npz", _developed(case, lit(case)))
+
+    monkeypatch.setattr(unseen, "SETS", {"open": [1], "sealed": [3]})
+    monkeypatch.setattr(unseen, "FOLDER", tmp_path)
     monkeypatch.setattr(unseen, "WORSE", -100.0)  # so that every frame counts as worse
-    for index in (1, 3):
-        case = small(cases[index], noise=0.0, jpeg=None, fog=0.0, exposure=(0.01, 0.9))
-        write(tmp_path / f"{index}.npz", _developed(case, lit(case)))
-    unseen.main([str(tmp_path)])
+    monkeypatch.setattr(unseen, "make", obeying)
+    unseen.main(["open", "sealed"])
     told = capsys.readouterr().out
     for way in ("facing", "best colour", "separated, true contours"):
-        assert told.count(way) >= 3  # a row for each kind and one for both
-    assert "green: worse than the best colour by more than -100 point on 2 of 2" in told
+        rows = [line.split() for line in told.splitlines() if f"  {way}  " in line]
+        assert len(rows) == 5  # of a kind and of all, in both sets, and the gap
+        here, there, gap = (float(cell) for cell in rows[-1][-3:])
+        assert gap == pytest.approx(there - here, abs=0.11)
+    assert told.count("green: worse than the best colour by more than -100 point on 1 of 1") == 2
     with pytest.raises(SystemExit, match="holds no frames"):
         unseen.main([str(tmp_path / "none")])
 
