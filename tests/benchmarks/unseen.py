@@ -3,8 +3,9 @@
     python -m tests.benchmarks.unseen [open | sealed | FOLDER]...
 
 `open` is the default. `sealed` frames are for the end: made, scored and not looked at, so that the gap
-to the open ones tells how much was tuned to those. Sets that are not in build/unseen are made with Mitsuba; a
-FOLDER of such frames is scored as it is. No test: it takes minutes.
+to the open ones tells how much was tuned to those. Sets that are not in build/unseen are made with Mitsuba;
+a FOLDER of such frames is scored as it is. Where a frame's calibration has one albedo, it is green's, and red
+and blue alone are then of another scale. No test: it takes minutes.
 """
 
 import sys

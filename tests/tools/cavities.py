@@ -17,7 +17,7 @@ import numpy as np
 
 from endolab.numerics.arrays import FloatArray, IntArray
 from endolab.synthetic.rendering import waves
-from endolab.synthetic.scenes import _grid_triangles
+from endolab.synthetic.scenes import grid_triangles
 
 LEAST = 0.05  # mm, a step of a ray beside a wall
 FAREST = 1000.0  # mm, beyond every wall
@@ -72,7 +72,7 @@ class Cavity:
     # The shape -----------------------------------------------------------------------------
     def inside(self, x: FloatArray) -> FloatArray:
         """F at points (..., 3) of the camera frame, mm; positive in the cavity."""
-        return self._in_tube(self._to_tube(x))
+        return self._in_tube(self.to_tube(x))
 
     def _in_tube(self, tube: FloatArray) -> FloatArray:
         """F at points (..., 3) of the tube's own coordinates."""
@@ -104,7 +104,8 @@ class Cavity:
         pitch = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
         return yaw @ pitch @ roll
 
-    def _to_tube(self, x: FloatArray) -> FloatArray:
+    def to_tube(self, x: FloatArray) -> FloatArray:
+        """Points (..., 3) of the camera frame in the tube's coordinates."""
         x = x @ self._turn.T + [*self.place, 0.0]
         u, v, s = x[..., 0], x[..., 1], x[..., 2]
         if self.bend:
@@ -112,7 +113,8 @@ class Cavity:
             u, s = 1 / self.bend - np.hypot(arm, s), np.arctan2(s, arm) / self.bend
         return np.stack([u, v - self._swayed(s), s], axis=-1)
 
-    def _from_tube(self, tube: FloatArray) -> FloatArray:
+    def from_tube(self, tube: FloatArray) -> FloatArray:
+        """Points (..., 3) of the tube's coordinates in the camera frame."""
         u, s = tube[..., 0], tube[..., 2]
         v = tube[..., 1] + self._swayed(s)
         if self.bend:
@@ -143,7 +145,7 @@ class Cavity:
         """See `Scene.mesh`: `size` steps along and around, by lines that go out from the tube's middle."""
         start, out = self._lines(size, size)
         place = start + _march(self._in_tube, start, out, self._steepest)[:, None] * out
-        return self._from_tube(place), _grid_triangles(size, size)
+        return self.from_tube(place), grid_triangles(size, size)
 
     def _lines(self, along: int, around: int) -> tuple[FloatArray, FloatArray]:
         """Points on the middle (n, 3) and directions out of it, from the near end to the far one."""

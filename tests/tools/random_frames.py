@@ -102,7 +102,7 @@ def _put_polyps(rng: np.random.Generator, cavity: Cavity, camera: Camera, count:
     rays = camera.unproject(pixels)
     rays = rays[rays[:, 2] > 0]
     polyps = []
-    for u, v, s in cavity._to_tube(cavity.distance(rays)[:, None] * rays):
+    for u, v, s in cavity.to_tube(cavity.distance(rays)[:, None] * rays):
         radius = rng.uniform(3.0, 8.0)
         polyps.append(Polyp(s, math.atan2(v, u), radius, radius * rng.uniform(1.0, 2.2)))
     return replace(cavity, polyps=tuple(polyps))
