@@ -13,7 +13,7 @@ NBVAL  := -p tests.tools.notebook_timeouts -p tests.tools.notebook_solutions
 NBVAL  += --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
 
 .DEFAULT_GOAL := help
-.PHONY: help lab demo test test-browser attack html lint bench traced lock clean
+.PHONY: help lab demo test test-browser attack html lint bench unseen traced lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -62,6 +62,10 @@ bench: $(READY) ## measure speed
 	$(BIN)/python -m tests.benchmarks.colon
 	$(BIN)/python -m tests.benchmarks.highlights
 	$(BIN)/python -m tests.benchmarks.sequence
+
+unseen: $(READY) ## score random frames that nobody tuned to; Mitsuba makes them first (20 minutes)
+	$(PIP) install --quiet 'mitsuba>=3.9'
+	$(BIN)/python -m tests.benchmarks.unseen open
 
 traced: $(READY) ## path-trace the frames anew, with Mitsuba (about 10 minutes)
 	$(PIP) install --quiet 'mitsuba>=3.9'

@@ -1,4 +1,4 @@
-"""What the wall of a colon looks like: mottled, with vessels, under a wet film."""
+"""What the wall of a colon looks like: mottled, with vessels and stains, under a wet film, or rough."""
 
 import numpy as np
 
@@ -10,18 +10,21 @@ ROUGHNESS = 0.15  # of the film; its GGX width is the square
 MOTTLE = np.array([0.6, 1.0, 1.0])  # share of the texture in red, green and blue
 BLOOD = np.array([0.25, 1.0, 0.9])  # what vessels take, as logarithms
 VESSELS = ((9.0, 0.7, 1.0), (4.0, 0.4, 0.5))  # mm between them, mm of half width, share
+BILE = np.array([0.3, 0.7, 1.0])  # what stains take, as logarithms
+STAIN_SIZE, STAIN_EDGE = 12.0, 0.15  # mm; how soft their edge is, of the standard deviation of the waves
+RARE = 1.3  # standard deviations above which a smooth random function is a stain: a tenth of the wall
 
 
 def tissue(
-    points: FloatArray, albedo: FloatArray, texture: float, vessels: float, seed: int = 0
+    points: FloatArray, albedo: FloatArray, texture: float, vessels: float, seed: int = 0, stains: float = 0.0
 ) -> FloatArray:
-    """Albedo (..., 3) of mucosa at points (..., 3), mm: mottled, with vessels; between 0.01 and 0.95.
+    """Albedo (..., 3) of mucosa at points (..., 3), mm: mottled, with vessels, stained; from 0.01 to 0.95.
 
     `albedo` is that of red, green and blue without either, `texture` the standard deviation of the
     logarithm of that of green and blue, `vessels` what the middle of a vessel takes from the logarithm of
-    the green one.
+    the green one, `stains` what a stain takes from that of the blue one.
     """
-    if texture == vessels == 0:
+    if texture == vessels == stains == 0:
         return np.broadcast_to(np.clip(albedo, 0.01, 0.95), points.shape).copy()
     rng = np.random.default_rng([seed, 0])
     mottle = waves(points, TEXTURE_SCALE, rng)[0]
@@ -30,6 +33,9 @@ def tissue(
         away = waves(points, spacing, rng)[0] * spacing / width
         blood = np.maximum(blood, share * np.exp(-(away**2)))
     log = texture * mottle[..., None] * MOTTLE - vessels * blood[..., None] * BLOOD
+    if stains:
+        wave = waves(points, STAIN_SIZE, np.random.default_rng([seed, 5]))[0]
+        log -= stains * (0.5 + 0.5 * np.tanh((wave - RARE) / STAIN_EDGE))[..., None] * BILE
     return np.clip(albedo * np.exp(log), 0.01, 0.95)
 
 
@@ -40,11 +46,14 @@ def rippled(points: FloatArray, normals: FloatArray, seed: int = 0) -> FloatArra
     return turned / np.linalg.norm(turned, axis=-1, keepdims=True)
 
 
-def film_radiance(points: FloatArray, normals: FloatArray, light: SpotLight, film: float) -> FloatArray:
-    """Light (n,) that a wet film mirrors from one light to the optical centre.
+def film_radiance(
+    points: FloatArray, normals: FloatArray, light: SpotLight, film: float, roughness: float = ROUGHNESS
+) -> FloatArray:
+    """Light (n,) that a wet film or a rough wall mirrors from one light to the optical centre.
 
     E D F G / (4 cos θ_i cos θ_v) cos θ_i (Walter et al. 2007), with the light's E at normal incidence;
-    `film` is the share reflected at normal incidence; 0.02 is water. Points in mm.
+    `film` is the share reflected at normal incidence; 0.02 is water. D is GGX, of a width that is the square
+    of `roughness`. Points in mm.
     """
     radiance, reach = light.illuminate(points)
     to_light = (np.asarray(light.position) - points) / reach[:, None]
@@ -55,7 +64,7 @@ def film_radiance(points: FloatArray, normals: FloatArray, light: SpotLight, fil
     def cosine(a: FloatArray, b: FloatArray) -> FloatArray:
         return np.maximum(np.einsum("ij,ij->i", a, b), 1e-4)
 
-    width = ROUGHNESS**4
+    width = roughness**4
     n_l, n_v, n_h = cosine(normals, to_light), cosine(normals, to_camera), cosine(normals, half)
     facets = width / (np.pi * (n_h**2 * (width - 1) + 1) ** 2)
     fresnel = film + (1 - film) * (1 - cosine(to_camera, half)) ** 5

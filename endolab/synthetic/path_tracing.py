@@ -10,7 +10,9 @@ walls, shadows, and a wet film. Each is kept as a layer of its own, in linear li
   measure its irradiance by way of other walls; each pixel then gathers by rays of its own what
   the walls around it send (Jensen 2001, final gathering), with the direct light there exact;
 - mirrored: a microfacet film (Walter et al. 2007: GGX, Smith, Schlick) of its own small ripples,
-  straight from the lights, in their shadows too.
+  straight from the lights, in their shadows too; and so the sheen of a rough wall, without ripples.
+
+A sheen mirrors what other walls send as well, which is indirect light; between walls it is left out.
 
 All three fade by cos^k α when the photometry names its lights, k being the vignetting's. When it
 names none, the whole joint exponent k is taken for the spread of the light at the optical centre:
@@ -30,7 +32,7 @@ from endolab.model.cameras import Camera
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.synthetic.mucosa import film_radiance, rippled, tissue
+from endolab.synthetic.mucosa import ROUGHNESS, film_radiance, rippled, tissue
 from endolab.synthetic.rendering import VEIL, Rendered, check_amounts, developed, exposed, truth_of
 from endolab.synthetic.scenes import Scene
 
@@ -38,6 +40,7 @@ VARIANT = "llvm_ad_rgb"
 OLDEST_LLVM = 16  # older ones abort on processors with AVX-512
 SURE_BOUNCES = 3  # before the roulette
 RAYS_AT_ONCE = 1_500_000  # about 1 GB
+LEAST_ROUGHNESS = 0.2  # less mirrors the lamps as points, which few of a pixel's places meet
 PIXELS_FOR_A_VERTEX = 32  # paths of a pixel for one of a vertex
 
 
@@ -51,7 +54,7 @@ class Traced(Rendered):
 
     direct: FloatArray  # (H, W, 3), linear light times gain; an average over the pixel
     indirect: FloatArray  # (H, W, 3), the same
-    mirrored: FloatArray  # (H, W), the same, of the wet film; equal in all channels
+    mirrored: FloatArray  # (H, W), the same, of the lamps in film or sheen; equal in all channels
 
 
 def mitsuba() -> tuple[Any, Any]:
@@ -183,25 +186,59 @@ class _Tracer:
         self.dr.eval(*met, direct)
         return met, np.array(direct, dtype=np.float64).T
 
-    def gather(self, met: Any, start: FloatArray) -> FloatArray:
+    def gather(self, met: Any, start: FloatArray, sheen: float, roughness: float) -> FloatArray:
         """Indirect light (n, 3) of what was met, by one more ray each that `start` (2, n) chooses."""
         dr = self.dr
         hit, normal, faced, left = met
-        far, far_normal, seen, far_left = self._meet(hit.spawn_ray(self._turned(normal, start)), faced)
-        arriving = self._attribute("vertex_bounced", far, seen) + self._lit(far, far_normal, seen)
-        radiance = dr.select(seen, left * far_left * arriving / dr.pi, 0.0)
-        return np.array(radiance, dtype=np.float64).T
+        sent = left * self._sent(hit.spawn_ray(self._turned(normal, start)), faced)
+        if sheen:
+            away, weight = self._mirrored_way(hit, normal, start, sheen, roughness)
+            clear = dr.exp(-self.fog * dr.select(faced, hit.t, 0.0))
+            sent += clear * weight * self._sent(hit.spawn_ray(away), faced & (weight > 0))
+        return np.array(sent, dtype=np.float64).T
 
-    def mirrored(self, met: Any, film: float, seed: int) -> FloatArray:
-        """Light (n,) that the film on what was met sends back."""
+    def _sent(self, ray: Any, active: Any) -> Any:
+        """What the walls that rays meet send back along them."""
+        hit, normal, faced, left = self._meet(ray, active)
+        arriving = self._attribute("vertex_bounced", hit, faced) + self._lit(hit, normal, faced)
+        return self.dr.select(faced, left * arriving / self.dr.pi, 0.0)
+
+    def _mirrored_way(
+        self, hit: Any, normal: Any, start: FloatArray, sheen: float, roughness: float
+    ) -> tuple[Any, Any]:
+        """Ways from which facets, chosen by GGX, mirror light to the camera, and what share of it.
+
+        The share is F G (v·h) / (n·v n·h), with v to the camera and h the facet's normal.
+        """
+        mi, dr = self.mi, self.dr
+        width = roughness**4
+        first, turn = (dr.llvm.Float(np.ascontiguousarray(part, dtype=np.float32)) for part in start)
+        steep = dr.sqrt(width * first / (1 - first))
+        local = mi.Vector3f(steep * dr.cos(2 * dr.pi * turn), steep * dr.sin(2 * dr.pi * turn), 1.0)
+        facet = mi.Frame3f(normal).to_world(dr.normalize(local))
+        to_camera = dr.normalize(-mi.Vector3f(hit.p))
+        met = dr.dot(to_camera, facet)
+        away = 2 * met * facet - to_camera
+        n_v, n_l, n_h = (dr.maximum(dr.dot(normal, one), 1e-4) for one in (to_camera, away, facet))
+        share = (sheen + (1 - sheen) * (1 - met) ** 5) * met / (n_v * n_h)
+        for c in (n_l, n_v):
+            share *= 2 * c / (c + dr.sqrt(width + (1 - width) * c * c))
+        return away, dr.select((met > 0) & (dr.dot(normal, away) > 0), share, 0.0)
+
+    def mirrored(self, met: Any, film: float, sheen: float, roughness: float, seed: int) -> FloatArray:
+        """Light (n,) of the lamps that the film and the sheen of what was met send back."""
         hit, normal, faced, _ = met
         points, normals = np.array(hit.p, dtype=np.float64).T, np.array(normal, dtype=np.float64).T
-        normals, total = rippled(points, normals, seed), np.zeros(len(points))
+        total = np.zeros(len(points))
+        wet = rippled(points, normals, seed) if film else normals
         for lamp in self.lights:
             lit = np.array(self._arriving(hit, normal, lamp, faced)) > 0
             there = points[lit]
             way = np.linalg.norm(there - np.asarray(lamp.position), axis=-1) + np.linalg.norm(there, axis=-1)
-            total[lit] += np.exp(-self.fog * way) * film_radiance(there, normals[lit], lamp, film)
+            for share, rough, turned in ((film, ROUGHNESS, wet), (sheen, roughness, normals)):
+                if share:
+                    sent = film_radiance(there, turned[lit], lamp, share, rough)
+                    total[lit] += np.exp(-self.fog * way) * sent
         return total
 
 
@@ -222,7 +259,10 @@ def trace(
     *,
     texture: float = 0.0,
     vessels: float = 0.0,
+    stains: float = 0.0,
     film: float = 0.0,
+    sheen: float = 0.0,
+    roughness: float = 0.5,
     fog: float = 0.0,
     noise: float = 0.0,
     bits: int | None = None,
@@ -236,8 +276,9 @@ def trace(
 
     Lights, response and mean albedos (Lambertian, below 1) are those of the photometry; with an unknown gain,
     one that puts the 99th percentile of the brightest channel, highlights apart, at 0.9 is chosen. `fog`,
-    `noise` and `bits` are as for `render`, `texture` and `vessels` as for `tissue`; `film` is the share of
-    the light that a wet film mirrors at normal incidence, 0.02 being water. `bounces` are the turns of a path
+    `noise` and `bits` are as for `render`, `texture`, `vessels` and `stains` as for `tissue`; `film` is the
+    share of the light that a wet film mirrors at normal incidence, 0.02 being water, `sheen` that of a rough
+    wall, whose GGX width is the square of `roughness`. `bounces` are the turns of a path
     after the first wall, 0 leaving the direct light alone; `samples` the paths a pixel, rounded up to whole
     grids of at most 4x4 places in it. `seed` is of texture, ripples, noise and paths, and `progress` is told
     the share of the work that is done, from 0 to 1.
@@ -247,8 +288,20 @@ def trace(
     if not isinstance(photometry.brdf, Lambertian) or np.max(photometry.brdf.albedo) >= 1:
         raise ValueError(f"path tracing needs a Lambertian surface of albedos below 1, got {photometry.brdf}")
     check_amounts(
-        texture=texture, vessels=vessels, film=film, fog=fog, noise=noise, bounces=bounces, seed=seed
+        texture=texture,
+        vessels=vessels,
+        stains=stains,
+        film=film,
+        sheen=sheen,
+        fog=fog,
+        noise=noise,
+        bounces=bounces,
+        seed=seed,
     )
+    if sheen > 1:
+        raise ValueError(f"sheen must be at most 1, got {sheen:g}")
+    if not LEAST_ROUGHNESS <= roughness <= 1:
+        raise ValueError(f"roughness must be from {LEAST_ROUGHNESS:g} to 1, got {roughness}")
     for name, value, greatest in (("bits", 8 if bits is None else bits, 16), ("samples", samples, 100_000)):
         if not 1 <= value <= greatest:
             raise ValueError(f"{name} must be from 1 to {greatest}, got {value}")
@@ -257,7 +310,7 @@ def trace(
     lights = photometry.lights or (SpotLight(exponent=photometry.k),)
 
     vertices, triangles = scene.mesh(mesh_size)
-    albedo = tissue(vertices, mean, texture, vessels, seed)
+    albedo = tissue(vertices, mean, texture, vessels, seed, stains)
     tracer = _Tracer(vertices, triangles, scene.normals(vertices), albedo, lights, fog)
     share = 0.5 if bounces > 1 else 0.0  # of the work, about, that is the vertices'
     for done in tracer.fill(bounces - 2, max(1, samples // PIXELS_FOR_A_VERTEX), seed) if bounces > 1 else ():
@@ -279,10 +332,10 @@ def trace(
         for again in range(rounds if bounces else 0):
             index = (again * side**2 + part)[:, None]
             start = (turned + index * GOLDEN[:, None, None])[:, here] % 1
-            layers[:, 3:6] += tracer.gather(met, start) / rounds
+            layers[:, 3:6] += tracer.gather(met, start, sheen, roughness) / rounds
             progress(share + (1 - share) * (first + len(part) * (again + 1) / rounds) / side**2)
-        if film:
-            layers[:, 6] = tracer.mirrored(met, film, seed)
+        if film or sheen:
+            layers[:, 6] = tracer.mirrored(met, film, sheen, roughness, seed)
         layers *= faded[part][here][:, None]
         every = np.zeros((*here.shape, 7))
         every[here] = layers

@@ -32,7 +32,8 @@ class Scene(Protocol):
         ...
 
 
-def _grid_triangles(rows: int, columns: int) -> IntArray:
+def grid_triangles(rows: int, columns: int) -> IntArray:
+    """Triangles (T, 3) that join the points of a grid, row by row."""
     corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     upper = np.stack([corner, corner + 1, corner + columns], axis=-1)
     lower = np.stack([corner + 1, corner + columns + 1, corner + columns], axis=-1)
@@ -82,7 +83,7 @@ class Plane:
         s = np.linspace(-30.0, 30.0, size) * self.depth
         x, y = np.meshgrid(s, s)
         flat = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1)
-        return flat @ _tilt_matrix(self.tilt).T + [0.0, 0.0, self.depth], _grid_triangles(size, size)
+        return flat @ _tilt_matrix(self.tilt).T + [0.0, 0.0, self.depth], grid_triangles(size, size)
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ class Bowl:
         polar, around = np.meshgrid(np.linspace(0, np.pi, size), np.linspace(0, 2 * np.pi, 2 * size))
         direction = [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
         vertices = np.asarray(self.centre) + self.radius * np.stack(direction, axis=-1).reshape(-1, 3)
-        return vertices, _grid_triangles(2 * size, size)
+        return vertices, grid_triangles(2 * size, size)
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,7 @@ class Tube:
         x = radius[:, None] * np.cos(around) - self.offset[0]
         y = radius[:, None] * np.sin(around) - self.offset[1]
         vertices = np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1).reshape(-1, 3)
-        return vertices @ _tilt_matrix(self.tilt).T, _grid_triangles(size + 1, 2 * size)
+        return vertices @ _tilt_matrix(self.tilt).T, grid_triangles(size + 1, 2 * size)
 
 
 @dataclass(frozen=True)
@@ -305,7 +306,7 @@ class Colon:
         x = centre[:, :1] + rho * np.cos(around)
         y = centre[:, 1:] + rho * np.sin(around)
         vertices = np.stack([x, y, np.broadcast_to(s[:, None], x.shape)], axis=-1).reshape(-1, 3)
-        return vertices - self._camera, _grid_triangles(2 * size + 1, 2 * size)
+        return vertices - self._camera, grid_triangles(2 * size + 1, 2 * size)
 
 
 SCENES: dict[str, Scene] = {"plane": Plane(), "curved": Bowl(), "tube": Tube(), "colon": Colon()}

@@ -122,18 +122,48 @@ def test_film_mirrors_in_a_layer_of_its_own(mitsuba):
     assert_allclose(wet.image, np.clip((wet.direct + wet.mirrored[..., None]) ** (1 / 2.2), 0, 1), atol=1e-12)
 
 
-def test_film_mirrors_no_more_than_arrives():
-    """All that a film sends one way, over all ways the light may come, is at most 1."""
+def mirrored_share(roughness, film=1.0):
+    """What a wall sends one way, straight out, of light that comes alike from everywhere."""
     points, normals = np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, -1.0]])
     theta = np.pi / 2 * (np.arange(1000) + 0.5) ** 2 / 1000**2  # dense about the mirror's way
     sent = []
     for angle in theta:
         way = np.array([np.sin(angle), 0.0, -np.cos(angle)])
         lamp = SpotLight(tuple(points[0] + 1e3 * way), tuple(-way))
-        sent.append(1e6 * film_radiance(points, normals, lamp, 1.0)[0])
-    total = 2 * np.pi * np.trapezoid(np.array(sent) * np.sin(theta), theta)
-    assert 0.97 < total <= 1
-    assert film_radiance(points, normals, SpotLight(), 0.025)[0] > 0
+        sent.append(1e6 * film_radiance(points, normals, lamp, film, roughness)[0])
+    return 2 * np.pi * np.trapezoid(np.array(sent) * np.sin(theta), theta)
+
+
+def test_a_sheen_mirrors_the_lamps_without_highlights(mitsuba):
+    how = {"bounces": 0, "samples": 16}
+    wet, rough = (trace(Colon(), CAMERA, THREE, **how, **film) for film in ({"film": 0.04}, {"sheen": 0.04}))
+    assert_array_equal(rough.direct, wet.direct)
+    share = [(one.mirrored / np.maximum(one.direct[..., 1], 1e-9))[one.mask] for one in (wet, rough)]
+    assert np.percentile(share[1], 99.9) < 0.2 * np.percentile(share[0], 99.9)
+    # At most what a wall does that faces a lamp beside the lens: F / (4 α²) for the ρ that it scatters.
+    assert 0.5 < share[1].max() / (0.04 / (4 * 0.5**4) / 0.38) < 1.1
+    assert np.median(share[1]) > 0.002
+
+
+@pytest.mark.parametrize("roughness", [0.4, 0.7])
+def test_a_sheen_mirrors_other_walls(mitsuba, roughness):
+    """In a sphere that is lit alike all over, so much of what it sends as of light from everywhere."""
+    both = tuple(SpotLight(direction=(0.0, 0.0, way)) for way in (1.0, -1.0))
+    lamps = Photometry(k=0.0, gamma=1.0, gain=1.0, brdf=Lambertian(0.5), lights=both)
+    how = {"bounces": 40, "samples": 64, "mesh_size": 60, "roughness": roughness}
+    matt, rough = (trace(Bowl(100.0, (0.0, 0.0, 0.0)), CAMERA, lamps, sheen=one, **how) for one in (0.0, 1.0))
+    assert_array_equal(matt.direct, rough.direct)
+    gained = (rough.indirect - matt.indirect).mean() / (matt.direct + matt.indirect).mean()
+    assert gained == pytest.approx(mirrored_share(roughness), rel=0.02)
+
+
+@pytest.mark.parametrize("roughness", [0.15, 0.4, 0.7])
+def test_film_mirrors_no_more_than_arrives(roughness):
+    """All that a film sends one way, over all ways the light may come, is at most 1."""
+    # Facets steeper than 45° send it into the wall, and others hide one another.
+    most = 1 / (1 + roughness**4)
+    assert (0.97 if roughness < 0.5 else 0.85) * most < mirrored_share(roughness) <= most
+    assert 0.025 < mirrored_share(roughness, 0.025) / mirrored_share(roughness) < 0.04
 
 
 def test_ripples_and_tissue():
@@ -149,6 +179,9 @@ def test_ripples_and_tissue():
     assert veined.max() <= 0
     assert veined[:, 1].min() == pytest.approx(-0.35, abs=0.01)
     assert 0.02 < np.mean(veined[:, 1] < -0.1) < 0.4
+    stained = np.log(tissue(points, mean, 0.0, 0.0, stains=0.5) / mean)
+    assert_allclose(stained.min(axis=0), [-0.15, -0.35, -0.5], atol=1e-3)
+    assert 0.03 < np.mean(stained[:, 2] < -0.25) < 0.25
 
 
 def test_the_seed_decides_and_progress_is_told(mitsuba):
@@ -168,6 +201,9 @@ def test_the_seed_decides_and_progress_is_told(mitsuba):
     [
         ({"fog": -1.0}, "fog must be finite and at least 0, got -1.0"),
         ({"film": np.nan}, "film must be finite"),
+        ({"stains": -1.0}, "stains must be finite and at least 0"),
+        ({"roughness": 0.1}, "roughness must be from 0.2 to 1, got 0.1"),
+        ({"sheen": 1.5}, "sheen must be at most 1, got 1.5"),
         ({"bounces": -1}, "bounces must be finite and at least 0"),
         ({"samples": 0}, "samples must be from 1 to"),
         ({"bits": 0}, "bits must be from 1 to 16, got 0"),
