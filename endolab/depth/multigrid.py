@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from endolab.depth.normal_equations import CENTRE, EE, SE, SS, SW, Coefficients, E, S
+from endolab.depth.tears import Blocks, Strands, strands
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, kernel
 
@@ -155,6 +156,7 @@ class _Level:
     inverse: FloatArray  # of the diagonal; 0 where a pixel is held at 0
     active: Any
     share: FloatArray | None  # of the way to the next coarser grid, if there is one
+    strands: Strands | None  # of that way beside cuts
     x: FloatArray
     b: FloatArray
     r: FloatArray
@@ -169,7 +171,13 @@ class _Level:
         if old is not None:
             return replace(old, inverse=inverse)
         share = None if coarser is None else shares(active, coarser.active)
-        return cls(m, inverse, active, share, *np.zeros((3, *inverse.shape)))
+        beside = None
+        if coarser is not None and share is not None and coefficients.link is not coefficients.whole:
+            c = coefficients
+            blocks = Blocks(coarser.active, coarser.link, coarser.whole)
+            beside = strands(active, c.main, c.link, c.whole, blocks)
+            share.flat[beside.beside] = 0.0
+        return cls(m, inverse, active, share, beside, *np.zeros((3, *inverse.shape)))
 
 
 class Multigrid:
@@ -204,8 +212,12 @@ class Multigrid:
             below = self.levels[depth + 1]
             residual(at.matrix, at.x, at.b, at.r)
             restrict(at.share, at.r, below.active, below.b)
+            if at.strands is not None:
+                at.strands.restrict_add(at.r, below.b)
             self._cycle(depth + 1)
             prolong_add(at.share, below.x, at.x)
+            if at.strands is not None:
+                at.strands.prolong_add(below.x, at.x)
         sweep_backwards(at.matrix, at.inverse, at.x, at.b)
 
     def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:
