@@ -189,7 +189,7 @@ def gauss_newton(
     """Minimise the energy by Gauss-Newton steps; see the head of this file.
 
     `start` (H, W) is log d to start from, of an earlier result say: then there is no march, and coarser
-    grids are used only if it is far from the frame's surface; with cuts it is taken as it is. `inflow` is
+    grids are used only if it is far from the frame's surface. `inflow` is
     log d where it is known, nan elsewhere, and is kept. The run has converged when by the last steps no
     more than the share `tolerance` of the energy is left to fall: their quadratics promise no more, the
     inner solver left no more of them, and falls at the rate of the last ones sum to no more. That is an

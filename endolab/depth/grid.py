@@ -204,7 +204,7 @@ class Grid:
 
     @cached_property
     def ceiling(self) -> Any:
-        """What a map may not exceed, padded, where cuts leave islands that little else holds: d₀ and a little."""
+        """What a map may not exceed, padded: d₀ and a little where cuts leave islands, else infinity."""
         if not self.is_torn:
             return np.inf
         silent = inner(self.evidence) == NONE if self.evidence.size else ~self.mask

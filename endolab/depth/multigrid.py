@@ -173,11 +173,22 @@ class _Level:
         share = None if coarser is None else shares(active, coarser.active)
         beside = None
         if coarser is not None and share is not None and coefficients.link is not coefficients.whole:
-            c = coefficients
             blocks = Blocks(coarser.active, coarser.link, coarser.whole)
-            beside = strands(active, c.main, c.link, c.whole, blocks)
+            beside = strands(active, coefficients.main, coefficients.link, coefficients.whole, blocks)
             share.flat[beside.beside] = 0.0
         return cls(m, inverse, active, share, beside, *np.zeros((3, *inverse.shape)))
+
+    def prolong_add(self, step: FloatArray, x: FloatArray) -> None:
+        """x += the next coarser grid's step, interpolated."""
+        prolong_add(self.share, step, x)
+        if self.strands is not None:
+            self.strands.prolong_add(step, x)
+
+    def restrict(self, r: FloatArray, below: _Level, out: FloatArray) -> None:
+        """Adjoint of `prolong_add`."""
+        restrict(self.share, r, below.active, out)
+        if self.strands is not None:
+            self.strands.restrict_add(r, out)
 
 
 class Multigrid:
@@ -211,13 +222,9 @@ class Multigrid:
         else:
             below = self.levels[depth + 1]
             residual(at.matrix, at.x, at.b, at.r)
-            restrict(at.share, at.r, below.active, below.b)
-            if at.strands is not None:
-                at.strands.restrict_add(at.r, below.b)
+            at.restrict(at.r, below, below.b)
             self._cycle(depth + 1)
-            prolong_add(at.share, below.x, at.x)
-            if at.strands is not None:
-                at.strands.prolong_add(below.x, at.x)
+            at.prolong_add(below.x, at.x)
         sweep_backwards(at.matrix, at.inverse, at.x, at.b)
 
     def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:

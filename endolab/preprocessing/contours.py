@@ -7,8 +7,8 @@ jumps, and its watersheds are closed lines one step thin, without a gap for a ma
 and noise make lines, too. The picture alone does not tell: that is put to the vote of the energy
 (`reconstruction.contours`).
 
-A wall that turns away is dark at its rim, before it ends. So a thin dark strip is the limb of its
-brighter neighbour, and what is torn is the strip's other side.
+A wall that turns away is dark at its rim, before it ends. So a thin strip is the limb of its lightest
+neighbour, and what is torn is the strip's other side.
 """
 
 from typing import Any
@@ -23,7 +23,10 @@ from endolab.numerics.derivatives import REFERENCE_WIDTH, links, shifted
 
 BLUR = 1.5  # of log d₀, in 1/320 of the picture's width
 SHALLOW = 0.02  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the width
-LIMB = 5.0  # a dark strip is a limb if it is thinner than this, in 1/320 of the width
+SHARE = (
+    0.25  # of the way from a strip's lightest neighbour to its own log d₀: who is nearer than this is light
+)
+LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the width
 
 
 @kernel
@@ -103,12 +106,16 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
 
 
 def _joins_a_limb(both: Any, region: Any, log_facing: FloatArray, thin: float) -> BoolArray:
-    """Which pairs of regions are a thin strip and its brighter neighbour."""
+    """Which pairs of regions are a thin strip and its lightest neighbour, or one that is nearly as light."""
     numbers = np.arange(region.max() + 1)
     same = [shifted(region, step, axis, -1) == region for step in (1, -1) for axis in (0, 1)]
     inside = np.pad(np.all(same, axis=0), 1).astype(np.uint8)
     depth = cv2.distanceTransform(inside, cv2.DIST_L2, 5)[1:-1, 1:-1]
     is_thin = 2 * np.asarray(ndimage.maximum(depth, region, numbers)) + 1 < thin
     far = np.asarray(ndimage.median(np.where(region < 0, 0.0, log_facing), region, numbers))
-    (one, other), farther = both, far[both[0]] - far[both[1]]
-    return (is_thin[one] & (farther > 0)) | (is_thin[other] & (farther < 0))
+    lightest = far.copy()
+    for one, other in (both, both[::-1]):
+        np.minimum.at(lightest, one, far[other])
+    limit = lightest + SHARE * (far - lightest)
+    one, other = both
+    return (is_thin[one] & (far[other] < limit[one])) | (is_thin[other] & (far[one] < limit[other]))

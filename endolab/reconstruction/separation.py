@@ -150,10 +150,13 @@ def separate(
     known = albedo
     albedo = np.array(TISSUE) if known is None else np.asarray(known, dtype=np.float64)
     inflation = np.broadcast_to(GUESS * albedo / (1 - GUESS * albedo), (*colours[1].mask.shape, 3))
-    surface = yield from _solved(merged(colours, inflation, albedo), contours, STEPS[0], 1)
+    # What is torn is farther, and explained by brighter walls: albedos that are sought would run away.
+    early = contours if contours or known is not None else False
+    surface = yield from _solved(merged(colours, inflation, albedo), early, STEPS[0], 1)
     for number, steps in enumerate(STEPS[1:], 2):
         inflation, albedo = _bounced(colours, surface.log_distance, surface.problem.cuts, known)
-        surface = yield from _solved(merged(colours, inflation, albedo), contours, steps, number)
+        tear = contours if number == len(STEPS) else early
+        surface = yield from _solved(merged(colours, inflation, albedo), tear, steps, number)
     return Separation(inflation, albedo, surface)
 
 
