@@ -21,7 +21,7 @@ finds: the whole map, or its change alone, whichever has the lower energy.
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -93,7 +93,7 @@ class _State:
         np.clip(delta, -LONGEST, LONGEST, out=delta)
         share = 1.0
         while share >= SHORTEST:
-            there = self.v + share * delta
+            there = np.minimum(self.v + share * delta, self.grid.ceiling)
             terms = self.grid.terms(there, self.lam)
             fall = self.energy - sum(terms.values())
             if fall > 0:
@@ -121,10 +121,11 @@ def _begun(grid: Grid, guess: FloatArray | None, lam: float, march: bool) -> tup
 
     The march is sharper, and right on smooth walls; over folds that hide something it is rough, and
     so it is in noise, the more so the finer the grid: once it has lost there is no need to `march`
-    on finer ones. Where cuts are known it is not, and a coarser grid's blocks mix their two sides.
+    on finer ones. The first march crosses cuts: what lies behind them then comes loose only as far as the
+    energy wants, while regions that are held by little would stay where a torn march puts them.
     """
-    if guess is None or grid.cuts is not None:
-        return _State.at(grid, grid.march(guess), lam), True
+    if guess is None:
+        return _State.at(grid, replace(grid, link=grid.whole).march(), lam), True
     given = _State.at(grid, guess, lam)
     if march:
         marched = _State.at(grid, grid.march(guess), lam)
@@ -188,7 +189,7 @@ def gauss_newton(
     """Minimise the energy by Gauss-Newton steps; see the head of this file.
 
     `start` (H, W) is log d to start from, of an earlier result say: then there is no march, and coarser
-    grids are used only if it is far from the frame's surface; with cuts it is taken as it is. `inflow` is
+    grids are used only if it is far from the frame's surface. `inflow` is
     log d where it is known, nan elsewhere, and is kept. The run has converged when by the last steps no
     more than the share `tolerance` of the energy is left to fall: their quadratics promise no more, the
     inner solver left no more of them, and falls at the rate of the last ones sum to no more. That is an
@@ -214,7 +215,7 @@ def gauss_newton(
         state = _State.at(finest, v, problem.lam)
         iterate = Iterate.of(problem, inner(v), terms=state.terms)
         yield iterate
-        if problem.cuts is None and max_iterations > 0:
+        if max_iterations > 0:
             adapted = _State.at(finest, _adapted(finest, v, tolerance), problem.lam)
             if adapted.energy < state.energy:
                 state = adapted

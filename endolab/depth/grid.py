@@ -9,6 +9,7 @@ gradient, which is right to the second order to the very rim and never reaches o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,12 @@ from endolab.depth.energy_kernels import (
 from endolab.depth.fast_marching import March
 from endolab.depth.normal_equations import Coefficients
 from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
+from endolab.depth.tears import Blocks, coarser_links, main_parts, sides
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.compiled import PAD, block_sums, halved, halved_links, inner, kernel, padded
+from endolab.numerics.compiled import PAD, block_sums, halved, inner, kernel, padded
 from endolab.numerics.derivatives import links
+
+ABOVE = 0.7  # of log d₀: a factor of two, more than noise and mottles put a wall above what is an upper bound
 
 
 @kernel
@@ -42,19 +46,31 @@ def _finer(v: FloatArray, link: Any, out: FloatArray) -> None:
 
 
 @kernel
-def _enters(v: FloatArray, metric: Any, active: Any, link: Any, out: Any) -> None:
-    """Mark the pixels that a march down to v enters over the mask's border; out is not padded.
+def _carry_on(v: FloatArray, link: Any, pixels: Any, blocks: Any, out: FloatArray) -> None:
+    """Values of pixels from those and the gradients of blocks next to theirs; out is not padded."""
+    for k in range(pixels.shape[1]):
+        i, j = blocks[0, k], blocks[1, k]
+        along_u, along_v = differences(v, link, i, j)
+        row, column = pixels[0, k] - PAD, pixels[1, k] - PAD
+        down, right = row / 2 - 0.25 - (i - PAD), column / 2 - 0.25 - (j - PAD)
+        out[row, column] = v[i, j] + right * along_u + down * along_v
 
-    What lies behind a cut is not taken from a coarser grid, whose blocks mix both sides of it.
-    """
+
+@kernel
+def _enters(v: FloatArray, metric: Any, active: Any, link: Any, whole: Any, out: Any) -> None:
+    """Mark the pixels that a march down to v enters over the mask's border or a cut; out is not padded."""
     for row in range(out.shape[0]):
         for column in range(out.shape[1]):
             i, j = PAD + row, PAD + column
             u, w = differences(v, link, i, j)
             up = metric[0, i, j] * u + metric[1, i, j] * w
             wp = metric[1, i, j] * u + metric[2, i, j] * w
-            from_sides = (up < 0 and not active[i, j + 1]) or (up > 0 and not active[i, j - 1])
-            from_ends = (wp < 0 and not active[i + 1, j]) or (wp > 0 and not active[i - 1, j])
+            right = not active[i, j + 1] or link[0, i, j] < whole[0, i, j]
+            left = not active[i, j - 1] or link[0, i, j - 1] < whole[0, i, j - 1]
+            below = not active[i + 1, j] or link[1, i, j] < whole[1, i, j]
+            above = not active[i - 1, j] or link[1, i - 1, j] < whole[1, i - 1, j]
+            from_sides = (up < 0 and right) or (up > 0 and left)
+            from_ends = (wp < 0 and below) or (wp > 0 and above)
             out[row, column] = active[i, j] and (from_sides or from_ends)
 
 
@@ -70,9 +86,9 @@ class Grid:
     edge: FloatArray  # edge weight g
     active: Any  # the mask, int8
     link: Any  # (2, ...) int8: steps that derivatives take, see `numerics.derivatives.links`
+    whole: Any  # those that there would be without cuts: the same array where nothing is torn
     evidence: Any  # see `Problem`, int8; (0, 0) for exact pixels
     inflow: FloatArray  # (H, W), not padded: log d where it is given and no unknown, else nan
-    cuts: BoolArray | None  # (2, H, W), not padded: see `Problem`
     scale: float  # what a derivative of ξ per pixel of this grid is multiplied by
     table: FloatArray  # of `energy_kernels.shading_table`, as is the step
     step: float
@@ -82,6 +98,8 @@ class Grid:
         """Grid of a problem's own pixels."""
         mask, field = problem.mask, problem.field
         cos_alpha = np.where(mask, field.cos_alpha, 1.0)
+        whole = padded(links(mask).astype(np.int8))
+        torn = problem.cuts is not None and bool((problem.cuts & links(mask)).any())
         return cls(
             problem,
             padded(np.where(mask, problem.image, 0.0)),
@@ -90,10 +108,10 @@ class Grid:
             padded((1 / cos_alpha if problem.xi == "1/z" else np.ones(mask.shape)) / problem.xi_median),
             padded(problem.edge_weight),
             padded(mask.astype(np.int8)),
-            padded(links(mask, problem.cuts).astype(np.int8)),
+            padded(links(mask, problem.cuts).astype(np.int8)) if torn else whole,
+            whole,
             np.empty((0, 0), np.int8) if problem.evidence is None else padded(problem.evidence),
             np.full(mask.shape, np.nan) if inflow is None else np.where(mask, inflow, np.nan),
-            problem.cuts,
             problem.derivative_scale,
             *shading_table(problem.photometry),
         )
@@ -102,8 +120,7 @@ class Grid:
         """Grid of half the rows and columns."""
         given = padded(np.isfinite(self.inflow).astype(np.int8))
         inflow = inner(_block_means(padded(np.nan_to_num(self.inflow)), given))
-        active, link = halved(self.active), halved_links(self.link)
-        torn = links(inner(active) > 0) & (inner(link) == 0)
+        link, whole = coarser_links(self.main, self.link, self.whole)
         image, evidence = self._coarser_evidence()
         return replace(
             self,
@@ -112,11 +129,11 @@ class Grid:
             metric=np.stack([self.restrict(one) for one in self.metric]) / 4,
             factor=self.restrict(self.factor),
             edge=self.restrict(self.edge),
-            active=active,
+            active=halved(self.active),
             link=link,
+            whole=whole,
             evidence=evidence,
             inflow=np.where(inner(halved(given)) > 0, inflow, np.nan),
-            cuts=None if self.cuts is None else torn,
             scale=self.scale / (4 if self._second else 2),
         )
 
@@ -129,19 +146,29 @@ class Grid:
         image = self.restrict(self.image)
         if self.evidence.size == 0:
             return image, self.evidence
-        speaks = self.active * (self.evidence != NONE)
+        speaks = self.main * (self.evidence != NONE)
         count, bounds = block_sums(speaks), block_sums(speaks * (self.evidence == AT_LEAST))
         evidence = np.where(count == 0, NONE, np.where(2 * bounds > count, AT_LEAST, EXACT))
         return np.where(count > 0, _block_means(self.image, speaks), image), evidence.astype(np.int8)
 
     def restrict(self, a: FloatArray) -> FloatArray:
-        """Mean of a map over the active pixels of each 2×2 block."""
-        return _block_means(a, self.active)
+        """Mean of a map over the active pixels for which each 2×2 block stands."""
+        return _block_means(a, self.main)
 
     def finer(self, v: FloatArray, fine: Grid) -> FloatArray:
         """A map of this grid on the finer one that it came from."""
         out = np.empty(fine.mask.shape)
         _finer(v, self.link, out)
+        if self.is_torn:
+            left_out = np.array(np.nonzero((fine.active > 0) & (fine.main == 0)))
+            blocks = Blocks(self.active, self.link, self.whole)
+            of_side, rows, columns = sides(fine.main, fine.link, fine.whole, blocks, *left_out)
+            chosen = of_side.argmax(axis=0), np.arange(left_out.shape[1])
+            has_one = of_side.any(axis=0)
+            near = np.stack([rows[chosen], columns[chosen]])
+            _carry_on(v, self.link, left_out[:, has_one], near[:, has_one], out)
+            where = tuple(left_out - PAD)
+            out[where] = np.minimum(out[where], fine.log_facing[where])
         return padded(np.where(fine.mask, out, 0.0))
 
     @property
@@ -150,8 +177,38 @@ class Grid:
         return inner(self.active) > 0
 
     @property
+    def is_torn(self) -> bool:
+        """Whether any step is cut."""
+        return self.link is not self.whole
+
+    @property
+    def cuts(self) -> BoolArray | None:
+        """Steps that are cut, (2, H, W), see `Problem`."""
+        return inner(self.link) < inner(self.whole) if self.is_torn else None
+
+    @cached_property
+    def main(self) -> Any:
+        """Pixels for which the coarser grid's blocks stand, see `tears`; the mask, where nothing is torn."""
+        return main_parts(self.active, self.link, self.whole)
+
+    @property
     def _second(self) -> bool:
         return self.problem.regulariser == "second"
+
+    @cached_property
+    def log_facing(self) -> FloatArray:
+        """log d₀, (H, W), see `Problem`; 0 outside the mask."""
+        dark = np.log(np.where(self.mask, inner(self.image), 1.0))
+        gamma = self.problem.photometry.gamma
+        return np.where(self.mask, 0.5 * gamma * (inner(self.log_scale) - dark), 0.0)
+
+    @cached_property
+    def ceiling(self) -> Any:
+        """What a map may not exceed, padded: d₀ and a little where cuts leave islands, else infinity."""
+        if not self.is_torn:
+            return np.inf
+        silent = inner(self.evidence) == NONE if self.evidence.size else ~self.mask
+        return padded(np.where(silent, np.inf, self.log_facing + ABOVE))
 
     def march(self, guess: FloatArray | None = None) -> FloatArray:
         """Fast march on this grid.
@@ -159,13 +216,10 @@ class Grid:
         Values are taken from the guess where the march enters the picture and where the picture is
         not exact, and from `inflow` where that is given.
         """
-        mask, gamma = self.mask, self.problem.photometry.gamma
-        dark = np.log(np.where(mask, inner(self.image), 1.0))
-        log_facing = np.where(mask, 0.5 * gamma * (inner(self.log_scale) - dark), 0.0)
-        inflow = self.inflow
+        mask, log_facing, inflow = self.mask, self.log_facing, self.inflow
         if guess is not None:
             enters = np.empty(mask.shape, dtype=np.bool_)
-            _enters(guess, self.metric, self.active, self.link, enters)
+            _enters(guess, self.metric, self.active, self.link, self.whole, enters)
             # The facing distance is an upper bound; a guess beyond it would explain nothing.
             bounded = np.minimum(inner(guess), log_facing)
             if self.evidence.size:
@@ -205,7 +259,7 @@ class Grid:
         linearise(v, xi, *self._energy(), lam, out)
         slope = xi if self.problem.xi == "d" else -xi
         free = self.active * padded(np.isnan(self.inflow).astype(np.int8))
-        fields = (by_v, by_v_u, by_v_v, weight, slope, smoothness, self.link, free)
+        fields = (by_v, by_v_u, by_v_v, weight, slope, smoothness, self.link, self.whole, free)
         return Coefficients(*fields, self._second), (descent - slope * smooth) * free
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from endolab.depth.normal_equations import CENTRE, EE, SE, SS, SW, Coefficients, E, S
+from endolab.depth.tears import Blocks, Strands, strands
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, kernel
 
@@ -155,6 +156,7 @@ class _Level:
     inverse: FloatArray  # of the diagonal; 0 where a pixel is held at 0
     active: Any
     share: FloatArray | None  # of the way to the next coarser grid, if there is one
+    strands: Strands | None  # of that way beside cuts
     x: FloatArray
     b: FloatArray
     r: FloatArray
@@ -169,7 +171,24 @@ class _Level:
         if old is not None:
             return replace(old, inverse=inverse)
         share = None if coarser is None else shares(active, coarser.active)
-        return cls(m, inverse, active, share, *np.zeros((3, *inverse.shape)))
+        beside = None
+        if coarser is not None and share is not None and coefficients.link is not coefficients.whole:
+            blocks = Blocks(coarser.active, coarser.link, coarser.whole)
+            beside = strands(active, coefficients.main, coefficients.link, coefficients.whole, blocks)
+            share.flat[beside.beside] = 0.0
+        return cls(m, inverse, active, share, beside, *np.zeros((3, *inverse.shape)))
+
+    def prolong_add(self, step: FloatArray, x: FloatArray) -> None:
+        """x += the next coarser grid's step, interpolated."""
+        prolong_add(self.share, step, x)
+        if self.strands is not None:
+            self.strands.prolong_add(step, x)
+
+    def restrict(self, r: FloatArray, below: _Level, out: FloatArray) -> None:
+        """Adjoint of `prolong_add`."""
+        restrict(self.share, r, below.active, out)
+        if self.strands is not None:
+            self.strands.restrict_add(r, out)
 
 
 class Multigrid:
@@ -203,9 +222,9 @@ class Multigrid:
         else:
             below = self.levels[depth + 1]
             residual(at.matrix, at.x, at.b, at.r)
-            restrict(at.share, at.r, below.active, below.b)
+            at.restrict(at.r, below, below.b)
             self._cycle(depth + 1)
-            prolong_add(at.share, below.x, at.x)
+            at.prolong_add(below.x, at.x)
         sweep_backwards(at.matrix, at.inverse, at.x, at.b)
 
     def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:

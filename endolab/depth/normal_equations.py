@@ -8,12 +8,14 @@ a pixel hold it. The same matrix, readably: tests/depth/gauss_newton_model.py.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from endolab.depth.tears import coarser_links, held, main_parts
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.compiled import PAD, block_sums, halved, halved_links, inner, kernel
+from endolab.numerics.compiled import PAD, block_sums, halved, inner, kernel
 
 CENTRE, E, EE, S, SS, SE, SW = range(7)  # a pixel's own entry and those towards later pixels
 
@@ -119,6 +121,7 @@ class Coefficients:
     slope: FloatArray
     smoothness: FloatArray
     link: Any
+    whole: Any  # the links that there would be without cuts: the same array where nothing is torn
     active: Any
     second: bool
 
@@ -135,19 +138,29 @@ class Coefficients:
         m[CENTRE] += damping * self.weight * self.by_v**2
         return m
 
+    @cached_property
+    def main(self) -> Any:
+        """Pixels for which the coarser grid's blocks stand, see `tears`; all, where nothing is torn."""
+        return main_parts(self.active, self.link, self.whole)
+
     def coarser(self) -> Coefficients:
         """The same on half the pixels: a derivative per coarse pixel is twice one per fine pixel."""
-        count = np.maximum(block_sums(self.weight > 0), 1)  # of the pixels that data speak for
-        inside = np.maximum(block_sums(self.slope != 0), 1)
+        kept = 1 if self.link is self.whole else self.main
+        weight, slope = self.weight * kept, self.slope * kept
+        count = np.maximum(block_sums(weight > 0), 1)  # of the pixels that data speak for
+        inside = np.maximum(block_sums(slope != 0), 1)
         share = 1 / (16 if self.second else 4)
+        link, whole = coarser_links(self.main, self.link, self.whole)
+        active = halved(self.main)
         return Coefficients(
-            by_v=block_sums(self.by_v) / count,
-            by_v_u=block_sums(self.by_v_u) / (2 * count),
-            by_v_v=block_sums(self.by_v_v) / (2 * count),
-            weight=block_sums(self.weight),
-            slope=block_sums(self.slope) / inside,
-            smoothness=block_sums(self.smoothness) * share,
-            link=halved_links(self.link),
-            active=halved(self.active),
+            by_v=block_sums(self.by_v * kept) / count,
+            by_v_u=block_sums(self.by_v_u * kept) / (2 * count),
+            by_v_v=block_sums(self.by_v_v * kept) / (2 * count),
+            weight=block_sums(weight),
+            slope=block_sums(slope) / inside,
+            smoothness=block_sums(self.smoothness * kept) * share,
+            link=link,
+            whole=whole,
+            active=active if link is whole else active & held(link, self.second),
             second=self.second,
         )

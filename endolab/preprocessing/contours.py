@@ -1,83 +1,121 @@
-"""Occluding contours, found in the picture: where a fold hides what lies behind it.
+"""Lines along which a picture's walls may be torn: where a fold hides what lies behind it.
 
-Over a contour the distance jumps, and with it log d₀ = -½ log I_c; a march that crosses it puts all
-behind it too near. A jump is told from a slope and from texture by looking at two scales: the height
-of a step does not depend on the blur, that of a slope grows with it, and that of a thin line (a
-vessel, a highlight's rim) falls. The end of a blind tube is such a step too, although nothing is
-hidden there: the picture alone does not tell.
+Over an occluding contour the distance jumps, and with it log d₀ = -½ log I_c; a march that crosses it
+puts all behind it too near. Seen from above, the slope of log d₀ is a landscape whose ridges are such
+jumps, and its watersheds are closed lines one step thin, without a gap for a march to leak through
+(Vincent and Soille, "Watersheds in digital spaces", 1991). Steep ones are contours, most likely; vessels
+and noise make lines, too. The picture alone does not tell: that is put to the vote of the energy
+(`reconstruction.contours`).
+
+A wall that turns away is dark at its rim, before it ends. So a thin strip is the limb of its lightest
+neighbour, and what is torn is the strip's other side.
 """
+
+from typing import Any
 
 import cv2
 import numpy as np
 from scipy import ndimage
 
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.derivatives import REFERENCE_WIDTH, forward_gradient, links
+from endolab.numerics.compiled import kernel
+from endolab.numerics.derivatives import REFERENCE_WIDTH, links, shifted
 
-FINE, COARSE = 1.5, 3.0  # blurs, in 1/320 of the picture's width
-STEP = 0.2  # of log d₀ over the strongest part of a contour; its weaker parts may have half
-LINE, SLOPE = 0.65, 1.7  # coarse over fine height: a line's halves, a step's stays, a slope's doubles
-SHORTEST = 12.0  # extent of a contour, in 1/320 of the width
-BAND = 5.0  # half-width of what noise and blur make of a jump, in 1/320 of the width
-UNEVEN = 0.025  # change of log d₀ per 1/320 of the width, within the band, that belongs to the jump
+BLUR = 1.5  # of log d₀, in 1/320 of the picture's width
+SHALLOW = 0.02  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the width
+SHARE = (
+    0.25  # of the way from a strip's lightest neighbour to its own log d₀: who is nearer than this is light
+)
+LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the width
 
 
-def find_contours(log_facing: FloatArray, mask: BoolArray) -> tuple[BoolArray, BoolArray]:
-    """Find the occluding contours of a picture, given log d₀ (`Problem.log_facing`) where it is known.
+@kernel
+def _flood(order: Any, slope: FloatArray, steps: Any, shallow: float, region: Any) -> None:
+    """Give each pixel the number of its basin; basins that meet before one is deep enough are one.
 
-    Returns the pixels on a contour, a line a pixel or two wide, and the steps (2, H, W) over which the
-    surface is torn, as `Problem.cuts` takes them: those through a contour, and within the band that blur
-    makes of it all that are steep. There d₀ lies between near and far, and would start a march at a wrong
-    distance.
+    `order` holds the pixels by their slope, `region` -1 everywhere; around them is a rim of pixels that
+    are in no basin.
+    """
+    floor, parent, count = np.zeros(order.size), np.zeros(order.size, np.int64), 0
+    for pixel in order:
+        first, least = -1, np.inf
+        for step in steps:
+            if region[pixel + step] >= 0 and slope[pixel + step] < least:
+                first, least = region[pixel + step], slope[pixel + step]
+        if first < 0:
+            region[pixel] = parent[count] = count
+            floor[count] = slope[pixel]
+            count += 1
+            continue
+        while parent[first] != first:
+            first = parent[first]
+        region[pixel] = first
+        for step in steps:
+            other = region[pixel + step]
+            if other < 0:
+                continue
+            while parent[other] != other:
+                other = parent[other]
+            if other != first and slope[pixel] - max(floor[other], floor[first]) < shallow:
+                if floor[other] < floor[first]:
+                    first, other = other, first
+                parent[other] = first
+    for pixel in order:
+        one = region[pixel]
+        while parent[one] != one:
+            one = parent[one]
+        region[pixel] = one
+
+
+def _basins(slope: FloatArray, mask: BoolArray) -> Any:
+    """Number of the basin that each pixel of the mask is in, from 0; -1 outside."""
+    rimmed = np.pad(np.where(mask, slope, np.inf), 1, constant_values=np.inf)
+    flat, steps = rimmed.ravel(), np.array([1, -1, rimmed.shape[1], -rimmed.shape[1]])
+    inside = np.flatnonzero(np.isfinite(flat))
+    region = np.full(flat.size, -1)
+    _flood(inside[np.argsort(flat[inside], kind="stable")], flat, steps, SHALLOW, region)
+    region[inside] = np.unique(region[inside], return_inverse=True)[1]
+    return region.reshape(rimmed.shape)[1:-1, 1:-1]
+
+
+def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
+    """Find lines that may be occluding contours, given log d₀ (`Problem.log_facing`) where it is known.
+
+    Returns how steep they are, (2, H, W): for each step from a pixel to its right and its lower
+    neighbour that crosses a line, the median slope of log d₀ along the part of it between the same two
+    regions, per 1/320 of the width; 0 for all other steps. ``steepness > 0.1`` are cuts as `Problem` has
+    them.
     """
     unit = mask.shape[1] / REFERENCE_WIDTH
-    known = np.where(mask, log_facing, 0.0)
-    (by_row, by_column), fine = _steps(known, mask, FINE * unit)
-    coarse = _steps(known, mask, COARSE * unit)[1]
-    is_step = (coarse > LINE * fine) & (coarse < SLOPE * fine)
-    height = np.where(mask & is_step, np.minimum(fine, coarse), 0.0)
-    size = np.hypot(by_row, by_column) + 1e-12
-    up_row, up_column = by_row / size, by_column / size
-    ridge = _is_ridge(fine, up_row, up_column)
-    weak = cv2.morphologyEx(
-        (ridge & (height > STEP / 2)).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
-    )
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(weak, connectivity=8)
-    kept = np.zeros(count, dtype=bool)
-    kept[np.unique(labels[ridge & (height > STEP)])] = True
-    kept &= stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1) >= SHORTEST * unit
-    kept[0] = False
-    edges = kept[labels] & mask
-
-    near = ndimage.distance_transform_edt(~edges) <= BAND * unit if edges.any() else edges
-    linked = links(mask)
-    cuts = linked & near & (np.abs(forward_gradient(known)) > UNEVEN / unit)
-    # Through the contour itself: every step that leaves it uphill, even where it is not steep.
-    for axis, up in ((1, up_column), (0, up_row)):
-        here, there = edges & (up > 0.38), edges & (up < -0.38)
-        cuts[1 - axis] |= linked[1 - axis] & (here | np.roll(there, -1, axis))
-    return edges, cuts
-
-
-def _steps(known: FloatArray, mask: BoolArray, blur: float) -> tuple[list[FloatArray], FloatArray]:
-    """Gradient (rows, columns) of a map blurred within its mask, and the step that it would be part of."""
+    blur, steepness = max(BLUR * unit, 0.3), np.zeros((2, *mask.shape))
     share = cv2.GaussianBlur(mask.astype(np.float64), (0, 0), blur)
-    smooth = cv2.GaussianBlur(known, (0, 0), blur) / np.maximum(share, 1e-6)
-    gradient = [np.asarray(part) for part in np.gradient(smooth)]
-    # A blurred step of height h has the slope h / (blur √2π).
-    return gradient, np.hypot(*gradient) * blur * np.sqrt(2 * np.pi)
+    smooth = cv2.GaussianBlur(np.where(mask, log_facing, 0.0), (0, 0), blur) / np.maximum(share, 1e-6)
+    slope = np.asarray(np.hypot(*np.gradient(smooth)) * unit) if min(mask.shape) > 1 else np.zeros(mask.shape)
+    region = _basins(slope, mask)
+    there = np.stack([shifted(region, 1, 1, -1), shifted(region, 1, 0, -1)])
+    where = np.nonzero(links(mask) & (there != region))
+    if where[0].size == 0:
+        return steepness
+    pair = np.stack([np.broadcast_to(region, there.shape)[where], there[where]])
+    both, line = np.unique(np.sort(pair, axis=0), axis=1, return_inverse=True)
+    line = line.ravel()
+    steep = np.asarray(ndimage.median(slope[where[1:]], line, np.arange(both.shape[1])))
+    steep[_joins_a_limb(both, region, log_facing, LIMB * unit)] = 0.0
+    steepness[where] = steep[line]
+    return steepness
 
 
-def _is_ridge(size: FloatArray, up_row: FloatArray, up_column: FloatArray) -> BoolArray:
-    """Where a map is at least as large as a pixel ahead and a pixel back along a direction."""
-    rows, columns = np.indices(size.shape, dtype=np.float32)
-    ahead, back = (
-        cv2.remap(
-            size.astype(np.float32),
-            (columns + sign * up_column).astype(np.float32),
-            (rows + sign * up_row).astype(np.float32),
-            cv2.INTER_LINEAR,
-        )
-        for sign in (1, -1)
-    )
-    return (size >= ahead - 1e-7) & (size >= back - 1e-7)
+def _joins_a_limb(both: Any, region: Any, log_facing: FloatArray, thin: float) -> BoolArray:
+    """Which pairs of regions are a thin strip and its lightest neighbour, or one that is nearly as light."""
+    numbers = np.arange(region.max() + 1)
+    same = [shifted(region, step, axis, -1) == region for step in (1, -1) for axis in (0, 1)]
+    inside = np.pad(np.all(same, axis=0), 1).astype(np.uint8)
+    depth = cv2.distanceTransform(inside, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    is_thin = 2 * np.asarray(ndimage.maximum(depth, region, numbers)) + 1 < thin
+    far = np.asarray(ndimage.median(np.where(region < 0, 0.0, log_facing), region, numbers))
+    lightest = far.copy()
+    for one, other in (both, both[::-1]):
+        np.minimum.at(lightest, one, far[other])
+    limit = lightest + SHARE * (far - lightest)
+    one, other = both
+    return (is_thin[one] & (far[other] < limit[one])) | (is_thin[other] & (far[one] < limit[other]))

@@ -16,7 +16,6 @@ from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, whole
 from endolab.numerics.memory import check_memory
-from endolab.preprocessing.contours import find_contours
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
 from endolab.preprocessing.highlights import check_highlights, find_highlights, inpaint
 
@@ -35,7 +34,6 @@ def make_problem(
     width: int | None = None,
     smooth: float | None = None,
     highlights: str | None = None,
-    contours: bool | None = None,
     xi: str = "1/d",
     regulariser: str = "second",
     lam: float = 1.0,
@@ -52,7 +50,7 @@ def make_problem(
         raise ValueError("channel='separated' is found by solving: use reconstruct() or iterate()")
     options = {"xi": xi, "regulariser": regulariser, "lam": lam, "epsilon": epsilon, "threshold": threshold}
     problem = make_problems(frame, calibration, [channel], width, smooth, highlights, cuts=cuts, **options)[0]
-    return torn(problem) if contours else noted(problem, contours=problem.cuts is not None)
+    return noted(problem, contours=problem.cuts is not None)
 
 
 def make_problems(
@@ -123,13 +121,6 @@ def _check_frame(width: int, height: int) -> None:
         least = f"expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
         raise ValueError(f"a frame of {width}x{height} px is too small to be solved: {least}")
     check_memory(effort(width, height)[1], f"a frame of {width}x{height} px", "; make it smaller with width=")
-
-
-def torn(problem: Problem) -> Problem:
-    """Tear the surface at the occluding contours of the picture, if there are any."""
-    edges, cuts = find_contours(problem.log_facing, problem.mask)
-    problem = replace(problem, cuts=cuts) if edges.any() else problem
-    return noted(problem, contours=problem.cuts is not None)
 
 
 def noted(problem: Problem, **settings: object) -> Problem:

@@ -25,6 +25,7 @@ from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import told as said
 from endolab.preprocessing.frame import Frame
+from endolab.reconstruction.contours import torn
 from endolab.reconstruction.problem_setup import SEPARATED, make_problem, noted, on_grid, start_from
 from endolab.reconstruction.scale import KnownDiameter, KnownDistance, check_scale, known_scale
 from endolab.reconstruction.separation import Colours, direct_light
@@ -44,7 +45,7 @@ def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVE
     start, contours = options.pop("start", None), options.pop("contours", None)
     _check(frame, calibration, contours, start)
     checked_solver(solver, options if start is None else options | {"start": start})
-    prepared = _prepared(frame, calibration, contours=contours, **how)
+    prepared = _prepared(frame, calibration, **how)
     return _stages(prepared, contours, start, solver, options)
 
 
@@ -62,11 +63,11 @@ def _check(frame: Any, calibration: Any, contours: Any, start: Any) -> None:
 
 
 def _prepared(
-    frame: Frame, calibration: Endoscope, *, channel: str | None = None, contours: bool | None, **how: Any
+    frame: Frame, calibration: Endoscope, *, channel: str | None = None, **how: Any
 ) -> Problem | Colours:
     if channel == SEPARATED:
         return Colours.of(frame, calibration, **how)
-    return make_problem(frame, calibration, channel=channel, contours=contours, **how)
+    return make_problem(frame, calibration, channel=channel, **how)
 
 
 def _stages(
@@ -82,6 +83,9 @@ def _stages(
     if isinstance(prepared, Colours):
         problem, found = yield from direct_light(prepared, contours, before)
         begin = found if begin is None else begin
+    elif contours and prepared.cuts is None:
+        surface = yield from torn(prepared)
+        problem, begin = surface.problem, surface.log_distance if begin is None else begin
     else:
         problem = prepared
     if before is not None and begin is None:
@@ -145,7 +149,7 @@ def reconstruct(
         By default "ignore" with `separated` and "keep" otherwise.
     contours : bool, optional
         Whether to tear the surface at the occluding contours that are found in the picture. By
-        default not, but with `separated` if the surface explains the picture much better then.
+        default not, but with `separated` if the energy says that it pays (`reconstruction.contours`).
     median_distance : float, optional
         Fix the scale so that the median distance is this, mm.
     known_distance : (mm, column, row), optional
@@ -189,7 +193,7 @@ def reconstruct(
     told = {"solver": solver, **of_problem, **lengths}
     told.pop("cuts", None)
     how: dict[str, Any] = {"channel": channel, "width": width, "smooth": smooth, "highlights": highlights}
-    prepared = _prepared(frame, calibration, contours=contours, **how, **of_problem)
+    prepared = _prepared(frame, calibration, **how, **of_problem)
 
     def scaled(answer: Iterate) -> Iterate:
         if isinstance(prepared, Colours) and answer.stage != SOLUTION:  # stopped on the way

@@ -10,7 +10,7 @@ Albedos that are not given are found from the colours: the tissue looks more ali
 picture the better the bounced light is known.
 
 This is the stage "bounced light and contours found" of a reconstruction. What it solves on the way
-it yields, iterate by iterate: `BOUNCED`, `MARCH`, `TORN_MARCH` and `CONTOURS` name the stages.
+it yields, iterate by iterate: `BOUNCED` names the stage, beside those of `contours`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.depth.fast_marching import fast_marching
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import EXACT, NONE, Problem
 from endolab.depth.result import Iterate, Result, staged
@@ -30,8 +29,8 @@ from endolab.model.endoscope import Endoscope
 from endolab.model.interreflection import Walls
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.preprocessing.contours import find_contours
 from endolab.preprocessing.frame import BRIGHT, QUIET, Frame, noise_level
+from endolab.reconstruction.contours import steepness_of, torn_at, torn_where_it_pays
 from endolab.reconstruction.problem_setup import (
     LEAST_SIDE,
     SEPARATED,
@@ -41,16 +40,14 @@ from endolab.reconstruction.problem_setup import (
     noted,
     on_grid,
     resampled,
-    torn,
 )
 
-BOUNCED, MARCH, TORN_MARCH, CONTOURS = "bounced light", "march", "torn march", "contours"  # stages
+BOUNCED = "bounced light"  # stage
 WIDTH = 320  # px; light that has bounced is smooth, and its surface need not be fine
 DOUBT = 0.3  # share of S/E that may be wrong
 TEXTURE = (0.05, 0.2, 0.2)  # of the albedos' logarithms: blood takes green and blue light, hardly red
 TISSUE = (0.7, 0.35, 0.28)  # red, green and blue of mucosa, before anything is known
 GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
-GAIN = 0.5  # contours are kept if tearing the surface there leaves less than this share of the energy
 LEVELS = np.linspace(0.05, 0.95, 13)  # albedos for which S/E is computed, to be interpolated
 TRIED = np.arange(0.2, 0.96, 0.05)  # albedos of the brightest colour
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
@@ -128,9 +125,9 @@ def direct_light(
         if before is None:
             found = yield from separate(colours.coarse, given, contours)
         else:
-            tear = contours is not False and before.problem.cuts is not None
+            steep = None if contours is False else steepness_of(before.problem)
             surface = resampled(before.iterate, colours.coarse[1])
-            found = yield from continued(colours.coarse, given, tear, surface)
+            found = yield from continued(colours.coarse, given, steep, surface)
     except NoColour as error:
         best = max((colours.fine[index] for index in (1, 2, 0)), key=_signal)  # of equals, not red
         name = best.settings["channel"]
@@ -153,24 +150,28 @@ def separate(
     known = albedo
     albedo = np.array(TISSUE) if known is None else np.asarray(known, dtype=np.float64)
     inflation = np.broadcast_to(GUESS * albedo / (1 - GUESS * albedo), (*colours[1].mask.shape, 3))
-    surface = yield from _solved(merged(colours, inflation, albedo), contours, STEPS[0], 1)
+    # What is torn is farther, and explained by brighter walls: albedos that are sought would run away.
+    early = contours if contours or known is not None else False
+    surface = yield from _solved(merged(colours, inflation, albedo), early, STEPS[0], 1)
     for number, steps in enumerate(STEPS[1:], 2):
         inflation, albedo = _bounced(colours, surface.log_distance, surface.problem.cuts, known)
-        surface = yield from _solved(merged(colours, inflation, albedo), contours, steps, number)
+        tear = contours if number == len(STEPS) else early
+        surface = yield from _solved(merged(colours, inflation, albedo), tear, steps, number)
     return Separation(inflation, albedo, surface)
 
 
 def continued(
-    colours: Sequence[Problem], albedo: FloatArray | None, contours: bool, log_distance: FloatArray
+    colours: Sequence[Problem], albedo: FloatArray | None, steep: float | None, log_distance: FloatArray
 ) -> Generator[Iterate, None, Separation]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
-    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives.
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives; lines
+    that are `steep` are torn, see `contours`.
     """
-    cuts = torn(colours[1]).cuts if contours else None
+    cuts = None if steep is None else torn_at(colours[1], steep).cuts
     inflation, albedo = _bounced(colours, log_distance, cuts, albedo)
     problem = merged(colours, inflation, albedo)
-    problem = torn(replace(problem, cuts=None)) if contours else problem
+    problem = problem if steep is None else torn_at(problem, steep)
     start = np.where(np.isfinite(log_distance), log_distance, problem.log_facing)
     solver = gauss_newton(problem, start=start, max_iterations=STEPS[0])
     return Separation(inflation, albedo, (yield from staged(solver, BOUNCED, 1)))
@@ -179,20 +180,11 @@ def continued(
 def _solved(
     problem: Problem, contours: bool | None, steps: int, number: int
 ) -> Generator[Iterate, None, Iterate]:
-    """Solve with and without the contours that are found, and choose."""
+    """Solve without contours, and with those that pay or that are wanted anyway."""
     smooth = yield from staged(gauss_newton(problem, max_iterations=steps), BOUNCED, number)
     if contours is False:
         return smooth
-    edges, cuts = find_contours(problem.log_facing, problem.mask)
-    if not edges.any():
-        return smooth
-    cut = replace(problem, cuts=cuts)
-    # Half-way between the two: what lies between two contours is held by neither.
-    one = yield from staged(fast_marching(problem), MARCH, number)
-    other = yield from staged(fast_marching(cut), TORN_MARCH, number)
-    start = (one.log_distance + other.log_distance) / 2
-    found = yield from staged(gauss_newton(cut, start=start, max_iterations=steps), CONTOURS, number)
-    return found if contours or found.energy < GAIN * smooth.energy else smooth
+    return (yield from torn_where_it_pays(problem, smooth, bool(contours), steps, number))
 
 
 def _in_full(fine: list[Problem], found: Separation, given: bool) -> Problem:
@@ -201,8 +193,8 @@ def _in_full(fine: list[Problem], found: Separation, given: bool) -> Problem:
     problem = merged(fine, enlarged(found.inflation, shape), found.albedo)
     if found.cuts is not None:
         same = found.cuts.shape[1:] == shape
-        cuts = found.cuts if same else find_contours(problem.log_facing, problem.mask)[1]
-        problem = replace(problem, cuts=cuts)
+        steep = steepness_of(found.surface.problem) or 0.0
+        problem = replace(problem, cuts=found.cuts) if same else torn_at(problem, steep)
     red, green, blue = (100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T)
     note = (
         f"Bounced light was taken out: {red:.0f} % of the direct light in red, {green:.0f} % in green, "

@@ -8,7 +8,9 @@ from numpy.testing import assert_array_equal
 import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import occlusion_cuts
+from endolab.numerics.derivatives import links, shifted
 from endolab.preprocessing.contours import find_contours
+from endolab.reconstruction.contours import STEEPNESS
 from endolab.reconstruction.problem_setup import make_problem
 from tests.tools.problems import percent_off
 
@@ -28,36 +30,89 @@ def within(lines, others, pixels):
     return float((lines & (cv2.dilate(others.astype(np.uint8), disc) > 0)).sum() / lines.sum())
 
 
+def steepness_of(problem):
+    return find_contours(problem.log_facing, problem.mask)
+
+
 @pytest.mark.parametrize("width", [240, 480])
 def test_folds_are_found_where_the_distance_jumps(width):
-    rendered, _, _, problem = seen("colon", width, noise=1)
-    edges, cuts = find_contours(problem.log_facing, problem.mask)
-    true, near = occlusion_cuts(rendered.distance).any(axis=0), round(4 * width / 320)
-    assert within(edges, true, near) > 0.65
-    assert within(true, edges, near) > 0.8
-    assert cuts.shape == (2, *edges.shape)
+    """Precision and recall, of all lines: measured 0.82 and 0.73 at 240 px, 0.70 and 0.87 at 480."""
+    rendered, _, _, problem = seen("colon", width)
+    edges = (steepness_of(problem) > STEEPNESS[-1]).any(axis=0)
+    true, near = occlusion_cuts(rendered.distance).any(axis=0), round(2 * width / 320)
+    assert within(edges, true, near) > 0.7
+    assert within(true, edges, near) > 0.7
 
 
 @pytest.mark.parametrize("scene", ["plane", "curved"])
 def test_smooth_walls_have_none(scene):
     problem = seen(scene, noise=1, texture=0.1)[3]
-    edges, cuts = find_contours(problem.log_facing, problem.mask)
-    assert edges.mean() < 0.001
-    assert cuts.mean() < 0.002
+    assert not (steepness_of(problem) > STEEPNESS[-1]).any()
 
 
-def test_a_vessel_is_no_contour():
-    problem = seen("curved")[3]
-    log_facing, line = problem.log_facing.copy(), np.array([[20, 60], [150, 130], [300, 90]])
-    cv2.polylines(log_facing, [line], False, float(np.median(log_facing)) + 0.2, 2)
-    assert not find_contours(log_facing, problem.mask)[0].any()
+def test_a_step_is_one_closed_line_one_step_thin():
+    """A disc that is farther: its rim is torn, all around, and nothing else."""
+    rows, columns = np.indices((120, 160))
+    inside = np.hypot(rows - 60, columns - 75) < 30
+    steepness = find_contours(np.where(inside, 1.0, 0.5) + 0.001 * columns, np.ones(inside.shape, bool))
+    cuts = steepness > 0.1
+    apart = np.stack([inside ^ shifted(inside, 1, axis, False) for axis in (1, 0)])
+    apart &= links(np.ones(inside.shape, bool))
+    assert (cuts & ~apart).sum() + (apart & ~cuts).sum() < 0.1 * apart.sum()  # at corners
+    reached = flooded(cuts, (60, 75))
+    assert np.array_equal(reached, flooded(cuts, (60, 60)))
+    assert np.abs(reached ^ inside).sum() < 30
+    assert not reached[0, 0]
 
 
-def test_the_cuts_help_the_march():
-    rendered, frame, known, problem = seen("colon", noise=1)
-    cuts = find_contours(problem.log_facing, problem.mask)[1]
-    whole, torn = (el.reconstruct(frame, known, solver="fast_marching", cuts=each) for each in (None, cuts))
-    assert percent_off(torn, rendered) < 0.9 * percent_off(whole, rendered)
+def flooded(cuts, start):
+    """Pixels that can be stepped to from one without stepping over a cut."""
+    reached = np.zeros(cuts.shape[1:], bool)
+    reached[start] = True
+    step = links(np.ones(reached.shape, bool), cuts)
+    while True:
+        more = reached.copy()
+        for link, axis in ((step[0], 1), (step[1], 0)):
+            more |= link & shifted(reached, 1, axis, False)
+            more |= shifted(link & reached, -1, axis, False)
+        if np.array_equal(more, reached):
+            return reached
+        reached = more
+
+
+def test_a_slope_is_no_contour():
+    rows, columns = np.indices((120, 160))
+    ramp = np.clip((columns - 50) / 60, 0, 1) + 0.0 * rows
+    assert not (find_contours(ramp, np.ones(ramp.shape, bool)) > STEEPNESS[-1]).any()
+
+
+def test_a_limb_is_torn_on_its_far_side():
+    """Near wall, its dark rim, far wall: from left to right, and from right to left."""
+    log_facing = np.full((120, 320), 0.5)
+    log_facing[:, 100:] = 1.0
+    log_facing[:, 96:100] = 1.6
+    for flip in (False, True):
+        picture = log_facing[:, ::-1].copy() if flip else log_facing
+        cuts = find_contours(picture, np.ones(picture.shape, bool)) > 0.05
+        torn = np.flatnonzero(cuts[0].mean(axis=0) > 0.5)
+        assert torn.size == 1
+        at = 319 - torn[0] - 1 if flip else torn[0]
+        assert abs(at - 99) <= 1  # between the rim and the far wall, not at 95
+
+
+def test_the_dark_end_of_a_blind_tube_is_told_by_no_line():
+    """It darkens steadily: no line is as steep as the least that is tried."""
+    rows, columns = np.indices((120, 160))
+    end = np.minimum(1.5, 2.5 - np.hypot(rows - 60, columns - 80) / 40)
+    assert not (find_contours(end, np.ones(end.shape, bool)) > STEEPNESS[-1]).any()
+
+
+def test_the_cuts_help():
+    """Measured 9.2 % smooth, 6.0 % torn; exact and not smoothed, 4.5 %."""
+    rendered, frame, known, _ = seen("colon", noise=1)
+    whole, torn = (el.reconstruct(frame, known, contours=each) for each in (None, True))
+    assert torn.problem.settings["contours"] is True
+    assert percent_off(torn, rendered) < 0.7 * percent_off(whole, rendered)
 
 
 def test_what_is_outside_the_mask_does_not_matter():
@@ -65,6 +120,12 @@ def test_what_is_outside_the_mask_does_not_matter():
     mask = problem.mask.copy()
     mask[:40] = False
     spoilt = np.where(mask, problem.log_facing, np.nan)
-    for one, other in zip(find_contours(problem.log_facing, mask), find_contours(spoilt, mask), strict=True):
-        assert_array_equal(one, other)
-        assert not one[..., :39, :].any()
+    steepness = find_contours(problem.log_facing, mask)
+    assert_array_equal(find_contours(spoilt, mask), steepness)
+    assert not steepness[:, :40].any()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 3)])
+def test_tiny_pictures_and_empty_masks(shape):
+    for mask in (np.ones(shape, bool), np.zeros(shape, bool)):
+        assert find_contours(np.arange(mask.size, dtype=float).reshape(shape), mask).shape == (2, *shape)

@@ -66,7 +66,7 @@ def test_observers_see_every_solve_with_its_stage_and_round(dry):
     seen = []
     result = solved(dry.frame, dry.calibration, observers=[seen.append])
     named = list(dict.fromkeys((step.stage, step.round) for step in seen))
-    rounds = [("bounced light", "march", "torn march", "contours")] * 3
+    rounds = [("bounced light", "vote", "contours")] * 3
     expected = [(name, number) for number, names in enumerate(rounds, 1) for name in names]
     assert named == [*expected, ("solution", 0)]
     assert [(stage.name, stage.round) for stage in result.stages] == named

@@ -1,0 +1,140 @@
+"""Where the surface is torn: the vote of the energy, on frames whose light obeys the model."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab.depth.gauss_newton import gauss_newton
+from endolab.depth.problem import AT_LEAST, NONE
+from endolab.depth.result import staged
+from endolab.numerics.iteration import finish
+from endolab.preprocessing.contours import find_contours
+from endolab.reconstruction.contours import (
+    STEEPNESS,
+    WIDTH,
+    small,
+    steepness_of,
+    torn_at,
+    torn_where_it_pays,
+    voted,
+)
+from endolab.reconstruction.problem_setup import make_problem
+from tests.tools.problems import percent_off, problem_of
+
+
+def solved(problem):
+    return finish(staged(gauss_newton(problem), "smooth"))
+
+
+def direct(name, width=160):
+    """The light of a path-traced frame that has not bounced, as a problem, and the truth on its grid."""
+    sample = el.load_traced(name)
+    image = np.clip(sample.direct, 0, 1) ** (1 / sample.calibration.photometry.gamma)
+    frame = el.Frame(image, sample.frame.mask, name)
+    problem = make_problem(frame, sample.calibration, channel="green", width=width, smooth=0.0)
+    return problem, sample.scene.distance(problem.field.rays)
+
+
+def error(surface, truth):
+    return 100 * np.nanmean(np.abs(surface.distance / truth - 1))
+
+
+@pytest.mark.parametrize(("name", "most"), [("matt", 6.0), ("diffuse-1", 8.0), ("wet-1", 8.0)])
+def test_what_is_torn_is_nearer_the_truth(name, most):
+    """Measured in %, smooth and torn: 8.5 and 4.2, 10.8 and 6.6, 9.0 and 7.4."""
+    problem, truth = direct(name)
+    smooth = solved(problem)
+    torn = finish(torn_where_it_pays(problem, smooth))
+    assert torn.problem.cuts is not None
+    assert error(torn, truth) < min(most, error(smooth, truth) - 1.5)
+    assert torn.energy < smooth.energy
+
+
+@pytest.mark.parametrize("scene", ["plane", "curved"])
+def test_a_wall_without_folds_is_left_whole(scene):
+    problem, _ = problem_of(scene, 160, noise=1, bits=8)
+    smooth = solved(problem)
+    assert finish(torn_where_it_pays(problem, smooth)) is smooth
+    assert finish(voted(problem, smooth, True, 0)) is None
+
+
+def test_a_tube_loses_nothing():
+    """Its dark end is put to the vote. Measured 1.1 and 1.3 %."""
+    problem, seen = problem_of("tube", 160)
+    smooth = solved(problem)
+    torn = finish(torn_where_it_pays(problem, smooth))
+    assert percent_off(torn, seen) < percent_off(smooth, seen) + 0.5
+
+
+def test_lines_that_must_be_torn_are_though_it_does_not_pay():
+    """A vessel that throws no shadow on any energy: half as dark, two pixels wide."""
+    problem, seen = problem_of("curved", 160)
+    columns = np.indices(problem.mask.shape)[1]
+    problem = replace(problem, image=np.where(np.abs(columns - 80.5) < 2, 0.6, 1.0) * problem.image)
+    smooth = solved(problem)
+    if_it_pays, anyway = (finish(torn_where_it_pays(problem, smooth, always)) for always in (False, True))
+    assert anyway.problem.cuts is not None
+    assert percent_off(if_it_pays, seen) < percent_off(smooth, seen) + 0.5
+
+
+def test_it_comes_to_the_same_bits_again():
+    problem, _ = direct("matt")
+    one, other = (finish(torn_where_it_pays(problem, solved(problem))) for _ in range(2))
+    np.testing.assert_array_equal(one.problem.cuts, other.problem.cuts)
+    np.testing.assert_array_equal(one.distance, other.distance)
+
+
+def test_how_steep_is_read_off_what_was_torn():
+    problem, _ = direct("matt")
+    for steep in STEEPNESS[1:]:
+        torn = torn_at(problem, steep)
+        again = torn_at(problem, steepness_of(torn))
+        np.testing.assert_array_equal(again.cuts, torn.cuts)
+    assert steepness_of(problem) is None
+    assert torn_at(problem, 9.0).cuts is None
+    assert torn_at(torn, 9.0).cuts is None
+    anywhere = replace(problem, cuts=np.ones((2, *problem.mask.shape), bool))  # not lines of the picture
+    assert steepness_of(anywhere) == STEEPNESS[-1]
+
+
+def test_a_small_copy_says_what_the_picture_says(rng):
+    problem, _ = direct("diffuse-1", 320)
+    evidence = np.zeros(problem.mask.shape, np.int8)
+    evidence[40:80, 60:120], evidence[100:140, 60:120] = NONE, AT_LEAST
+    mask = problem.mask.copy()
+    mask[:, :40] = False
+    cuts = rng.random((2, *mask.shape)) > 0.9
+    copy = small(replace(problem, mask=mask, evidence=evidence, cuts=cuts))
+    assert copy.image.shape == (120, WIDTH)
+    assert (copy.cuts, copy.camera.width) == (None, WIDTH)
+    assert not copy.mask[:, :20].any()
+    assert copy.mask[:, 20:].all()
+    np.testing.assert_array_equal(copy.evidence, evidence[::2, ::2])
+    light = problem.image**2.2
+    mean = light.reshape(120, 2, 160, 2).mean(axis=(1, 3))
+    np.testing.assert_allclose(copy.image[:, 20:] ** 2.2, mean[:, 20:], rtol=1e-9)
+    assert small(copy) is copy
+
+
+def test_the_vote_takes_the_steep_lines_first():
+    """It yields a surface for each batch, of ever more cuts, and the smooth one before."""
+    problem, _ = direct("matt")
+    steps = list(voted(problem, solved(problem), False, 2))
+    counts = [0 if step.problem.cuts is None else int(step.problem.cuts.sum()) for step in steps]
+    assert counts == sorted(counts)
+    assert {(step.stage, step.round) for step in steps} == {("vote", 2)}
+    steepness = find_contours(problem.log_facing, problem.mask)
+    assert set(counts) == {0, *(int((steepness > steep).sum()) for steep in STEEPNESS)}
+
+
+def test_with_a_channel_of_its_own_and_without_contours():
+    """`contours=True` tears a single channel, too, and says so; a plane has no contours."""
+    calibration = el.load_calibration("simple", 160)
+    for scene, expected in (("colon", True), ("plane", False)):
+        seen = el.render(el.SCENES[scene], calibration.camera, calibration.photometry, bits=8)
+        known = el.Calibration(seen.camera, seen.photometry)
+        result = el.reconstruct(el.Frame(seen.image, seen.mask), known, contours=True)
+        assert result.problem.settings["contours"] is expected
+        assert (result.problem.cuts is not None) is expected
