@@ -12,12 +12,18 @@ of the scene's size, so that the share S/E asks for its shape only. A picture di
 one that the model explains: solve it, compute S/E anew, and so on; two rounds do.
 
 The walls beside and behind the camera are not in the picture, but half of the bounced light comes
-from them: the picture's rim is drawn back along the axis, as a colon goes on as it came.
+from them: the picture's rim is drawn back along the axis, as a colon goes on as it came. Behind folds,
+too, there are walls: what a patch looks at where it sees no other is mostly one that the lamp does not
+reach, and that is taken to get as much bounced light as the patch itself.
+
+A picture fades by cos^k α whether the lamp shines so or the lens lets so much pass, but only the lamp's
+share of k lights the walls (`Walls.under`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -29,12 +35,15 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import kernel
 from endolab.numerics.derivatives import gradient
 
-PATCHES = 1200  # of the picture; half as many change S/E by a hundredth
+PATCHES = 500  # of the picture; twice as many change S/E by a hundredth
 STEEPEST = 0.1  # cos θ below which a pixel's surface is a fold's edge rather than a wall
-SECTORS = 40  # of the rim
+SECTORS = 20  # of the rim
 BACK = 2.0  # how far behind the camera the wall goes on, in radii
 NEARER = 1.1  # a wall must be nearer than a chord by this factor to block it: patches are coarse
-BOUNCES = 25
+HIDDEN = 0.75  # of what a patch does not see, how much is a wall; so red and green say one E of traced colons
+BOUNCES = 16  # counted one by one; those after them fall by a constant share
+LASTING = 0.98  # share that a further bounce may leave
+GRAZING = 1e-3  # cos α below which a lamp's light no longer falls
 MOST = 20.0  # S/E, beyond which it says that the lamp hardly reaches the wall
 
 
@@ -85,7 +94,11 @@ class Walls:
     lit: FloatArray  # (N,), E of the patches, for a lamp of unit intensity along the axis
     exchange: FloatArray  # (N, N), F: the share of what i receives that comes from j; rows sum to 1 at most
     seen: BoolArray  # (rows, columns), which cells of the picture's coarse grid are patches
-    direct: FloatArray  # (H, W), E of every pixel, μ′ cos θ / d²; 0 outside the mask
+    step: int  # pixels of a cell's side
+    direct: FloatArray  # (H, W), E of every pixel, cosᵏ α cos θ / d²; 0 outside the mask
+    cos_alpha: FloatArray  # (H, W), positive; 1 outside the mask
+    cosine: FloatArray  # (H, W), cos θ; 0 outside the mask
+    k: float  # exponent of the lamp's spread
 
     @classmethod
     def of(
@@ -98,8 +111,8 @@ class Walls:
     ) -> Walls:
         """Cut a depth map, v = log d in any unit, (H, W), into patches.
 
-        k is the joint exponent of the light, taken for that of its spread: μ′ = cos^k α; `cuts` (2, H, W) are
-        steps over which the surface is torn, see `Problem`.
+        k is the exponent of the lamp's spread; `cuts` (2, H, W) are steps over which the surface is torn, see
+        `Problem`.
         """
         v = np.where(mask, log_distance, 0.0)
         f_u, f_v = gradient(v, mask, cuts)
@@ -107,7 +120,8 @@ class Walls:
         solid = np.where(mask, 1 / np.sqrt(np.where(mask, guu * gvv - guv**2, 1.0)), 0.0)
         cosine = np.where(mask, 1 / np.sqrt(1 + slant(f_u, f_v, field)), 1.0)
         distance = np.where(mask, np.exp(v), 1.0)
-        light = np.where(mask, np.where(mask, field.cos_alpha, 1.0) ** k, 0.0)
+        cos_alpha = np.where(mask, np.maximum(field.cos_alpha, GRAZING), 1.0)
+        light = np.where(mask, cos_alpha**k, 0.0)
         rays = np.where(mask[..., None], field.rays, 0.0)
         facing = np.where(mask[..., None], normals_from_gradient(f_u, f_v, field), 0.0)
         area = solid * distance**2 / np.maximum(cosine, STEEPEST)
@@ -131,23 +145,59 @@ class Walls:
         exchange = _exchange(points, normals, areas, np.concatenate([cells, cells[rim]]), nearest)
         exchange /= np.maximum(exchange.sum(axis=1), 1.0)[:, None]
         direct = np.where(mask, light * cosine / distance**2, 0.0)
-        return cls(points, normals, areas, lit, exchange, seen, direct)
+        return cls(
+            points,
+            normals,
+            areas,
+            lit,
+            exchange,
+            seen,
+            step,
+            direct,
+            cos_alpha,
+            np.where(mask, cosine, 0.0),
+            k,
+        )
+
+    def under(self, k: float) -> Walls:
+        """Return the same walls under a lamp of another spread."""
+        points, normals = self.points[self.count :], self.normals[self.count :]
+        here = self.points[: self.count]
+        cos_alpha = np.maximum(here[:, 2] / np.linalg.norm(here, axis=-1), GRAZING)
+        lit = [self.lit[: self.count] * cos_alpha ** (k - self.k), _lamp(points, normals, k)]
+        return replace(
+            self, lit=np.concatenate(lit), direct=self.direct * self.cos_alpha ** (k - self.k), k=k
+        )
+
+    @property
+    def count(self) -> int:
+        """How many patches are in the picture."""
+        return int(self.seen.sum())
+
+    def sums(self, maps: FloatArray) -> FloatArray:
+        """Sum maps (H, W, C) over the pixels of each patch in the picture, (count, C)."""
+        return _blocks(maps, self.step)[self.seen]
+
+    @cached_property
+    def orders(self) -> FloatArray:
+        """What every patch receives after one bounce, two, ..., (BOUNCES, N), of walls of albedo 1."""
+        hidden = HIDDEN * np.maximum(1 - self.exchange.sum(axis=1), 0.0)
+        orders = [self.exchange @ self.lit]
+        for _ in range(BOUNCES - 1):
+            orders.append(self.exchange @ orders[-1] + hidden * orders[-1])
+        return np.stack(orders)
 
     def bounced(self, albedo: ArrayLike) -> FloatArray:
         """S of every patch, (N,), for walls of one albedo; (N, n) for n albedos."""
         one = np.asarray(albedo, dtype=np.float64)
-        lit = self.lit[:, None]
-        outgoing = lit * one.ravel()
-        for _ in range(BOUNCES):
-            outgoing = one.ravel() * (lit + self.exchange @ outgoing)
-        return (outgoing / one.ravel() - lit).reshape(len(lit), *one.shape)
+        return bounced(self.orders, one.ravel()).reshape(len(self.lit), *one.shape)
 
     def inflation(self, albedo: ArrayLike) -> FloatArray:
         """S/E of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
-        bounced = self.bounced(albedo)
-        if bounced.ndim == 1:
-            return self._spread(bounced)
-        return np.stack([self._spread(one) for one in bounced.T], axis=-1)
+        light = self.bounced(albedo)
+        if light.ndim == 1:
+            return self._spread(light)
+        return np.stack([self._spread(one) for one in light.T], axis=-1)
 
     def _spread(self, bounced: FloatArray) -> FloatArray:
         coarse, known = np.zeros(self.seen.shape), self.seen.astype(np.float64)
@@ -162,6 +212,14 @@ class Walls:
         fine = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
         lit = self.direct > 0
         return np.where(lit, np.minimum(fine / np.where(lit, self.direct, 1.0), MOST), 0.0)
+
+
+def bounced(orders: FloatArray, albedo: FloatArray) -> FloatArray:
+    """S of patches, (N, n), given their `Walls.orders` and the walls' albedos (n,)."""
+    powers = albedo ** np.arange(1, len(orders) + 1)[:, None]
+    last, before = orders[-1], orders[-2]
+    share = np.minimum(last / np.where(before > 0, before, 1.0), 1.0)[:, None] * albedo
+    return orders.T @ powers + last[:, None] * powers[-1] * share / (1 - np.minimum(share, LASTING))
 
 
 def _blocks(maps: FloatArray, step: int) -> FloatArray:

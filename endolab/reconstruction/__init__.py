@@ -1,6 +1,6 @@
 """A frame and a calibration in, a surface out, stage by stage.
 
-Read `problem_setup`, `separation`, `reconstruct`, `scale`, `assumptions`, `sequence`, `mesh`.
+Read `problem_setup`, `colours`, `separation`, `reconstruct`, `scale`, `assumptions`, `sequence`, `mesh`.
 """
 
 from endolab._deprecated import with_old_names

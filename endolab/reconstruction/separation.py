@@ -15,7 +15,7 @@ it yields, iterate by iterate: `BOUNCED` names the stage, beside those of `conto
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,6 +30,17 @@ from endolab.model.interreflection import Walls
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.frame import BRIGHT, QUIET, Frame, noise_level
+from endolab.reconstruction.colours import (
+    ALBEDOS,
+    ALIKE,
+    TEXTURE,
+    Belief,
+    Light,
+    NoColour,
+    Patches,
+    all_exact,
+    found_light,
+)
 from endolab.reconstruction.contours import steepness_of, torn_at, torn_where_it_pays
 from endolab.reconstruction.problem_setup import (
     LEAST_SIDE,
@@ -43,20 +54,11 @@ from endolab.reconstruction.problem_setup import (
 )
 
 BOUNCED = "bounced light"  # stage
-WIDTH = 320  # px; light that has bounced is smooth, and its surface need not be fine
-DOUBT = 0.3  # share of S/E that may be wrong
-TEXTURE = (0.05, 0.2, 0.2)  # of the albedos' logarithms: blood takes green and blue light, hardly red
-TISSUE = (0.7, 0.35, 0.28)  # red, green and blue of mucosa, before anything is known
+WIDTH = 160  # px; light that has bounced is smooth, and its surface need not be fine
+DOUBT = 0.15  # share of S/E that may be wrong
 GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
-LEVELS = np.linspace(0.05, 0.95, 13)  # albedos for which S/E is computed, to be interpolated
-TRIED = np.arange(0.2, 0.96, 0.05)  # albedos of the brightest colour
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
-STEPS = 10, 10, 30  # of the solves, the last of which is the result; islands behind contours are slow
-ALIKE = 0.1  # albedos that differ by no more, as a share, tell nothing
-
-
-class NoColour(ValueError):
-    """The three colours of a picture are one, so that nothing of bounced light can be told from them."""
+STEPS = 10, 10, 10  # of each round's solve
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Colours:
 
     fine: list[Problem]
     coarse: list[Problem]
-    albedo: FloatArray | None  # of the wall in red, green and blue, if the calibration tells
+    albedo: FloatArray | None  # of the wall: (3,), green's alone, (), or None, as the calibration tells
 
     @classmethod
     def of(
@@ -96,7 +98,7 @@ class Separation:
     """What was found of a picture's bounced light."""
 
     inflation: FloatArray  # (H, W, 3), S/E in red, green and blue; 0 where nothing is known
-    albedo: FloatArray  # (3,)
+    light: Light
     surface: Iterate  # of the last problem that was solved; its cuts are the contours that were found
 
     @property
@@ -134,7 +136,7 @@ def direct_light(
         note = f"The colours tell nothing of bounced light ({error}), so {name} is taken as it is."
         best = replace(best, origin=replace(best.origin, notes=(note,)))
         return noted(best, notes=(note,), contours=False), None
-    problem = _in_full(colours.fine, found, given is not None)
+    problem = _in_full(colours.fine, found, given is not None and given.ndim == 1)
     return problem, on_grid(found.surface, problem)
 
 
@@ -143,21 +145,21 @@ def separate(
 ) -> Generator[Iterate, None, Separation]:
     """Find the bounced light of a picture, its surface, and where it is torn, in three rounds.
 
-    `colours` are red, green and blue of one picture; an `albedo` (3,) that is not given is estimated
-    from them. Raises `NoColour` if they are one.
+    `colours` are red, green and blue of one picture; `albedo` is what is known of the wall's: (3,), green's
+    alone, or nothing. Raises `NoColour` if the colours are one.
     """
     _check_colours(colours)
-    known = albedo
-    albedo = np.array(TISSUE) if known is None else np.asarray(known, dtype=np.float64)
-    inflation = np.broadcast_to(GUESS * albedo / (1 - GUESS * albedo), (*colours[1].mask.shape, 3))
+    belief = Belief.of(albedo)
+    guess = np.array(GUESS * belief.albedo / (1 - GUESS * belief.albedo))
+    inflation: FloatArray = np.broadcast_to(guess, (*colours[1].mask.shape, 3))
     # What is torn is farther, and explained by brighter walls: albedos that are sought would run away.
-    early = contours if contours or known is not None else False
-    surface = yield from _solved(merged(colours, inflation, albedo), early, STEPS[0], 1)
+    early = contours if contours or (albedo is not None and albedo.ndim == 1) else False
+    surface = yield from _solved(merged(colours, inflation, belief.albedo), early, STEPS[0], 1)
     for number, steps in enumerate(STEPS[1:], 2):
-        inflation, albedo = _bounced(colours, surface.log_distance, surface.problem.cuts, known)
+        inflation, light = _bounced(colours, surface.log_distance, surface.problem.cuts, belief)
         tear = contours if number == len(STEPS) else early
-        surface = yield from _solved(merged(colours, inflation, albedo), tear, steps, number)
-    return Separation(inflation, albedo, surface)
+        surface = yield from _solved(merged(colours, inflation, light.albedo), tear, steps, number)
+    return Separation(inflation, light, surface)
 
 
 def continued(
@@ -169,12 +171,12 @@ def continued(
     that are `steep` are torn, see `contours`.
     """
     cuts = None if steep is None else torn_at(colours[1], steep).cuts
-    inflation, albedo = _bounced(colours, log_distance, cuts, albedo)
-    problem = merged(colours, inflation, albedo)
+    inflation, light = _bounced(colours, log_distance, cuts, Belief.of(albedo))
+    problem = merged(colours, inflation, light.albedo)
     problem = problem if steep is None else torn_at(problem, steep)
     start = np.where(np.isfinite(log_distance), log_distance, problem.log_facing)
     solver = gauss_newton(problem, start=start, max_iterations=STEPS[0])
-    return Separation(inflation, albedo, (yield from staged(solver, BOUNCED, 1)))
+    return Separation(inflation, light, (yield from staged(solver, BOUNCED, 1)))
 
 
 def _solved(
@@ -190,18 +192,14 @@ def _solved(
 def _in_full(fine: list[Problem], found: Separation, given: bool) -> Problem:
     """Return the problem of the light that has not bounced, at full size."""
     shape = fine[1].mask.shape
-    problem = merged(fine, enlarged(found.inflation, shape), found.albedo)
+    problem = merged(fine, enlarged(found.inflation, shape), found.light.albedo)
     if found.cuts is not None:
         same = found.cuts.shape[1:] == shape
         steep = steepness_of(found.surface.problem) or 0.0
         problem = replace(problem, cuts=found.cuts) if same else torn_at(problem, steep)
-    red, green, blue = (100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T)
-    note = (
-        f"Bounced light was taken out: {red:.0f} % of the direct light in red, {green:.0f} % in green, "
-        f"{blue:.0f} % in blue (medians), for {'given' if given else 'estimated'} albedos of "
-        f"{', '.join(f'{one:.2f}' for one in found.albedo)}."
-    )
-    albedo = tuple(float(one) for one in found.albedo)
+    medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T]
+    note = found.light.told(given, np.array(medians))
+    albedo = tuple(float(one) for one in found.light.albedo)
     problem = replace(problem, origin=replace(problem.origin, albedo=albedo, notes=(note,)))
     told = {"channel": SEPARATED, "contours": problem.cuts is not None, "albedo": list(albedo)}
     return in_units(noted(problem, **told, notes=(note,)))
@@ -262,10 +260,10 @@ def _check_colours(colours: Sequence[Problem]) -> None:
 
 
 def _albedos(calibration: Endoscope) -> FloatArray | None:
-    """Return the wall's albedos in red, green and blue, if the calibration tells them."""
+    """Return the wall's albedos in red, green and blue, (3,), green's alone, (), or None: what is told."""
     albedo = np.asarray(getattr(calibration.photometry.brdf, "albedo", 0.0), dtype=np.float64)
     if albedo.shape != (3,):
-        return None
+        return albedo if ALBEDOS[0] < albedo < ALBEDOS[1] else None
     found = tuple(albedo.tolist())
     if np.any(albedo <= 0) or np.any(albedo >= 1):
         raise ValueError(f"channel='separated' needs albedos between 0 and 1, got {found}")
@@ -274,55 +272,14 @@ def _albedos(calibration: Endoscope) -> FloatArray | None:
     return albedo
 
 
-def estimated_albedo(colours: Sequence[Problem], inflation: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Find the albedos (3,) that make the tissue's colour most alike all over the picture.
-
-    `inflation` gives S/E (H, W, 3) for three albedos. Raises `NoColour` if the colours are one.
-    """
-    gamma = colours[1].photometry.gamma
-    exact = np.all([one.mask & (_evidence(one) == EXACT) for one in colours], axis=0)
-    if not exact.any():
-        raise NoColour("no pixel shows all three of them")
-    log = gamma * np.log(np.stack([one.image[exact] for one in colours], axis=-1))
-
-    def corrected(albedo: FloatArray) -> FloatArray:
-        return log - np.log1p(inflation(albedo)[exact])
-
-    def of_level(level: float) -> FloatArray:
-        """Albedos whose largest is this, in the ratio that the picture's medians have."""
-        light = np.median(log, axis=0)
-        for _ in range(4):
-            albedo = np.clip(level * np.exp(light - light.max()), LEVELS[0], LEVELS[-1])
-            light = np.median(corrected(albedo), axis=0)
-        return albedo
-
-    def spread(albedo: FloatArray) -> float:
-        light = corrected(albedo)
-        apart = light - light.mean(axis=-1, keepdims=True)
-        return float(np.abs(apart - np.median(apart, axis=0)).mean())
-
-    best = min((of_level(level) for level in TRIED), key=spread)
-    if np.ptp(best) < ALIKE * best.max():
-        raise NoColour("they are as good as equal")
-    return best
-
-
 def _bounced(
-    colours: Sequence[Problem], log_distance: FloatArray, cuts: BoolArray | None, albedo: FloatArray | None
-) -> tuple[FloatArray, FloatArray]:
-    """S/E (H, W, 3) of a surface, and the albedos, estimated if they are not known."""
+    colours: Sequence[Problem], log_distance: FloatArray, cuts: BoolArray | None, belief: Belief
+) -> tuple[FloatArray, Light]:
+    """S/E (H, W, 3) of a surface, and what the colours tell of its light."""
     green = colours[1]
+    if not all_exact(colours).any():
+        raise NoColour("no pixel shows all three of them")
     mask = np.any([one.mask for one in colours], axis=0) & np.isfinite(log_distance)
     walls = Walls.of(log_distance, mask, green.field, green.photometry.k, cuts)
-    if albedo is not None:
-        return walls.inflation(albedo), albedo
-    table = walls.inflation(LEVELS)
-
-    def inflation(albedo: FloatArray) -> FloatArray:
-        place = np.interp(albedo, LEVELS, np.arange(len(LEVELS)))
-        low = np.minimum(place.astype(int), len(LEVELS) - 2)
-        p = place - low
-        return (1 - p) * table[..., low] + p * table[..., low + 1]
-
-    found = estimated_albedo(colours, inflation)
-    return inflation(found), found
+    light = found_light(Patches.of(colours, walls), belief)
+    return light.inflation(walls, green.photometry.k), light

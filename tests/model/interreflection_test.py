@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from endolab import datasets
+from endolab.model import interreflection
 from endolab.model.interreflection import Walls, _exchange
 from endolab.synthetic.scenes import Colon, Tube
 
@@ -52,7 +53,8 @@ def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
     # In a ball F_ij is A_j over the whole area, whatever i and j.
     assert_allclose(exchange.sum(axis=1), 1.0, atol=0.012)  # 1 % is lost between neighbours
     lit = np.where(x[:, 2] > 10.0, 1.0, 0.0)
-    walls = Walls(x, n, area, lit, exchange, np.ones((1, len(x)), bool), np.ones((1, len(x))))
+    one = np.ones((1, len(x)))
+    walls = Walls(x, n, area, lit, exchange, one > 0, 1, one, one, one, 0.0)
     for albedo in (0.3, 0.6):
         expected = lit.mean() * albedo / (1 - albedo)
         assert np.mean(walls.bounced(albedo)) == pytest.approx(expected, rel=0.04)
@@ -111,3 +113,27 @@ def test_a_long_tube_shows_what_its_unseen_walls_send(colon):
     near = walls.points[:seen, 2] < 40
     assert walls.exchange[:seen][near].sum(axis=1).mean() > 0.75
     assert walls.exchange[:seen, :seen][near].sum(axis=1).mean() < 0.65
+
+
+def test_light_by_bounces_sums_to_that_of_the_balance(colon):
+    """S = ρ F (E + S) + ρ h S, h being walls that no patch sees: solved at once, beside its series."""
+    v, field = colon
+    walls = Walls.of(v, np.isfinite(v), field, 2.5)
+    hidden = interreflection.HIDDEN * np.maximum(1 - walls.exchange.sum(axis=1), 0.0)
+    assert hidden.max() > 0.05
+    for albedo in (0.1, 0.38, 0.75):
+        left = np.eye(len(hidden)) - albedo * (walls.exchange + np.diag(hidden))
+        expected = np.linalg.solve(left, albedo * walls.exchange @ walls.lit)
+        assert_allclose(walls.bounced(albedo), expected, rtol=0.01)
+
+
+def test_another_lamps_spread_is_as_if_made_with_it(colon):
+    v, field = colon
+    mask = np.isfinite(v)
+    spot, even = Walls.of(v, mask, field, 2.5), Walls.of(v, mask, field, 0.0)
+    turned = spot.under(0.0)
+    assert_allclose(turned.direct, even.direct, rtol=1e-9)
+    assert_allclose(turned.lit, even.lit, rtol=0.05)  # by the patches' centres
+    assert_allclose(turned.inflation(0.38)[mask], even.inflation(0.38)[mask], rtol=0.02)
+    # A lamp that shines evenly lights the walls beside the camera, too.
+    assert np.median(even.inflation(0.38)[mask] / spot.inflation(0.38)[mask]) > 1.3

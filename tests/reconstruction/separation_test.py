@@ -12,7 +12,7 @@ from endolab.metrics.depth_errors import compare
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.iteration import Status, finish
 from endolab.reconstruction.problem_setup import make_problem
-from endolab.reconstruction.separation import NoColour, estimated_albedo, merged, separate
+from endolab.reconstruction.separation import merged, separate
 
 ALBEDO = np.array([0.75, 0.38, 0.30])
 WIDTH = 240  # for speed
@@ -33,7 +33,7 @@ def dry():
 
 @pytest.fixture(scope="module")
 def separated(dry):
-    return solved(dry.frame, dry.calibration)
+    return solved(dry.frame, dry.calibration, contours=True)
 
 
 def error(result, sample, scale="none"):
@@ -56,7 +56,7 @@ def test_a_third_of_the_error_is_left(dry, separated):
     assert error(plain, dry) > 14
     settings = separated.problem.settings
     assert settings["channel"] == "separated"
-    assert settings["albedo"] == ALBEDO.tolist()
+    np.testing.assert_allclose(settings["albedo"], ALBEDO, rtol=0.1)  # given ones are believed nearly
     assert settings["contours"] is True
     assert "Bounced light was taken out" in note(separated)
     assert separated.metric
@@ -72,7 +72,7 @@ def test_observers_see_every_solve_with_its_stage_and_round(dry):
     assert [(stage.name, stage.round) for stage in result.stages] == named
     assert [step.k for step in seen if step.stage == "solution"] == [row["k"] for row in result.history]
     assert result.seconds == pytest.approx(sum(stage.seconds for stage in result.stages))
-    assert seen[0].problem.mask.shape == result.mask.shape
+    assert seen[0].problem.mask.shape == (120, 160)  # bounced light is sought on fewer pixels
 
 
 def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
@@ -122,10 +122,12 @@ def test_a_known_distance_fixes_the_scale(dry):
     assert error(result, dry) < 12
 
 
-def test_from_a_result_it_is_one_round(dry, separated):
-    again = solved(dry.frame, dry.calibration, start=separated)
-    assert error(again, dry) < error(separated, dry) + 2.5
-    assert again.problem.settings["contours"] is True
+def test_from_a_result_it_is_one_round(dry):
+    first = solved(dry.frame, dry.calibration, contours=False)
+    again = solved(dry.frame, dry.calibration, start=first, contours=False)
+    assert error(again, dry) < error(first, dry) + 1
+    rounds = {(stage.name, stage.round) for stage in again.stages}
+    assert rounds == {("bounced light", 1), ("solution", 0)}
 
 
 def test_wider_frames_are_separated_small_and_solved_whole(dry):
@@ -186,13 +188,31 @@ def test_a_saturated_colour_does_not_count(dry):
     assert np.all(merged(everywhere, inflation, ALBEDO).evidence == clipped)
 
 
-def test_estimated_albedos_are_exact_where_the_model_is(dry):
-    three = colours(dry.frame, dry.calibration)
-    f = np.random.default_rng(1).uniform(0.2, 0.8, three[1].mask.shape)
-    direct = np.random.default_rng(2).uniform(0.02, 0.1, f.shape)
-    made = shown(three, [direct * rho / (1 - f * rho) for rho in ALBEDO])
-    found = estimated_albedo(made, lambda rho: f[..., None] * rho / (1 - f[..., None] * rho))
-    np.testing.assert_allclose(found, ALBEDO, rtol=0.01)
+def test_where_nothing_bounces_nothing_is_taken_out():
+    """A picture of endolab's own model: the colours say so, whatever the surface would make of its light."""
+    known = el.load_calibration("simple", width=160)
+    tissue = without(known, brdf=el.Lambertian(tuple(ALBEDO)))
+    scene = el.render(el.SCENES["colon"], tissue.camera, tissue.photometry, noise=1, bits=8)
+    frame, made_with = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
+    green, result = (
+        el.reconstruct(frame, made_with, channel=channel, contours=False)
+        for channel in ("green", "separated")
+    )
+    errors = [
+        compare(one.distance, scene.distance, one.problem.field.cos_alpha, scale="none").mean_percent
+        for one in (green, result)
+    ]
+    assert errors[1] < errors[0] + 0.5
+    assert "The colours show no light that bounced" in note(result)
+
+
+def test_colours_that_contradict_each_other_are_not_believed(dry):
+    """Red and blue of other pictures: no one light explains the three, and what is done instead is named."""
+    image = dry.frame.image.copy()
+    image[..., 0], image[..., 2] = image[::-1, :, 0], image[:, ::-1, 2]
+    result = solved(el.Frame(image, dry.frame.mask, "odd"), dry.calibration, width=160, contours=False)
+    assert "The colours do not tell how much it was (no one direct light)" in note(result)
+    assert result.problem.settings["albedo"] == ALBEDO.tolist()
 
 
 @pytest.mark.parametrize("brdf", [el.Lambertian(0.38), el.Lambertian(tuple(ALBEDO))])
@@ -209,9 +229,7 @@ def test_colours_of_one_ratio_tell_nothing(dry):
     white = np.clip(dry.frame.image[..., 1:2] + rng.normal(scale=0.02, size=dry.frame.image.shape), 0, 1)
     plain = without(dry.calibration, brdf=el.Lambertian(0.38))
     result = solved(el.Frame(white, dry.frame.mask, "w"), plain, width=160, smooth=0.0)
-    assert "colours tell nothing of bounced light" in note(result)
-    with pytest.raises(NoColour, match="as good as equal"):
-        estimated_albedo([result.problem] * 3, lambda rho: np.zeros((*result.mask.shape, 3)))
+    assert "colours tell nothing of bounced light (they are as good as equal)" in note(result)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,234 @@
+"""What three colours of one wall tell: how much light bounced, the wall's albedos, how much it mirrors.
+
+A wall of albedo ρ_c shows, of the lamp's light E,
+
+    q_c = g/π E (ρ_c (1 + a s_c) + m M),        s_c = S_c/E,
+
+where S, light that bounced, follows from a surface and the albedos (`interreflection`) and M is the lobe
+of a rough wet film. E is the same in red, green and blue, so that the colours, in level and in tint, tell
+how right S is: a factor a for walls that are not in the picture, the share b of the light's fall cos^k α
+that is the lamp's (the lens's part lights no walls), the albedos, and m. All have priors, so that what
+the colours do not tell stays as it was: given albedos as given, others those of mucosa. The priors of a
+and m are lines, not squares, far from their middle, so that a picture in which nothing bounces is heard.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from endolab.depth.problem import EXACT, Problem
+from endolab.model.interreflection import MOST, Walls, bounced
+from endolab.numerics.arrays import BoolArray, FloatArray
+
+TISSUE = (0.7, 0.35, 0.28)  # red, green and blue of mucosa, before anything is known
+TEXTURE = (0.05, 0.2, 0.2)  # of the albedos' logarithms: blood takes green and blue light, hardly red
+TOGETHER = 0.8  # correlation of green's texture with blue's
+FACTOR = 0.9, 0.2  # a before and its width; 0.8 to 1.1 for the true surfaces of traced cavities
+LAMP = 1.0, 0.3  # b before and its width: all the lamp's, or any share
+GIVEN = 0.03, 0.03  # widths of given albedos' logarithms: of green's, of red's and blue's against green's
+GREEN = 0.1, 0.35  # the same where green's alone is given
+UNKNOWN = 0.35, 0.35  # and where none is
+FILM = 0.0, 0.15  # m before and its width; 1 mirrors 4 % at normal incidence, as water does
+ROUGHNESS = 0.3  # of the film, GGX's α
+PIECES = 20.0  # errors of S go on over many patches: so many of them are independent
+FLOOR = 0.25  # of the robust standard deviation, in units of TEXTURE: S is never exact
+LARGEST, SHINIEST = 2.5, 3.0  # a and m at most
+NEAR = 0.98  # share of a bound beyond which an estimate is at it
+ALBEDOS = 0.02, 0.95  # least and greatest
+MISFIT = 0.1  # mean difference of the colours' log E beyond which they say no one E
+NONE_BOUNCED = 0.05  # of a, below which nothing is said to have bounced
+SEEN = 0.2  # of m, beyond which a film is spoken of
+LEAST = 30  # patches that show all three colours
+ROUNDS = 3  # of the robust weights' scale
+ALIKE = 0.1  # albedos that differ by no more, as a share, tell nothing
+LAMPS = (0.0, 0.5, 1.0)  # shares b for which S is computed, to be interpolated
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is taken of a wall's albedos before the colours are asked."""
+
+    albedo: FloatArray  # (3,)
+    widths: tuple[float, float]  # of the logarithm of green's, and of red's and blue's against green's
+
+    @classmethod
+    def of(cls, given: ArrayLike | None) -> Belief:
+        """Three albedos, green's alone, or nothing but that it is tissue."""
+        tissue = np.array(TISSUE)
+        if given is None:
+            return cls(tissue, UNKNOWN)
+        albedo = np.asarray(given, dtype=np.float64)
+        if albedo.ndim == 1:
+            return cls(albedo, GIVEN)
+        return cls(np.minimum(tissue * albedo / tissue[1], 0.9 * ALBEDOS[1]), GREEN)
+
+    @property
+    def light(self) -> Light:
+        """What follows if the colours are not heard."""
+        return Light(self.albedo, FACTOR[0], LAMP[0], FILM[0])
+
+    @property
+    def whitening(self) -> FloatArray:
+        """What makes the albedos' logarithms independent and of unit variance, (3, 3)."""
+        level, ratio = self.widths
+        return np.array([[1 / ratio, -1 / ratio, 0.0], [0.0, 1 / level, 0.0], [0.0, -1 / ratio, 1 / ratio]])
+
+
+class NoColour(ValueError):
+    """The three colours of a picture are one, so that nothing of bounced light can be told from them."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """What three colours tell of a wall and its light."""
+
+    albedo: FloatArray  # (3,)
+    factor: float  # a
+    lamp: float  # b
+    film: float  # m
+    misfit: float = 0.0  # mean |log E_c - its mean over colours|
+    refused: str = ""  # why the colours' word is not taken, in words; else ""
+
+    def told(self, given: bool, medians: FloatArray) -> str:
+        """Say what was found; `medians` are those of the direct light's shares that bounced, in per cent."""
+        albedos = ", ".join(f"{one:.2f}" for one in self.albedo)
+        red, green, blue = medians
+        taken = (
+            f"Bounced light was taken out: {red:.0f} % of the direct light in red, {green:.0f} % in green, "
+            f"{blue:.0f} % in blue (medians)"
+        )
+        if self.refused:
+            whose = "given albedos" if given else "albedos of tissue"
+            why = f"The colours do not tell how much it was ({self.refused})"
+            return f"{taken}. {why}: it was computed, for {whose} of {albedos}."
+        if self.factor < NONE_BOUNCED:
+            return "The colours show no light that bounced, and none was taken out."
+        film = ", and a rough film's sheen with it" if self.film > SEEN else ""
+        asked = f"the colours ask for {self.factor:.2f} of what the surface would make"
+        return (
+            f"{taken}{film}, for {'given' if given else 'estimated'} albedos of {albedos}; {asked}, and take "
+            f"{100 * self.lamp:.0f} % of the light's fall to the side for the lamp's."
+        )
+
+    def inflation(self, walls: Walls, k: float) -> FloatArray:
+        """What is seen beside the direct light of a matt wall, as a share of it, (H, W, 3).
+
+        k is the joint exponent of lamp and lens.
+        """
+        share = self.factor * walls.under(self.lamp * k).inflation(self.albedo)
+        mirrored = self.film * np.where(walls.cosine > 0, lobe(walls.cosine), 0.0)
+        return share + mirrored[..., None] / self.albedo
+
+
+def lobe(cosine: FloatArray) -> FloatArray:
+    """π times the film's BRDF towards the lamp, at cos θ: GGX of ROUGHNESS, 4 % at normal incidence."""
+    slope = 1 / np.maximum(cosine, 0.1) ** 2 - 1  # tan² θ
+    seen = 2 / (1 + np.sqrt(1 + ROUGHNESS**2 * slope))  # of its facets, and lit (Smith)
+    return 0.01 * ROUGHNESS**2 * (1 + slope) ** 3 * (seen / (ROUGHNESS**2 + slope)) ** 2
+
+
+@dataclass(frozen=True)
+class Patches:
+    """What the estimate needs of a picture and its walls; P patches of it that show all three colours."""
+
+    light: FloatArray  # (P, 3), log q_c
+    direct: FloatArray  # (L, P), E under each of LAMPS
+    orders: list[FloatArray]  # (BOUNCES, P) under each, see `Walls.orders`
+    lobe: FloatArray  # (P,), M
+
+    @classmethod
+    def of(cls, colours: Sequence[Problem], walls: Walls) -> Patches:
+        """Average a picture over the patches of its walls."""
+        gamma, k = colours[1].photometry.gamma, colours[1].photometry.k
+        exact = all_exact(colours) & (walls.direct > 0)
+        lit = [walls.under(lamp * k) for lamp in LAMPS]
+        maps = [one.image**gamma for one in colours] + [one.direct for one in lit] + [lobe(walls.cosine)]
+        sums = walls.sums(np.where(exact[..., None], np.dstack([np.ones(exact.shape), *maps]), 0.0))
+        full = np.all(sums[:, :4] > 0, axis=1) & (sums[:, 0] > walls.step**2 / 2)
+        means = sums[full, 1:] / sums[full, :1]
+        orders = [one.orders[:, : walls.count][:, full] for one in lit]
+        return cls(np.log(means[:, :3]), means[:, 3:-1].T, orders, means[:, -1])
+
+    def beside(self, factor: float, lamp: float, albedo: FloatArray, film: float) -> FloatArray:
+        """What is seen beside direct light of a matt wall, as a share of it, (P, 3)."""
+        place = lamp * (len(LAMPS) - 1)
+        low = min(int(place), len(LAMPS) - 2)
+        shares = [
+            np.minimum(bounced(self.orders[index], albedo) / self.direct[index][:, None], MOST)
+            for index in (low, low + 1)
+        ]
+        share = shares[0] + (place - low) * (shares[1] - shares[0])
+        return factor * share + film * self.lobe[:, None] / albedo
+
+
+def all_exact(colours: Sequence[Problem]) -> BoolArray:
+    """Where all three colours say how bright the wall is, (H, W)."""
+    return np.all(
+        [one.mask if one.evidence is None else one.mask & (one.evidence == EXACT) for one in colours], axis=0
+    )
+
+
+def _whitened_tint() -> FloatArray:
+    """Two sums of the colours' logarithms (2, 3): independent, of unit variance by texture, without E."""
+    covariance = np.diag(np.square(TEXTURE))
+    covariance[1, 2] = covariance[2, 1] = TOGETHER * TEXTURE[1] * TEXTURE[2]
+    differences = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
+    return np.linalg.solve(np.linalg.cholesky(differences @ covariance @ differences.T), differences)
+
+
+def _tempered(r: FloatArray) -> FloatArray:
+    """What half the square of is Charbonnier's penalty, √(1 + r²) - 1: a square, but for large r a line."""
+    return np.sign(r) * np.sqrt(2 * (np.sqrt(1 + r**2) - 1))
+
+
+def found_light(patches: Patches, belief: Belief) -> Light:
+    """Ask the colours; what they tell is refused where it is at a bound or the colours say no one E.
+
+    Raises `NoColour` if albedos that are not given come out as good as equal.
+    """
+    if len(patches.light) < LEAST:
+        return replace(belief.light, refused="too little of the picture shows all three")
+    tint, prior, centre = _whitened_tint(), belief.whitening, np.log(belief.albedo)
+    pieces = np.sqrt(min(PIECES / len(patches.light), 1.0))
+
+    def unexplained(x: FloatArray) -> FloatArray:
+        """log E_c but for a constant, (P, 3)."""
+        albedo = np.exp(x[3:])
+        return patches.light - np.log1p(patches.beside(x[0], x[1], albedo, x[2])) - x[3:]
+
+    def residual(x: FloatArray, sigma: float) -> FloatArray:
+        apart = (unexplained(x) @ tint.T).ravel() / sigma
+        factor, lamp, film = ((x[i] - middle) / wide for i, (middle, wide) in enumerate((FACTOR, LAMP, FILM)))
+        held = [*_tempered(np.array([factor, film])), lamp, *prior @ (x[3:] - centre)]
+        return np.concatenate([pieces * _tempered(apart), held])
+
+    low = np.array([0.0, 0.0, 0.0, *np.log(3 * [ALBEDOS[0]])])
+    high = np.array([LARGEST, 1.0, SHINIEST, *np.log(3 * [ALBEDOS[1]])])
+    x, sigma = np.array([FACTOR[0], LAMP[0], FILM[1], *centre]), 1.0
+    for _ in range(ROUNDS):
+        inside = np.clip(x, low + 1e-3, high - 1e-3)  # where its steps to bounds begin
+        x = least_squares(residual, inside, bounds=(low, high), args=(sigma,), xtol=1e-4, ftol=1e-4).x
+        sigma = max(1.48 * float(np.median(np.abs(unexplained(x) @ tint.T))), FLOOR)
+    light = unexplained(x)
+    misfit = float(np.abs(light - light.mean(axis=1, keepdims=True)).mean())
+    found = Light(np.exp(x[3:]), float(x[0]), float(x[1]), float(x[2]), misfit)
+    if belief.widths != GIVEN and np.ptp(found.albedo) < ALIKE * found.albedo.max():
+        raise NoColour("they are as good as equal")
+    why = _unlikely(found)
+    return replace(belief.light, misfit=misfit, refused=why) if why else found
+
+
+def _unlikely(found: Light) -> str:
+    """Why what was found is no answer, in words; else ""."""
+    if found.factor > NEAR * LARGEST:
+        return "more light than can have bounced"
+    if found.film > NEAR * SHINIEST:
+        return "more mirrored light than a film returns"
+    if found.albedo.max() > NEAR * ALBEDOS[1] or found.albedo.min() < ALBEDOS[0] / NEAR:
+        return "albedos that no tissue has"
+    return "no one direct light" if found.misfit > MISFIT else ""

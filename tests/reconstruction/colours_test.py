@@ -1,0 +1,124 @@
+"""What three colours tell, asked of colours that the model itself made of a known surface."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab.model.interreflection import Walls
+from endolab.model.photometry import CHANNELS
+from endolab.reconstruction import colours
+from endolab.reconstruction.colours import Belief, Light, NoColour, Patches, found_light
+from endolab.reconstruction.problem_setup import make_problem
+
+ALBEDO = np.array([0.62, 0.30, 0.22])
+
+
+@pytest.fixture(scope="module")
+def known():
+    """The surface of a path-traced colon, and its problems, of 80 x 60 px."""
+    sample = el.load_traced("diffuse-1")
+    problems = [make_problem(sample.frame, sample.calibration, channel=name, width=80) for name in CHANNELS]
+    green = problems[1]
+    v = np.log(sample.scene.distance(green.field.rays))
+    return problems, Walls.of(v, green.mask, green.field, green.photometry.k)
+
+
+def shown(known, light, texture=0.0):
+    """Patches of the picture that a wall in this light would make, its green and blue mottled together."""
+    problems, walls = known
+    k, gamma = problems[1].photometry.k, problems[1].photometry.gamma
+    mottle = np.random.default_rng(5).normal(scale=texture, size=walls.direct.shape)[..., None]
+    stored = walls.direct[..., None] * light.albedo * (1 + light.inflation(walls, k))
+    stored = stored * np.exp(mottle * [0.2, 1.0, 1.0])
+    stored = (stored / stored.max()) ** (1 / gamma)
+    made = [replace(one, image=stored[..., i], evidence=None) for i, one in enumerate(problems)]
+    return Patches.of(made, walls)
+
+
+@pytest.mark.parametrize("lamp", [0.1, 0.6, 1.0])
+def test_factor_and_lamp_are_found(known, lamp):
+    patches = shown(known, Light(ALBEDO, 1.1, lamp, 0.0))
+    found = found_light(patches, Belief.of(ALBEDO))
+    assert found.factor == pytest.approx(1.1, abs=0.12)
+    assert found.lamp == pytest.approx(lamp, abs=0.3)
+    assert found.misfit < 0.02
+    np.testing.assert_allclose(found.albedo, ALBEDO, rtol=0.08)
+    assert not found.refused
+
+
+def test_albedos_are_found_where_greens_alone_is_known(known):
+    patches = shown(known, Light(ALBEDO, 0.95, 0.8, 0.0), texture=0.1)
+    found = found_light(patches, Belief.of(0.30))
+    np.testing.assert_allclose(found.albedo, ALBEDO, rtol=0.15)
+
+
+@pytest.mark.parametrize("given", [ALBEDO, 0.3, None])
+def test_no_bounces_are_found_where_there_are_none(known, given):
+    found = found_light(shown(known, Light(ALBEDO, 0.0, 1.0, 0.0)), Belief.of(given))
+    assert found.factor < 0.03
+    assert "no light that bounced" in found.told(True, np.zeros(3))
+
+
+def test_a_rough_film_is_found_and_none_where_there_is_none(known):
+    dry, wet = (
+        found_light(shown(known, Light(ALBEDO, 1.0, 1.0, film)), Belief.of(ALBEDO)) for film in (0.0, 1.0)
+    )
+    assert dry.film < 0.1
+    assert wet.film > 0.5
+    assert "a rough film's sheen" in wet.told(True, np.zeros(3))
+    assert "sheen" not in dry.told(True, np.zeros(3))
+
+
+def test_what_ends_at_a_bound_is_refused_and_the_fallback_named(known):
+    patches = shown(known, Light(ALBEDO, 6.0, 1.0, 0.0))
+    found = found_light(patches, Belief.of(ALBEDO))
+    assert found.refused
+    before = Belief.of(ALBEDO).light
+    assert (found.factor, found.lamp, found.film) == (before.factor, before.lamp, before.film)
+    sentence = found.told(True, np.array([90.0, 30.0, 20.0]))
+    assert "do not tell how much it was" in sentence
+    assert "computed, for given albedos of 0.62, 0.30, 0.22" in sentence
+
+
+def test_too_few_patches_are_refused(known):
+    patches = shown(known, Light(ALBEDO, 1.0, 1.0, 0.0))
+    few = Patches(
+        patches.light[:20], patches.direct[:, :20], [one[:, :20] for one in patches.orders], patches.lobe[:20]
+    )
+    assert "too little of the picture" in found_light(few, Belief.of(ALBEDO)).refused
+
+
+def test_white_walls_have_no_colour(known):
+    patches = shown(known, Light(np.full(3, 0.4), 0.0, 1.0, 0.0))
+    with pytest.raises(NoColour, match="as good as equal"):
+        found_light(patches, Belief.of(None))
+
+
+def test_the_same_colours_tell_the_same(known):
+    patches = shown(known, Light(ALBEDO, 1.1, 0.6, 0.2), texture=0.1)
+    one, other = (found_light(patches, Belief.of(ALBEDO)) for _ in range(2))
+    assert (one.factor, one.lamp, one.film) == (other.factor, other.lamp, other.film)
+    np.testing.assert_array_equal(one.albedo, other.albedo)
+
+
+def test_beliefs_of_an_albedo():
+    given, green, nothing = Belief.of(ALBEDO), Belief.of(0.28), Belief.of(None)
+    np.testing.assert_array_equal(given.albedo, ALBEDO)
+    assert green.albedo[1] == pytest.approx(0.28)
+    np.testing.assert_allclose(green.albedo / green.albedo[1], nothing.albedo / nothing.albedo[1])
+    assert given.widths[0] < green.widths[0] < nothing.widths[0]
+    # Whitening: red and blue are believed by their ratio to green, green by itself.
+    covariance = np.linalg.inv(green.whitening.T @ green.whitening)
+    level, ratio = green.widths
+    assert covariance[1, 1] == pytest.approx(level**2)
+    assert covariance[0, 0] == covariance[2, 2] == pytest.approx(level**2 + ratio**2)
+
+
+def test_the_lobe_is_that_of_a_rough_film():
+    """GGX at normal incidence is F/(4 π α²); it falls as the wall turns away."""
+    assert colours.lobe(np.array(1.0)) == pytest.approx(0.04 / (4 * colours.ROUGHNESS**2))
+    falling = colours.lobe(np.cos(np.deg2rad(np.arange(0, 46))))
+    assert np.all(np.diff(falling) < 0)
+    assert falling[-1] < 0.1 * falling[0]
