@@ -29,7 +29,7 @@ SMOOTH, VOTE, CONTOURS = "smooth", "vote", "contours"  # stages
 WIDTH = 160  # px; of the picture that is put to the vote
 STEEPNESS = (0.2, 0.14, 0.1, 0.07)  # of the lines that are opened: log d₀ per 1/320 of the width
 STEPS = 6  # for each of them
-PRICE = 0.06  # share of the smooth surface's energy that a cut as long as the picture's height must save
+PRICE = 0.1  # share of the smooth surface's energy that a cut as long as the picture's height must save
 
 
 def small(problem: Problem) -> Problem:
@@ -38,7 +38,8 @@ def small(problem: Problem) -> Problem:
     height = round(camera.height * WIDTH / camera.width)
     if camera.width <= WIDTH or height < LEAST_SIDE:
         return problem if problem.cuts is None else replace(problem, cuts=None)
-    frame = Frame(problem.image, problem.mask).resize(WIDTH, height, problem.photometry.gamma)
+    most = max(1.0, float(problem.image.max()))  # direct light merged of colours may be brighter than a frame
+    frame = Frame(problem.image / most, problem.mask).resize(WIDTH, height, problem.photometry.gamma)
     evidence = None
     if problem.evidence is not None:
 
@@ -50,7 +51,13 @@ def small(problem: Problem) -> Problem:
     camera = camera.resize(WIDTH, height)
     mask = frame.mask & camera.field.valid
     return replace(
-        problem, image=frame.image, mask=mask, camera=camera, evidence=evidence, cuts=None, picture=None
+        problem,
+        image=most * frame.image,
+        mask=mask,
+        camera=camera,
+        evidence=evidence,
+        cuts=None,
+        picture=None,
     )
 
 

@@ -54,7 +54,7 @@ from endolab.reconstruction.problem_setup import (
 )
 
 BOUNCED = "bounced light"  # stage
-WIDTH = 160  # px; light that has bounced is smooth, and its surface need not be fine
+WIDTH = 240  # px; light that has bounced is smooth, and its surface need not be fine
 DOUBT = 0.15  # share of S/E that may be wrong
 GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one

@@ -64,7 +64,7 @@ def test_a_third_of_the_error_is_left(dry, separated):
 
 def test_observers_see_every_solve_with_its_stage_and_round(dry):
     seen = []
-    result = solved(dry.frame, dry.calibration, observers=[seen.append])
+    result = solved(dry.frame, dry.calibration, contours=True, observers=[seen.append])
     named = list(dict.fromkeys((step.stage, step.round) for step in seen))
     rounds = [("bounced light", "vote", "contours")] * 3
     expected = [(name, number) for number, names in enumerate(rounds, 1) for name in names]
@@ -72,7 +72,7 @@ def test_observers_see_every_solve_with_its_stage_and_round(dry):
     assert [(stage.name, stage.round) for stage in result.stages] == named
     assert [step.k for step in seen if step.stage == "solution"] == [row["k"] for row in result.history]
     assert result.seconds == pytest.approx(sum(stage.seconds for stage in result.stages))
-    assert seen[0].problem.mask.shape == (120, 160)  # bounced light is sought on fewer pixels
+    assert seen[0].problem.mask.shape == (180, 240)  # bounced light is sought on fewer pixels
 
 
 def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
@@ -81,7 +81,8 @@ def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
     large = el.Frame(*(np.repeat(np.repeat(a, 2, 0), 2, 1) for a in (dry.frame.image, dry.frame.mask)))
     known = el.Calibration(dry.calibration.camera.resize(640, 480), relative.photometry)
     stop = [lambda step: (step.stage, step.round, step.k) == ("contours", 1, 2)]
-    result = el.reconstruct(large, known, channel="separated", observers=stop, median_distance=50.0)
+    how = {"contours": True, "observers": stop, "median_distance": 50.0}
+    result = el.reconstruct(large, known, channel="separated", **how)
     assert result.status is Status.STOPPED
     assert (result.distance.shape, result.metric) == ((480, 640), True)
     assert np.median(result.distance[result.mask]) == pytest.approx(50)
