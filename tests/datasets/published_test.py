@@ -1,5 +1,7 @@
 """Published frames: their layouts on synthetic files, then the frames themselves where they are."""
 
+import zlib
+
 import cv2
 import numpy as np
 import pytest
@@ -388,7 +390,8 @@ def test_a_depth_map_that_is_too_large_is_not_decoded(tmp_path):
         path = tmp_path / name
         Image.new("L", (20, 10)).save(path)
         content = bytearray(path.read_bytes())
-        content[16:24] = (20000).to_bytes(4, "big") * 2  # the head's size; its checksum is wrong now
+        content[16:24] = (20000).to_bytes(4, "big") * 2  # the head's size
+        content[29:33] = zlib.crc32(content[12:29]).to_bytes(4, "big")
         path.write_bytes(content)
         with pytest.raises(ValueError, match=rf"{name}: expected at most {most} px, found 20000x20000 px$"):
             datasets.true_z(path)
