@@ -25,7 +25,7 @@ from endolab.depth.energy_kernels import (
 )
 from endolab.depth.fast_marching import March
 from endolab.depth.normal_equations import Coefficients
-from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
+from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, NONE, REGULARISERS, Problem
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import PAD, block_sums, halved, halved_links, inner, kernel, padded
 from endolab.numerics.derivatives import links
@@ -71,6 +71,7 @@ class Grid:
     active: Any  # the mask, int8
     link: Any  # (2, ...) int8: steps that derivatives take, see `numerics.derivatives.links`
     evidence: Any  # see `Problem`, int8; (0, 0) for exact pixels
+    rays: FloatArray  # (3, ...), of which second differences make planes free; (3, 0, 0) where none does
     inflow: FloatArray  # (H, W), not padded: log d where it is given and no unknown, else nan
     cuts: BoolArray | None  # (2, H, W), not padded: see `Problem`
     scale: float  # what a derivative of ξ per pixel of this grid is multiplied by
@@ -92,6 +93,9 @@ class Grid:
             padded(mask.astype(np.int8)),
             padded(links(mask, problem.cuts).astype(np.int8)),
             np.empty((0, 0), np.int8) if problem.evidence is None else padded(problem.evidence),
+            padded(np.where(mask, np.moveaxis(field.rays, -1, 0), 0.0))
+            if problem.regulariser == "curvature"
+            else np.empty((3, 0, 0)),
             np.full(mask.shape, np.nan) if inflow is None else np.where(mask, inflow, np.nan),
             problem.cuts,
             problem.derivative_scale,
@@ -115,9 +119,11 @@ class Grid:
             active=active,
             link=link,
             evidence=evidence,
+            # A plane's 1/d is linear in the ray, so that block means of both stay a plane.
+            rays=np.stack([self.restrict(one) for one in self.rays]) if self.rays.size else self.rays,
             inflow=np.where(inner(halved(given)) > 0, inflow, np.nan),
             cuts=None if self.cuts is None else torn,
-            scale=self.scale / (4 if self._second else 2),
+            scale=self.scale / (2 if self.problem.regulariser == "first" else 4),
         )
 
     def _coarser_evidence(self) -> tuple[FloatArray, Any]:
@@ -150,8 +156,8 @@ class Grid:
         return inner(self.active) > 0
 
     @property
-    def _second(self) -> bool:
-        return self.problem.regulariser == "second"
+    def _kind(self) -> int:
+        return REGULARISERS.index(self.problem.regulariser)
 
     def march(self, guess: FloatArray | None = None) -> FloatArray:
         """Fast march on this grid.
@@ -189,7 +195,7 @@ class Grid:
         p = self.problem
         arrays = (self.image, self.log_scale, self.metric, self.edge, self.active, self.link, self.evidence)
         wall = Wall(p.photometry.gamma, self.table, self.step)
-        return Picture(*arrays), wall, Penalties(p.threshold, p.epsilon, self.scale, self._second)
+        return Picture(*arrays, self.rays), wall, Penalties(p.threshold, p.epsilon, self.scale, self._kind)
 
     def terms(self, v: FloatArray, lam: float) -> dict[str, float]:
         """The energy's terms, as `energy_terms` gives them, of the map v."""
@@ -200,13 +206,14 @@ class Grid:
     def linearised(self, v: FloatArray, lam: float) -> tuple[Coefficients, FloatArray]:
         """Normal equations of a Gauss-Newton step, as of the sum over pixels: matrix, right-hand side."""
         xi = self._xi(v)
-        by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth = np.zeros((7, *v.shape))
+        by_v, by_v_u, by_v_v, weight, descent, smooth = np.zeros((6, *v.shape))
+        smoothness = np.zeros((6 if self._kind == CURVATURE else 1, *v.shape))
         out = (by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth)
         linearise(v, xi, *self._energy(), lam, out)
         slope = xi if self.problem.xi == "d" else -xi
         free = self.active * padded(np.isnan(self.inflow).astype(np.int8))
         fields = (by_v, by_v_u, by_v_v, weight, slope, smoothness, self.link, free)
-        return Coefficients(*fields, self._second), (descent - slope * smooth) * free
+        return Coefficients(*fields, self.rays, self._kind), (descent - slope * smooth) * free
 
 
 def _block_means(a: FloatArray, inside: Any) -> FloatArray:

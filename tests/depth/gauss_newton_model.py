@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from endolab.depth.curvature import ANGLE, ONEFOLD, plane_shares, second_form, size_and_twofold, whole
 from endolab.depth.energy import contradicted, energy_terms
 from endolab.depth.grid import Grid
 from endolab.depth.multigrid import multiply
@@ -12,9 +13,24 @@ from endolab.depth.problem import Problem
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.compiled import inner, padded
 from endolab.numerics.derivatives import forward_gradient, gradient, hessian
-from tests.tools.adjoints import forward_gradient_adjoint, gradient_adjoint, hessian_adjoint
+from tests.tools.adjoints import forward_gradient_adjoint, gradient_adjoint, hessian_adjoint, second_form_adjoint
 
-OPERATORS = {"first": (forward_gradient, forward_gradient_adjoint), "second": (hessian, hessian_adjoint)}
+
+def _form(xi, mask, cuts, field):
+    return second_form(xi, field, mask, cuts)
+
+
+def _form_adjoint(p, mask, cuts, field):
+    return second_form_adjoint(p, plane_shares(field, mask, cuts), whole(mask, cuts), mask, cuts)
+
+
+OPERATORS = {
+    "first": (lambda xi, mask, cuts, _: forward_gradient(xi, mask, cuts),)
+    + (lambda p, mask, cuts, _: forward_gradient_adjoint(p, mask, cuts),),
+    "second": (lambda xi, mask, cuts, _: hessian(xi, mask, cuts),)
+    + (lambda p, mask, cuts, _: hessian_adjoint(p, mask, cuts),),
+    "curvature": (_form, _form_adjoint),
+}
 SAME = {name: name for name in ("by_v", "by_v_u", "by_v_v", "smoothness")}
 TWINS = SAME | {"weight": "data_weight", "slope": "xi_slope"}  # of Coefficients and GaussNewtonModel
 
@@ -40,7 +56,9 @@ class GaussNewtonModel:
     data_weight: np.ndarray  # IRLS weight of the residual
     xi: np.ndarray  # ξ/ξ̃
     xi_slope: np.ndarray  # its derivative by v
-    smoothness: np.ndarray  # weight of |D ξ|²: λ g s² / max(‖D ξ‖, ε), s the energy's derivative scale
+    # Weight of |D ξ|²: λ g s² / max(‖D ξ‖, ε), s the energy's derivative scale; or, of the form A that tells
+    # how the surface bends, Q in AᵀQA: its entries 00, 01, 02, 11, 12, 22, (6, H, W).
+    smoothness: np.ndarray
 
     @classmethod
     def at(cls, problem, log_distance):
@@ -53,10 +71,14 @@ class GaussNewtonModel:
         residual = intensity - problem.image
         xi = to_xi(np.where(mask, log_distance, 0.0), problem.xi, field.cos_alpha) / problem.xi_median
         xi = np.where(mask, xi, 0.0)
-        size = np.linalg.norm(scale * OPERATORS[problem.regulariser][0](xi, mask, cuts), axis=0)
+        derivative = OPERATORS[problem.regulariser][0](xi, mask, cuts, field)
         by_gradient = 2 * by_slant * (guu * f_u + guv * f_v), 2 * by_slant * (guv * f_u + gvv * f_v)
         weight = 1 / np.maximum(np.abs(residual) / problem.threshold, 1.0)
-        smoothness = problem.lam * problem.edge_weight * scale**2 / np.maximum(size, problem.epsilon)
+        if problem.regulariser == "curvature":
+            smoothness = cls._bending_weights(problem, derivative)
+        else:
+            size = np.linalg.norm(scale * derivative, axis=0)
+            smoothness = problem.lam * problem.edge_weight * scale**2 / np.maximum(size, problem.epsilon)
         counts, slope = contradicted(problem, residual), xi if problem.xi == "d" else -xi
         data = (np.where(counts, piece, 0.0) for piece in (residual, by_v, *by_gradient, weight))
         return cls(problem, *data, *(np.where(mask, piece, 0.0) for piece in (xi, slope, smoothness)))
@@ -79,11 +101,37 @@ class GaussNewtonModel:
         around = (self.by_v_u * residual, self.by_v_v * residual)
         return self.by_v * residual + gradient_adjoint(around, self.problem.mask, self.problem.cuts)
 
+    @staticmethod
+    def _bending_weights(problem, form):
+        """Q: parabolas for both costs, and the slope of κ₁κ₂/κ, from differences of its own formula."""
+        known, metric = whole(problem.mask, problem.cuts), problem.field.inverse_metric
+        size, twofold = size_and_twofold(form, metric, known)
+        by_form, h = np.zeros_like(form), 1e-6 * np.where(size > 0, size, 1.0) / ANGLE**2
+        reach = h / np.sqrt(np.abs(metric[..., 0] * metric[..., 2]))
+        for k in range(3):
+            step = np.zeros_like(form)
+            step[k] = reach
+            ends = (size_and_twofold(form + sign * step, metric, known)[1] for sign in (1, -1))
+            by_form[k] = np.subtract(*ends) / (2 * reach)
+        p, q, r = np.moveaxis(metric, -1, 0)
+        squared = np.array([[p * p, 2 * p * q, q * q], [2 * p * q, 2 * (p * r + q * q), 2 * q * r]])
+        squared = np.stack([*squared, np.stack([q * q, 2 * q * r, r * r])])
+        weights = problem.lam * problem.edge_weight
+        onefold = weights * ONEFOLD * ANGLE**4 / np.maximum(size, problem.epsilon) * squared
+        twofold = weights / np.maximum(np.abs(twofold), problem.epsilon) * by_form[:, None] * by_form
+        return (onefold + np.where(known.all(axis=0), twofold, 0.0))[np.triu_indices(3)]
+
     def _smooth(self, xi):
         """Dᵀ (smoothness · D ξ)."""
         operator, adjoint = OPERATORS[self.problem.regulariser]
-        where = (self.problem.mask, self.problem.cuts)
-        return adjoint(self.smoothness * operator(xi, *where), *where)
+        where = (self.problem.mask, self.problem.cuts, self.problem.field)
+        derivative = operator(xi, *where)
+        if self.problem.regulariser != "curvature":
+            return adjoint(self.smoothness * derivative, *where)
+        q = np.zeros((3, *derivative.shape))
+        rows, columns = np.triu_indices(3)
+        q[rows, columns] = q[columns, rows] = self.smoothness
+        return adjoint(np.einsum("klij,lij->kij", q, derivative), *where)
 
 
 def energy(problem, v):

@@ -14,8 +14,8 @@ from endolab.numerics.compiled import inner, padded
 from tests.depth.gauss_newton_model import TWINS, GaussNewtonModel, check_the_compiled, inside, relative
 from tests.tools.problems import SHEET, at_truth, every_regulariser, every_variant
 
-# Where a pixel stands among its matrix's seven numbers: (rows, columns) to the other of the pair.
-OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
+# Where a pixel stands among its matrix's nine numbers: (rows, columns) to the other of the pair.
+OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1), (1, 2), (2, 1)]
 
 
 def worn(rng, **options):
@@ -132,7 +132,7 @@ def test_a_cycle_is_symmetric_and_positive_definite(system, rng):
 
 
 def as_sparse(matrix):
-    """The matrix that seven numbers a pixel stand for."""
+    """The matrix that nine numbers a pixel stand for."""
     size = matrix[0].size
     place = np.arange(size).reshape(matrix.shape[1:])
     whole = sparse.csr_matrix((size, size))
