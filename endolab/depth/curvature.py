@@ -52,7 +52,7 @@ def plane_shares(field: RayField, mask: BoolArray, cuts: BoolArray | None = None
 
 
 def second_form(w: FloatArray, field: RayField, mask: BoolArray, cuts: BoolArray | None = None) -> FloatArray:
-    """Second differences uu, uv, vv of w = 1/d that are 0 on planes, (3, H, W); 0 where they are not known."""
+    """Second differences uu, uv, vv of w = 1/d that are 0 on planes, (3, H, W), and where not known."""
     w = np.where(mask, w, 0.0)
     first, second = _derivatives(w, mask, cuts)
     a, b, c = np.moveaxis(plane_shares(field, mask, cuts), 1, 0)

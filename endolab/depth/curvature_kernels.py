@@ -100,10 +100,9 @@ def bending_cost(form: Any, metric: Any, all_known: bool, epsilon: float) -> flo
 def bending_weights(
     form: Any, metric: Any, all_known: bool, epsilon: float, weight: float, i: int, j: int, out: Any
 ) -> None:
-    """Write Q (uu, uv, vv against each other, six numbers): the cost is about ½ formᵀ Q form, its slope Q form.
+    """Write Q, six numbers: the cost is about ½ formᵀ Q form, and its slope is Q form.
 
-    Parabolas touch both penalties; `twofold` is linearised, and, being homogeneous, is its slope times the
-    form.
+    Parabolas touch both penalties; `twofold` is linearised: it is its slope times the form.
     """
     (uu, uv, vv), (p, q, r) = form, metric
     size, twofold = _measures(form, metric, all_known)

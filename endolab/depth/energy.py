@@ -12,8 +12,8 @@ norm of all second derivatives chooses wrongly: a tube, too, has one that is not
 
     λ mean g (|κ₁κ₂/κ|_ε + η |κ|_ε),       κ = (κ₁² + κ₂²)^½,
 
-0 on planes and small on whatever a sheet can be rolled into; `curvature` has the details. What solvers minimise, recordings show and tests
-check is this function.
+0 on planes and small on whatever a sheet can be rolled into; `curvature` has the details. What
+solvers minimise, recordings show and tests check is this function.
 
 A picture is not always evidence: a saturated pixel says that the surface is at least this bright,
 so that its residual counts only where the model is darker, and a highlight or an overlay says

@@ -9,7 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from endolab.depth.curvature_kernels import COLUMNS, ROWS, bending_cost, bending_weights, form_of, form_stencils
+from endolab.depth.curvature_kernels import (
+    COLUMNS,
+    ROWS,
+    bending_cost,
+    bending_weights,
+    form_of,
+    form_stencils,
+)
 from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, NONE, SECOND
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
@@ -188,7 +195,10 @@ def linearise(
                 descent[i - 1, j] += w * above
             if kind == CURVATURE:
                 all_known = form_stencils(rays, link, i, j, stencils)
-                form, around = form_of(xi, i, j, stencils), (metric[0, i, j], metric[1, i, j], metric[2, i, j])
+                form, around = (
+                    form_of(xi, i, j, stencils),
+                    (metric[0, i, j], metric[1, i, j], metric[2, i, j]),
+                )
                 bending_weights(form, around, all_known, epsilon, lam * edge[i, j], i, j, smoothness)
                 q = smoothness[:, i, j]
                 uu = q[0] * form[0] + q[1] * form[1] + q[2] * form[2]

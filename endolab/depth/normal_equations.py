@@ -179,6 +179,8 @@ class Coefficients:
             smoothness=np.stack([block_sums(one) for one in self.smoothness]) * share,
             link=halved_links(self.link),
             active=halved(self.active),
-            rays=np.stack([block_sums(one * known) / inside for one in self.rays]) if self.rays.size else self.rays,
+            rays=np.stack([block_sums(one * known) / inside for one in self.rays])
+            if self.rays.size
+            else self.rays,
             kind=self.kind,
         )

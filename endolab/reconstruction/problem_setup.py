@@ -12,6 +12,7 @@ import numpy as np
 
 from endolab.depth.problem import AT_LEAST, EXACT, NONE, Origin, Problem
 from endolab.depth.result import Iterate, Result
+from endolab.depth.solvers import DEFAULT_SOLVER, default_regulariser
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, whole
@@ -37,7 +38,7 @@ def make_problem(
     highlights: str | None = None,
     contours: bool | None = None,
     xi: str = "1/d",
-    regulariser: str = "second",
+    regulariser: str | None = None,
     lam: float = 1.0,
     epsilon: float = 1e-3,
     threshold: float = 0.05,
@@ -50,6 +51,7 @@ def make_problem(
     """
     if channel == SEPARATED:
         raise ValueError("channel='separated' is found by solving: use reconstruct() or iterate()")
+    regulariser = default_regulariser(DEFAULT_SOLVER, xi) if regulariser is None else regulariser
     options = {"xi": xi, "regulariser": regulariser, "lam": lam, "epsilon": epsilon, "threshold": threshold}
     problem = make_problems(frame, calibration, [channel], width, smooth, highlights, cuts=cuts, **options)[0]
     return torn(problem) if contours else noted(problem, contours=problem.cuts is not None)

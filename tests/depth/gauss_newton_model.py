@@ -13,23 +13,30 @@ from endolab.depth.problem import Problem
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.compiled import inner, padded
 from endolab.numerics.derivatives import forward_gradient, gradient, hessian
-from tests.tools.adjoints import forward_gradient_adjoint, gradient_adjoint, hessian_adjoint, second_form_adjoint
+from tests.tools.adjoints import (
+    forward_gradient_adjoint,
+    gradient_adjoint,
+    hessian_adjoint,
+    second_form_adjoint,
+)
 
 
-def _form(xi, mask, cuts, field):
+def _without_rays(operator):
+    return lambda x, mask, cuts, _: operator(x, mask, cuts)
+
+
+def _second_form(xi, mask, cuts, field):
     return second_form(xi, field, mask, cuts)
 
 
-def _form_adjoint(p, mask, cuts, field):
+def _second_form_adjoint(p, mask, cuts, field):
     return second_form_adjoint(p, plane_shares(field, mask, cuts), whole(mask, cuts), mask, cuts)
 
 
-OPERATORS = {
-    "first": (lambda xi, mask, cuts, _: forward_gradient(xi, mask, cuts),)
-    + (lambda p, mask, cuts, _: forward_gradient_adjoint(p, mask, cuts),),
-    "second": (lambda xi, mask, cuts, _: hessian(xi, mask, cuts),)
-    + (lambda p, mask, cuts, _: hessian_adjoint(p, mask, cuts),),
-    "curvature": (_form, _form_adjoint),
+OPERATORS = {  # and their adjoints: of a map, mask, cuts and the ray field, which two need not know
+    "first": [_without_rays(forward_gradient), _without_rays(forward_gradient_adjoint)],
+    "second": [_without_rays(hessian), _without_rays(hessian_adjoint)],
+    "curvature": [_second_form, _second_form_adjoint],
 }
 SAME = {name: name for name in ("by_v", "by_v_u", "by_v_v", "smoothness")}
 TWINS = SAME | {"weight": "data_weight", "slope": "xi_slope"}  # of Coefficients and GaussNewtonModel
@@ -103,16 +110,17 @@ class GaussNewtonModel:
 
     @staticmethod
     def _bending_weights(problem, form):
-        """Q: parabolas for both costs, and the slope of κ₁κ₂/κ, from differences of its own formula."""
+        """Q: parabolas for both costs, of which κ₁κ₂/κ is linearised."""
         known, metric = whole(problem.mask, problem.cuts), problem.field.inverse_metric
         size, twofold = size_and_twofold(form, metric, known)
-        by_form, h = np.zeros_like(form), 1e-6 * np.where(size > 0, size, 1.0) / ANGLE**2
-        reach = h / np.sqrt(np.abs(metric[..., 0] * metric[..., 2]))
-        for k in range(3):
-            step = np.zeros_like(form)
-            step[k] = reach
-            ends = (size_and_twofold(form + sign * step, metric, known)[1] for sign in (1, -1))
-            by_form[k] = np.subtract(*ends) / (2 * reach)
+        inverse, flat = metric[..., [[0, 1], [1, 2]]], np.moveaxis(form, 0, -1)
+        matrix, adjugate = flat[..., [[0, 1], [1, 2]]], flat[..., [[2, 1], [1, 0]]] * [[1, -1], [-1, 1]]
+        # κ₁κ₂ = det A det G⁻¹ and κ² = tr(A G⁻¹)², so that their slopes by A are matrices, too.
+        by_product = ANGLE**4 * np.linalg.det(inverse)[..., None, None] * adjugate
+        by_half_square = ANGLE**4 * inverse @ matrix @ inverse
+        safe = np.where(size > 0, size, 1.0)[..., None, None]
+        by_matrix = by_product / safe - twofold[..., None, None] * by_half_square / safe**2
+        by_form = np.stack([by_matrix[..., 0, 0], 2 * by_matrix[..., 0, 1], by_matrix[..., 1, 1]])
         p, q, r = np.moveaxis(metric, -1, 0)
         squared = np.array([[p * p, 2 * p * q, q * q], [2 * p * q, 2 * (p * r + q * q), 2 * q * r]])
         squared = np.stack([*squared, np.stack([q * q, 2 * q * r, r * r])])
