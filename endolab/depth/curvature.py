@@ -6,11 +6,11 @@ every plane, in every camera. These three are the surface's second fundamental f
 with κ₁, κ₂ the eigenvalues of this form against the metric G, both are 0 on a plane and one is 0 on every
 surface that a sheet can be rolled into, a tube, a cone, straight, tilted or off centre. Charged are
 
-    size = (κ₁² + κ₂²)^½,    twofold = κ₁ κ₂ / size,
+    size κ = (κ₁² + κ₂²)^½,    twofold = κ₁ κ₂ / (κ² + SLIGHT²)^½,
 
 the second fully, the first by the share `ONEFOLD`: a wall may bend one way at little cost. Neither needs
 an eigenvector, and both are smooth but where nothing bends. κ is per (1/160 rad)², which is a pixel's
-square in the middle of a picture 320 px and 90° wide.
+square in the middle of a picture 320 px and 90° wide, and of d over its median, as ξ/ξ̃ is.
 """
 
 import numpy as np
@@ -19,10 +19,13 @@ from endolab.model.cameras import RayField
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import gradient, hessian, hessian_stencils, links, shifted
 
-# What bending one way costs of what bending two ways does. Tubes' distances are 0.25, 0.4 and 1.0 % off with
-# 0.03, 0.1 and 0.3 and 5 % with 1; the less it is, the less is noise smoothed along a tube's generators.
+# What bending one way costs of what bending two ways does. Tubes' distances are 0.3, 0.4 and 1.0 % off with
+# 0.03, 0.1 and 0.3, and 5 % if only ‖κ‖ counts; the less it is, the less is noise smoothed.
 ONEFOLD = 0.1
 ANGLE = 1 / 160  # rad, the unit of curvatures
+# κ below which bending both ways is charged little. To prefer one way is not convex: a ball would crumple
+# into facets, by 0.004 % of its distance with 0, 0.002 % with 1e-4. Tubes bend by 1e-4 and more.
+SLIGHT = 1e-4
 
 
 def _derivatives(f: FloatArray, mask: BoolArray, cuts: BoolArray | None) -> tuple[FloatArray, FloatArray]:
@@ -60,10 +63,10 @@ def second_form(w: FloatArray, field: RayField, mask: BoolArray, cuts: BoolArray
 
 
 def size_and_twofold(form: FloatArray, inverse_metric: FloatArray, known: BoolArray) -> FloatArray:
-    """(κ₁² + κ₂²)^½ and κ₁κ₂ over it, (2, H, W); the second is 0 where not all of the form is known."""
+    """What is charged, (2, H, W); the second is 0 where not all of the form is known."""
     uu, uv, vv = form * ANGLE**2
     guu, guv, gvv = np.moveaxis(inverse_metric, -1, 0)
     mixed = [[uu * guu + uv * guv, uu * guv + uv * gvv], [uv * guu + vv * guv, uv * guv + vv * gvv]]
     size = np.sqrt(mixed[0][0] ** 2 + 2 * mixed[0][1] * mixed[1][0] + mixed[1][1] ** 2)
     product = (uu * vv - uv * uv) * (guu * gvv - guv * guv)
-    return np.stack([size, np.where(known.all(axis=0), product / np.where(size > 0, size, 1.0), 0.0)])
+    return np.stack([size, np.where(known.all(axis=0), product / np.hypot(size, SLIGHT), 0.0)])

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.curvature import ANGLE, ONEFOLD
+from endolab.depth.curvature import ANGLE, ONEFOLD, SLIGHT
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import kernel
 
 ROWS, COLUMNS = (0, 0, 0, 1, -1, 1), (0, 1, -1, 0, 0, 1)  # of the six, from the pixel
-SMALLEST = 1e-150  # of a size by which is divided; its cube is no 0
 
 
 @kernel
@@ -86,7 +85,7 @@ def _measures(form: Any, metric: Any, all_known: bool) -> tuple[float, float]:
     here, there = uu * p + uv * q, uv * q + vv * r
     size = ANGLE**2 * np.sqrt(here * here + 2 * (uu * q + uv * r) * (uv * p + vv * q) + there * there)
     product = ANGLE**4 * (uu * vv - uv * uv) * (p * r - q * q)
-    return size, product / max(size, SMALLEST) if all_known else 0.0
+    return size, product / np.sqrt(size * size + SLIGHT * SLIGHT) if all_known else 0.0
 
 
 @kernel
@@ -109,15 +108,17 @@ def bending_weights(
     one = weight * ONEFOLD * ANGLE**4 / max(size, epsilon)
     out[0, i, j], out[1, i, j], out[2, i, j] = one * p * p, one * 2 * p * q, one * q * q
     out[3, i, j], out[4, i, j], out[5, i, j] = one * 2 * (p * r + q * q), one * 2 * q * r, one * r * r
-    if all_known and size > SMALLEST:
+    if all_known:
+        softened = size * size + SLIGHT * SLIGHT
         raised_u, raised_m, raised_l = p * uu + q * uv, p * uv + q * vv, q * uv + r * vv
         cross = q * uu + r * uv
-        falls = ANGLE**4 * twofold / (size * size)
-        rises = ANGLE**4 * (p * r - q * q) / size
+        falls = ANGLE**4 * twofold / softened
+        rises = ANGLE**4 * (p * r - q * q) / np.sqrt(softened)
         a = rises * vv - falls * (raised_u * p + raised_m * q)
         b = -2 * rises * uv - 2 * falls * (raised_u * q + raised_m * r)
         c = rises * uu - falls * (cross * q + raised_l * r)
-        two = weight / max(abs(twofold), epsilon)
+        # The form times the slope is `twofold` by this factor, 1 to 2.
+        two = weight / max(abs(twofold), epsilon) / (1 + SLIGHT * SLIGHT / softened)
         out[0, i, j] += two * a * a
         out[1, i, j] += two * a * b
         out[2, i, j] += two * a * c

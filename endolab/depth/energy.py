@@ -10,7 +10,7 @@ Where the picture leaves a surface free, as at the border of a tube, the regular
 norm of all second derivatives chooses wrongly: a tube, too, has one that is not 0. By default
 (`regulariser` "curvature") it is therefore how the surface of 1/d bends,
 
-    λ mean g (|κ₁κ₂/κ|_ε + η |κ|_ε),       κ = (κ₁² + κ₂²)^½,
+    λ mean g (|κ₁κ₂/(κ² + s²)^½|_ε + η |κ|_ε),       κ = (κ₁² + κ₂²)^½,
 
 0 on planes and small on whatever a sheet can be rolled into; `curvature` has the details. What
 solvers minimise, recordings show and tests check is this function.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from endolab.depth.curvature import ANGLE, ONEFOLD, plane_shares, second_form, size_and_twofold, whole
+from endolab.depth.curvature import ANGLE, ONEFOLD, SLIGHT, plane_shares, second_form, size_and_twofold, whole
 from endolab.depth.energy import contradicted, energy_terms
 from endolab.depth.grid import Grid
 from endolab.depth.multigrid import multiply
@@ -118,15 +118,19 @@ class GaussNewtonModel:
         # κ₁κ₂ = det A det G⁻¹ and κ² = tr(A G⁻¹)², so that their slopes by A are matrices, too.
         by_product = ANGLE**4 * np.linalg.det(inverse)[..., None, None] * adjugate
         by_half_square = ANGLE**4 * inverse @ matrix @ inverse
-        safe = np.where(size > 0, size, 1.0)[..., None, None]
-        by_matrix = by_product / safe - twofold[..., None, None] * by_half_square / safe**2
+        softened = np.hypot(size, SLIGHT)[..., None, None]
+        by_matrix = by_product / softened - twofold[..., None, None] * by_half_square / softened**2
         by_form = np.stack([by_matrix[..., 0, 0], 2 * by_matrix[..., 0, 1], by_matrix[..., 1, 1]])
         p, q, r = np.moveaxis(metric, -1, 0)
         squared = np.array([[p * p, 2 * p * q, q * q], [2 * p * q, 2 * (p * r + q * q), 2 * q * r]])
         squared = np.stack([*squared, np.stack([q * q, 2 * q * r, r * r])])
         weights = problem.lam * problem.edge_weight
         onefold = weights * ONEFOLD * ANGLE**4 / np.maximum(size, problem.epsilon) * squared
-        twofold = weights / np.maximum(np.abs(twofold), problem.epsilon) * by_form[:, None] * by_form
+        # κ₁κ₂ is of the second degree, what it is divided by of the zeroth to the first: the form times the
+        # slope is `degree` times what is charged.
+        degree = 2 - (size / softened[..., 0, 0]) ** 2
+        weights = weights / np.maximum(np.abs(twofold), problem.epsilon) / degree
+        twofold = weights * by_form[:, None] * by_form
         return (onefold + np.where(known.all(axis=0), twofold, 0.0))[np.triu_indices(3)]
 
     def _smooth(self, xi):

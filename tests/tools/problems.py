@@ -14,6 +14,7 @@ PAPERS = [(xi, order) for xi in ("1/z", "d", "1/d") for order in ("first", "seco
 papers_variant = pytest.mark.parametrize(("xi", "regulariser"), PAPERS)
 every_variant = pytest.mark.parametrize(("xi", "regulariser"), [*PAPERS, ("1/d", "curvature")])
 every_xi = pytest.mark.parametrize("xi", ["1/z", "d", "1/d"])
+papers_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
 every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second", "curvature"])
 # A sheet with a sheen, half as bright again where it faces the light: its BRDF has kinks, and a cusp at 0.
 SHEET = el.TabulatedBRDF(
