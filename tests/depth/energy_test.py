@@ -124,7 +124,7 @@ def sizes_and_twofolds(problem, v):
 
 
 def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
-    """Each second difference of 1/d less that of the plane p·r with its value and slopes; eigenvalues of AG⁻¹."""
+    """Each second difference of 1/d less that of the plane p·r with its value and slopes; κ of AG⁻¹."""
     problem, v = tiny
     problem = replace(problem, regulariser="curvature", lam=0.3)
     mask, rays, w = problem.mask, problem.field.rays, np.exp(-v) / problem.xi_median

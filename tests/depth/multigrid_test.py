@@ -31,7 +31,7 @@ def equations(problem, v, inflow=None):
     return Grid.of(problem, inflow).linearised(inside(problem, v), problem.lam)
 
 
-@pytest.fixture(params=["first", "second"])
+@pytest.fixture(params=["first", "second", "curvature"])
 def system(request, rng):
     """Worn equations of which a few pixels are given: their solver, right-hand side and free pixels."""
     problem, v = worn(rng, regulariser=request.param)
@@ -161,7 +161,11 @@ def test_it_agrees_with_a_direct_solver_and_holds_what_is_given(system):
 @pytest.mark.parametrize(("scene", "few", "many"), [("plane", 3, 10), ("tube", 4, 50)])
 @every_regulariser
 def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, regulariser):
-    """Measured at 80, 160 and 320 px, to 0.1 and 1e-3: plane 2 and up to 8, tube 3 and up to 41."""
+    """Measured at 80, 160 and 320 px, to 0.1 and 1e-3: plane 2 and up to 8, tube 3 and up to 41.
+
+    Of curvature, which is a tenth as stiff one way, 5 and up to 55 on the tube, from 2 and 33.
+    """
+    few, many, growth = (few + 2, many + 15, 1.8) if regulariser == "curvature" else (few, many, 1.5)
     steps = []
     for width in (80, 160, 320):
         problem, truth = at_truth(scene, width, regulariser=regulariser)
@@ -169,4 +173,4 @@ def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, re
         solver = Multigrid(coefficients)
         steps.append([solver.solve(b, tolerance, 200)[1] for tolerance in (0.1, 1e-3)])
     assert np.all(np.max(steps, axis=0) <= [few, many])
-    assert steps[2][1] <= 1.5 * steps[0][1] + 2
+    assert steps[2][1] <= growth * steps[0][1] + 2
