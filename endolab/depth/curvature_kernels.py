@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.curvature import ANGLE, ONEFOLD, SLIGHT
+from endolab.depth.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import kernel
 
@@ -90,9 +90,10 @@ def _measures(form: Any, metric: Any, all_known: bool) -> tuple[float, float]:
 
 @kernel
 def bending_cost(form: Any, metric: Any, all_known: bool, epsilon: float) -> float:
-    """What a pixel's bending costs, by Huber's penalty over ε, without λ and g."""
+    """What a pixel's bending costs, by Huber's penalty, without λ and g."""
     size, twofold = _measures(form, metric, all_known)
-    return _huber(twofold, epsilon) + ONEFOLD * _huber(size, epsilon)
+    epsilon *= CREASE
+    return _huber(size, epsilon) + TWOFOLD * _huber(twofold, epsilon)
 
 
 @kernel
@@ -105,7 +106,8 @@ def bending_weights(
     """
     (uu, uv, vv), (p, q, r) = form, metric
     size, twofold = _measures(form, metric, all_known)
-    one = weight * ONEFOLD * ANGLE**4 / max(size, epsilon)
+    epsilon *= CREASE
+    one = weight * ANGLE**4 / max(size, epsilon)
     out[0, i, j], out[1, i, j], out[2, i, j] = one * p * p, one * 2 * p * q, one * q * q
     out[3, i, j], out[4, i, j], out[5, i, j] = one * 2 * (p * r + q * q), one * 2 * q * r, one * r * r
     if all_known:
@@ -118,7 +120,7 @@ def bending_weights(
         b = -2 * rises * uv - 2 * falls * (raised_u * q + raised_m * r)
         c = rises * uu - falls * (cross * q + raised_l * r)
         # The form times the slope is `twofold` by this factor, 1 to 2.
-        two = weight / max(abs(twofold), epsilon) / (1 + SLIGHT * SLIGHT / softened)
+        two = weight * TWOFOLD / max(abs(twofold), epsilon) / (1 + SLIGHT * SLIGHT / softened)
         out[0, i, j] += two * a * a
         out[1, i, j] += two * a * b
         out[2, i, j] += two * a * c

@@ -10,7 +10,7 @@ Where the picture leaves a surface free, as at the border of a tube, the regular
 norm of all second derivatives chooses wrongly: a tube, too, has one that is not 0. By default
 (`regulariser` "curvature") it is therefore how the surface of 1/d bends,
 
-    λ mean g (|κ₁κ₂/(κ² + s²)^½|_ε + η |κ|_ε),       κ = (κ₁² + κ₂²)^½,
+    λ mean g (‖κ‖_ε + η ‖κ₁κ₂/(κ² + s²)^½‖_ε),       κ = (κ₁² + κ₂²)^½,
 
 0 on planes and small on whatever a sheet can be rolled into; `curvature` has the details. What
 solvers minimise, recordings show and tests check is this function.
@@ -26,7 +26,7 @@ is missing: then the normal equations couple no pixels further apart than the He
 
 import numpy as np
 
-from endolab.depth.curvature import ONEFOLD, second_form, size_and_twofold, whole
+from endolab.depth.curvature import CREASE, TWOFOLD, second_form, size_and_twofold, whole
 from endolab.depth.problem import AT_LEAST, EXACT, Problem
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -57,7 +57,8 @@ def _roughness(problem: Problem, log_distance: FloatArray) -> FloatArray:
     if problem.regulariser == "curvature":
         form = second_form(xi, problem.field, mask, cuts)
         size, twofold = size_and_twofold(form, problem.field.inverse_metric, whole(mask, cuts))
-        return (huber(twofold, epsilon) + ONEFOLD * huber(size, epsilon)) / epsilon
+        epsilon *= CREASE
+        return (huber(size, epsilon) + TWOFOLD * huber(twofold, epsilon)) / epsilon
     operator = forward_gradient if problem.regulariser == "first" else hessian
     size = np.linalg.norm(operator(xi, mask, cuts) * problem.derivative_scale, axis=0)
     return huber(size, epsilon) / epsilon

@@ -10,7 +10,7 @@ from scipy.special import huber
 
 import endolab as el
 from endolab import datasets
-from endolab.depth.curvature import ANGLE, ONEFOLD, SLIGHT, second_form, size_and_twofold, whole
+from endolab.depth.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD, second_form, size_and_twofold, whole
 from endolab.depth.energy import energy_terms, model_image
 from endolab.depth.problem import Problem
 from endolab.numerics.derivatives import gradient
@@ -46,7 +46,7 @@ def holed(rng):
 
 def smoothed(problem, xi, regulariser):
     """The `holed` problem with a regulariser that weighs as much as its data, ε amid its ‖D ξ‖."""
-    lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4), "curvature": (20.0, 2e-4)}[regulariser]
+    lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4), "curvature": (5.0, 5e-5)}[regulariser]
     return replace(problem, xi=xi, regulariser=regulariser, lam=lam, epsilon=epsilon)
 
 
@@ -160,8 +160,8 @@ def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
         kappa = np.linalg.eigvals(np.array([[uu, uv], [uv, vv]]) @ [[guu, guv], [guv, gvv]])
         size = np.hypot(*kappa)
         twofold = 0.0 if None in form else np.prod(kappa) / np.hypot(size, SLIGHT)
-        cost = huber(2e-5, twofold) + ONEFOLD * huber(2e-5, size)
-        total += 0.3 * problem.edge_weight[row, column] * cost / 2e-5
+        cost = huber(CREASE * 2e-5, size) + TWOFOLD * huber(CREASE * 2e-5, twofold)
+        total += 0.3 * problem.edge_weight[row, column] * cost / (CREASE * 2e-5)
     assert ANGLE == 1 / 160
     assert energy_terms(problem, v)["regulariser"] == pytest.approx(total / mask.sum(), rel=1e-9)
 
@@ -335,8 +335,8 @@ def test_the_slope_of_the_quadratic_is_the_energys(holed, xi, regulariser):
     assert 5 < np.sum(model.data_weight[problem.mask] < 1) < 50  # of 58 pixels
     if regulariser == "curvature":
         for size in sizes_and_twofolds(problem, v):
-            assert 5 < np.sum(np.abs(size) > problem.epsilon) < 50
-            assert np.sum(np.abs(size[size != 0]) < problem.epsilon) > 5
+            assert 5 < np.sum(np.abs(size) > CREASE * problem.epsilon) < 50
+            assert np.sum(np.abs(size[size != 0]) < CREASE * problem.epsilon) > 5
     else:
         flat = problem.lam * problem.edge_weight * problem.derivative_scale**2 / problem.epsilon
         assert 5 < np.sum(model.smoothness[problem.mask] < flat[problem.mask]) < 50

@@ -5,7 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from endolab.depth.curvature import ANGLE, ONEFOLD, SLIGHT, plane_shares, second_form, size_and_twofold, whole
+from endolab.depth.curvature import (
+    ANGLE,
+    CREASE,
+    SLIGHT,
+    TWOFOLD,
+    plane_shares,
+    second_form,
+    size_and_twofold,
+    whole,
+)
 from endolab.depth.energy import contradicted, energy_terms
 from endolab.depth.grid import Grid
 from endolab.depth.multigrid import multiply
@@ -125,11 +134,11 @@ class GaussNewtonModel:
         squared = np.array([[p * p, 2 * p * q, q * q], [2 * p * q, 2 * (p * r + q * q), 2 * q * r]])
         squared = np.stack([*squared, np.stack([q * q, 2 * q * r, r * r])])
         weights = problem.lam * problem.edge_weight
-        onefold = weights * ONEFOLD * ANGLE**4 / np.maximum(size, problem.epsilon) * squared
+        onefold = weights * ANGLE**4 / np.maximum(size, CREASE * problem.epsilon) * squared
         # κ₁κ₂ is of the second degree, what it is divided by of the zeroth to the first: the form times the
         # slope is `degree` times what is charged.
         degree = 2 - (size / softened[..., 0, 0]) ** 2
-        weights = weights / np.maximum(np.abs(twofold), problem.epsilon) / degree
+        weights = weights * TWOFOLD / np.maximum(np.abs(twofold), CREASE * problem.epsilon) / degree
         twofold = weights * by_form[:, None] * by_form
         return (onefold + np.where(known.all(axis=0), twofold, 0.0))[np.triu_indices(3)]
 
