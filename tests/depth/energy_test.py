@@ -46,7 +46,7 @@ def holed(rng):
 
 def smoothed(problem, xi, regulariser):
     """The `holed` problem with a regulariser that weighs as much as its data, ε amid its ‖D ξ‖."""
-    lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4), "curvature": (5.0, 5e-5)}[regulariser]
+    lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4), "curvature": (8.0, 7e-5)}[regulariser]
     return replace(problem, xi=xi, regulariser=regulariser, lam=lam, epsilon=epsilon)
 
 

@@ -31,7 +31,7 @@ from tests.tools.adjoints import (
 
 
 def _without_rays(operator):
-    return lambda x, mask, cuts, _: operator(x, mask, cuts)
+    return lambda x, mask, cuts, _=None: operator(x, mask, cuts)
 
 
 def _second_form(xi, mask, cuts, field):
