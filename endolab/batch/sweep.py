@@ -107,7 +107,10 @@ def sweep(
     last = solver, " ".join(f"{name}={value}" for name, value in told.items())
     each = itertools.product(xi, regulariser, map(float, lam))
     settings = list(
-        dict.fromkeys((a, default_regulariser(solver, a) if b is None else b, c) for a, b, c in each)
+        dict.fromkeys(
+            (a, default_regulariser(solver, a, options.get("channel")) if b is None else b, c)
+            for a, b, c in each
+        )
     )
     tasks = [
         (dict(zip(KEY, (name, *setting, *last), strict=True)), frame, known)

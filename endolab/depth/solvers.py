@@ -31,9 +31,13 @@ SOLVERS: dict[str, Callable[..., Solver]] = {
 DEFAULT_SOLVER = "gauss_newton"
 
 
-def default_regulariser(solver: str, xi: str) -> str:
-    """Curvature, where there is one: of ξ = 1/d, and by the solvers that know it; else the second order."""
-    return "curvature" if xi == "1/d" and solver != "primal_dual" else "second"
+def default_regulariser(solver: str, xi: str, channel: str | None = None) -> str:
+    """Curvature, where there is one: of ξ = 1/d, and by the solvers that know it; else the second order.
+
+    With `separated`, too, the second: its vote on contours is by energies of that.
+    """
+    knows = xi == "1/d" and solver != "primal_dual" and channel != "separated"
+    return "curvature" if knows else "second"
 
 
 def checked_solver(name: str, options: Mapping[str, Any]) -> Callable[..., Solver]:

@@ -42,7 +42,7 @@ def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVE
     """
     how = {name: options.pop(name) for name in PREPARING if name in options}
     if how.get("regulariser") is None:
-        how["regulariser"] = default_regulariser(solver, how.get("xi", "1/d"))
+        how["regulariser"] = default_regulariser(solver, how.get("xi", "1/d"), how.get("channel"))
     start, contours = options.pop("start", None), options.pop("contours", None)
     _check(frame, calibration, contours, start)
     checked_solver(solver, options if start is None else options | {"start": start})
@@ -132,7 +132,7 @@ def reconstruct(
     regulariser : {"first", "second", "curvature"}, optional
         Total variation of ξ, of its gradient, or of how the surface bends: planes cost nothing, and what a
         sheet can be rolled into, as a tube, little. By default "curvature", and "second" where that is not
-        known: for another ξ than "1/d", and by `primal_dual`.
+        known or not tried: for another ξ than "1/d", by `primal_dual`, and with `separated`.
     lam : float
         λ, the regulariser's weight; larger is smoother.
     channel : {"red", "green", "blue", "grey", "separated"}, optional
@@ -182,7 +182,7 @@ def reconstruct(
         If the problem is too large for this machine, before anything is computed.
     """
     _check(frame, calibration, contours, start)
-    regulariser = default_regulariser(solver, xi) if regulariser is None else regulariser
+    regulariser = default_regulariser(solver, xi, channel) if regulariser is None else regulariser
     of_problem: dict[str, Any] = {"xi": xi, "regulariser": regulariser, "lam": lam}
     of_problem |= {name: options.pop(name) for name in ("epsilon", "threshold", "cuts") if name in options}
     checked_solver(solver, options if start is None else options | {"start": start})
