@@ -85,7 +85,12 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
     add("--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name")
     add("--solver", metavar="NAME", help="facing, fast_marching, gauss_newton (default) or primal_dual")
     add("--xi", default="1/d", metavar="ξ", help=f"what the regulariser sees: 1/z, d or 1/d (default){more}")
-    add("--regulariser", default="second", metavar="ORDER", help=f"first or second (default){orders}")
+    add(
+        "--regulariser",
+        default="second",
+        metavar="ORDER",
+        help=f"first, second (default) or curvature{orders}",
+    )
     weight = f"its weight; larger is smoother (default 1){weights}"
     add("--lam", type=str if several else number, default=1.0, metavar="λ", help=weight)
     channels = "red, green (default), blue or grey; separated: all three, light that bounced taken out"

@@ -4,8 +4,16 @@
 
 ρ is Huber's penalty, D the gradient or the Hessian, ξ̃ the median of ξ at the start d₀, and
 derivatives are per 1/320 of the picture's width, so that one λ serves all ξ, units and sizes
-(paper, Section V; conventions in README.md). What solvers minimise, recordings show and tests
-check is this function.
+(paper, Section V; conventions in README.md).
+
+Where the picture leaves a surface free, as at the border of a tube, the regulariser chooses it, and a
+norm of all second derivatives chooses wrongly: a tube, too, has one that is not 0. With
+`regulariser` "curvature" it is therefore how the surface of 1/d bends,
+
+    λ mean g (‖κ‖_ε + η ‖κ₁κ₂/(κ² + s²)^½‖_ε),       κ = (κ₁² + κ₂²)^½,
+
+0 on planes and small on whatever a sheet can be rolled into; `curvature` has the details. What
+solvers minimise, recordings show and tests check is this function.
 
 A picture is not always evidence: a saturated pixel says that the surface is at least this bright,
 so that its residual counts only where the model is darker, and a highlight or an overlay says
@@ -18,6 +26,7 @@ is missing: then the normal equations couple no pixels further apart than the He
 
 import numpy as np
 
+from endolab.depth.curvature import CREASE, TWOFOLD, second_form, size_and_twofold, whole
 from endolab.depth.problem import AT_LEAST, EXACT, Problem
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -41,12 +50,18 @@ def contradicted(problem: Problem, residual: FloatArray) -> BoolArray:
 
 
 def _roughness(problem: Problem, log_distance: FloatArray) -> FloatArray:
-    """‖D ξ/ξ̃‖ in the energy's unit, (H, W)."""
-    mask = problem.mask
+    """What the regulariser charges, without λ and g, (H, W): ‖D ξ/ξ̃‖_ε, or how the surface bends."""
+    mask, cuts, epsilon = problem.mask, problem.cuts, problem.epsilon
     xi = to_xi(np.where(mask, log_distance, 0.0), problem.xi, problem.field.cos_alpha) / problem.xi_median
+    xi = np.where(mask, xi, 0.0)
+    if problem.regulariser == "curvature":
+        form = second_form(xi, problem.field, mask, cuts)
+        size, twofold = size_and_twofold(form, problem.field.inverse_metric, whole(mask, cuts))
+        epsilon *= CREASE
+        return (huber(size, epsilon) + TWOFOLD * huber(twofold, epsilon)) / epsilon
     operator = forward_gradient if problem.regulariser == "first" else hessian
-    derivative = operator(np.where(mask, xi, 0.0), mask, problem.cuts)
-    return np.linalg.norm(derivative * problem.derivative_scale, axis=0)
+    size = np.linalg.norm(operator(xi, mask, cuts) * problem.derivative_scale, axis=0)
+    return huber(size, epsilon) / epsilon
 
 
 def energy_terms(problem: Problem, log_distance: FloatArray) -> dict[str, float]:
@@ -54,8 +69,7 @@ def energy_terms(problem: Problem, log_distance: FloatArray) -> dict[str, float]
     mask, count = problem.mask, int(problem.mask.sum())
     residual = model_image(problem, log_distance) - problem.image
     residual = residual[contradicted(problem, residual)]
-    size = _roughness(problem, log_distance)
-    roughness = problem.edge_weight * huber(size, problem.epsilon) / problem.epsilon
+    roughness = problem.edge_weight * _roughness(problem, log_distance)
     return {
         "data": float(huber(residual, problem.threshold).sum() / count),
         "regulariser": float(problem.lam * roughness[mask].sum() / count),

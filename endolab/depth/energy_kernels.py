@@ -9,7 +9,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from endolab.depth.problem import AT_LEAST, EXACT, NONE
+from endolab.depth.curvature_kernels import (
+    COLUMNS,
+    ROWS,
+    bending_cost,
+    bending_weights,
+    form_of,
+    form_stencils,
+)
+from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, NONE, SECOND
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, kernel
@@ -27,6 +35,7 @@ class Picture(NamedTuple):
     active: Any
     link: Any
     evidence: Any
+    rays: FloatArray
 
 
 class Wall(NamedTuple):
@@ -38,12 +47,12 @@ class Wall(NamedTuple):
 
 
 class Penalties(NamedTuple):
-    """Huber's threshold of the data, ε, the unit of a derivative of ξ, whether it is the second."""
+    """Huber's threshold of the data, ε, the unit of a derivative of ξ, which of `problem.REGULARISERS`."""
 
     threshold: float
     epsilon: float
     scale: float
-    second: bool
+    kind: int
 
 
 @kernel
@@ -123,9 +132,10 @@ def listen(
 @kernel
 def sums(v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any) -> tuple[float, float]:
     """Sums over the mask of the data's penalty and of the regulariser's without λ."""
-    image, log_scale, metric, edge, active, link, evidence = picture
+    image, log_scale, metric, edge, active, link, evidence, rays = picture
     gamma, table, step = wall
-    threshold, epsilon, scale, second = penalties
+    threshold, epsilon, scale, kind = penalties
+    stencils = np.empty((3, 6))
     data, rough = 0.0, 0.0
     for i in range(PAD, v.shape[0] - PAD):
         for j in range(PAD, v.shape[1] - PAD):
@@ -138,7 +148,13 @@ def sums(v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any)
                     r = abs(r)
                     small = min(r, threshold)
                     data += small * (r - 0.5 * small)
-                size = scale * _size(xi, link, second, i, j)
+                if kind == CURVATURE:
+                    all_known = form_stencils(rays, link, i, j, stencils)
+                    around = (metric[0, i, j], metric[1, i, j], metric[2, i, j])
+                    cost = bending_cost(form_of(xi, i, j, stencils), around, all_known, epsilon)
+                    rough += edge[i, j] * cost
+                    continue
+                size = scale * _size(xi, link, kind == SECOND, i, j)
                 small = min(size, epsilon)
                 rough += edge[i, j] * small * (size - 0.5 * small) / epsilon
     return data, rough
@@ -149,9 +165,10 @@ def linearise(
     v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any, lam: float, out: Any
 ) -> None:
     """Coefficients of the normal equations, -Jᵀ W r and Dᵀ Q D ξ."""
-    image, log_scale, metric, edge, active, link, evidence = picture
+    image, log_scale, metric, edge, active, link, evidence, rays = picture
     gamma, table, step = wall
-    threshold, epsilon, scale, second = penalties
+    threshold, epsilon, scale, kind = penalties
+    stencils = np.empty((3, 6))
     by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth = out
     for i in range(PAD, v.shape[0] - PAD):
         for j in range(PAD, v.shape[1] - PAD):
@@ -176,7 +193,22 @@ def linearise(
                 descent[i, j - 1] += u * left
                 descent[i + 1, j] -= w * below
                 descent[i - 1, j] += w * above
-            if second:
+            if kind == CURVATURE:
+                all_known = form_stencils(rays, link, i, j, stencils)
+                form, around = (
+                    form_of(xi, i, j, stencils),
+                    (metric[0, i, j], metric[1, i, j], metric[2, i, j]),
+                )
+                bending_weights(form, around, all_known, epsilon, lam * edge[i, j], i, j, smoothness)
+                q = smoothness[:, i, j]
+                uu = q[0] * form[0] + q[1] * form[1] + q[2] * form[2]
+                uv = q[1] * form[0] + q[3] * form[1] + q[4] * form[2]
+                vv = q[2] * form[0] + q[4] * form[1] + q[5] * form[2]
+                for k in range(6):
+                    pull = stencils[0, k] * uu + stencils[1, k] * uv + stencils[2, k] * vv
+                    smooth[i + ROWS[k], j + COLUMNS[k]] += pull
+                continue
+            if kind == SECOND:
                 uu, uv, vv = _second(xi, link, i, j)
                 size = np.sqrt(uu * uu + uv * uv + vv * vv)
                 q = lam * edge[i, j] * scale * scale / max(scale * size, epsilon)
@@ -195,7 +227,7 @@ def linearise(
                 smooth[i, j] -= q * (du + dw)
                 smooth[i, j + 1] += q * du
                 smooth[i + 1, j] += q * dw
-            smoothness[i, j] = q
+            smoothness[0, i, j] = q
 
 
 def shading_table(photometry: Photometry, size: int = TABLE_SIZE) -> tuple[FloatArray, float]:

@@ -26,7 +26,7 @@ from endolab.depth.energy_kernels import (
 )
 from endolab.depth.fast_marching import March
 from endolab.depth.normal_equations import Coefficients
-from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
+from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, NONE, REGULARISERS, Problem
 from endolab.depth.tears import Blocks, coarser_links, main_parts, sides
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import PAD, block_sums, halved, inner, kernel, padded
@@ -88,6 +88,7 @@ class Grid:
     link: Any  # (2, ...) int8: steps that derivatives take, see `numerics.derivatives.links`
     whole: Any  # those that there would be without cuts: the same array where nothing is torn
     evidence: Any  # see `Problem`, int8; (0, 0) for exact pixels
+    rays: FloatArray  # (3, ...), of which second differences make planes free; (3, 0, 0) where none does
     inflow: FloatArray  # (H, W), not padded: log d where it is given and no unknown, else nan
     scale: float  # what a derivative of ξ per pixel of this grid is multiplied by
     table: FloatArray  # of `energy_kernels.shading_table`, as is the step
@@ -111,6 +112,9 @@ class Grid:
             padded(links(mask, problem.cuts).astype(np.int8)) if torn else whole,
             whole,
             np.empty((0, 0), np.int8) if problem.evidence is None else padded(problem.evidence),
+            padded(np.where(mask, np.moveaxis(field.rays, -1, 0), 0.0))
+            if problem.regulariser == "curvature"
+            else np.empty((3, 0, 0)),
             np.full(mask.shape, np.nan) if inflow is None else np.where(mask, inflow, np.nan),
             problem.derivative_scale,
             *shading_table(problem.photometry),
@@ -133,8 +137,10 @@ class Grid:
             link=link,
             whole=whole,
             evidence=evidence,
+            # A plane's 1/d is linear in the ray, so that block means of both stay a plane.
+            rays=np.stack([self.restrict(one) for one in self.rays]) if self.rays.size else self.rays,
             inflow=np.where(inner(halved(given)) > 0, inflow, np.nan),
-            scale=self.scale / (4 if self._second else 2),
+            scale=self.scale / (2 if self.problem.regulariser == "first" else 4),
         )
 
     def _coarser_evidence(self) -> tuple[FloatArray, Any]:
@@ -192,8 +198,8 @@ class Grid:
         return main_parts(self.active, self.link, self.whole)
 
     @property
-    def _second(self) -> bool:
-        return self.problem.regulariser == "second"
+    def _kind(self) -> int:
+        return REGULARISERS.index(self.problem.regulariser)
 
     @cached_property
     def log_facing(self) -> FloatArray:
@@ -243,7 +249,7 @@ class Grid:
         p = self.problem
         arrays = (self.image, self.log_scale, self.metric, self.edge, self.active, self.link, self.evidence)
         wall = Wall(p.photometry.gamma, self.table, self.step)
-        return Picture(*arrays), wall, Penalties(p.threshold, p.epsilon, self.scale, self._second)
+        return Picture(*arrays, self.rays), wall, Penalties(p.threshold, p.epsilon, self.scale, self._kind)
 
     def terms(self, v: FloatArray, lam: float) -> dict[str, float]:
         """The energy's terms, as `energy_terms` gives them, of the map v."""
@@ -254,13 +260,14 @@ class Grid:
     def linearised(self, v: FloatArray, lam: float) -> tuple[Coefficients, FloatArray]:
         """Normal equations of a Gauss-Newton step, as of the sum over pixels: matrix, right-hand side."""
         xi = self._xi(v)
-        by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth = np.zeros((7, *v.shape))
+        by_v, by_v_u, by_v_v, weight, descent, smooth = np.zeros((6, *v.shape))
+        smoothness = np.zeros((6 if self._kind == CURVATURE else 1, *v.shape))
         out = (by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth)
         linearise(v, xi, *self._energy(), lam, out)
         slope = xi if self.problem.xi == "d" else -xi
         free = self.active * padded(np.isnan(self.inflow).astype(np.int8))
         fields = (by_v, by_v_u, by_v_v, weight, slope, smoothness, self.link, self.whole, free)
-        return Coefficients(*fields, self._second), (descent - slope * smooth) * free
+        return Coefficients(*fields, self.rays, self._kind), (descent - slope * smooth) * free
 
 
 def _block_means(a: FloatArray, inside: Any) -> FloatArray:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.normal_equations import CENTRE, EE, SE, SS, SW, Coefficients, E, S
+from endolab.depth.normal_equations import CENTRE, EE, SE, SEE, SS, SSE, SW, Coefficients, E, S
 from endolab.depth.tears import Blocks, Strands, strands
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, kernel
@@ -38,6 +38,10 @@ def _others(m: Any, x: FloatArray, i: int, j: int) -> float:
         + m[SS, i - 2, j] * x[i - 2, j]
         + m[SE, i - 1, j - 1] * x[i - 1, j - 1]
         + m[SW, i - 1, j + 1] * x[i - 1, j + 1]
+        + m[SEE, i, j] * x[i + 1, j + 2]
+        + m[SSE, i, j] * x[i + 2, j + 1]
+        + m[SEE, i - 1, j - 2] * x[i - 1, j - 2]
+        + m[SSE, i - 2, j - 1] * x[i - 2, j - 1]
     )
 
 

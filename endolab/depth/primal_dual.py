@@ -345,8 +345,8 @@ def primal_dual(
 
     Islands of the mask are solved apart. The first order wants a small λ, 0.1 say. The energy may rise:
     its normals are not of a patch. So where it converges is no minimum either, and Gauss-Newton finds lower
-    ones. Areas of no `evidence` fill slowly. ValueError if the start or an option cannot be used, or the BRDF
-    has two slants for one brightness.
+    ones. Areas of no `evidence` fill slowly. ValueError if the start or an option cannot be used, the
+    regulariser is "curvature", or the BRDF has two slants for one brightness.
 
     - start: (H, W), log d to begin with, finite inside the mask; the paper's d₀ by default.
     - coupling: θ in units of 1/c at the start; what is stable limits it further.
@@ -361,6 +361,8 @@ def primal_dual(
     Iterates count steps (`k`); their scalars are steps, theta, and tau, the part of its way that a pixel
     goes in one.
     """
+    if problem.regulariser == "curvature":
+        raise ValueError("primal_dual takes regulariser='first' or 'second', got 'curvature'")
     for (name, (low, high)), value in zip(RANGES.items(), (coupling, decay, safety, patch), strict=True):
         number(name, value, low, high)
     number("tolerance", tolerance, 0)

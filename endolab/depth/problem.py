@@ -16,7 +16,8 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import mask_array, number, owned, real_array, told
 from endolab.numerics.derivatives import REFERENCE_WIDTH, forward_gradient
 
-REGULARISERS = ("first", "second")
+REGULARISERS = ("first", "second", "curvature")
+FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
 EDGE_SCALE = 0.05  # image gradient, per 1/320 of the width, at which g falls to 1/e
 EXACT, AT_LEAST, NONE = 0, 1, 2  # what a pixel's value says of the surface's: see `Problem`
 
@@ -49,7 +50,9 @@ class Problem:
     camera: Camera  # of size (W, H)
     photometry: Photometry  # simplified, of that channel; the gain is known, or chosen and `metric` False
     xi: str = "1/d"  # the map that the regulariser sees: "1/z", "d" or "1/d"
-    regulariser: str = "second"  # "first" or "second": of the gradient or of the Hessian
+    # Of the gradient ("first") or of the Hessian ("second") of ξ; or of how the surface bends ("curvature"),
+    # of ξ = 1/d only: see `curvature`.
+    regulariser: str = "second"
     lam: float = 1.0  # λ, at least 0: weight of the regulariser, larger is smoother
     # ε of the Huber norm, positive: below it a derivative costs its square, above it its size. ξ/ξ̃ of a
     # smooth wall bends by less than 1e-3 per squared 1/320 of the width, so that only creases are charged
@@ -72,6 +75,8 @@ class Problem:
         check_xi(self.xi)
         if self.regulariser not in REGULARISERS:
             raise unknown_name("regulariser", self.regulariser, REGULARISERS)
+        if self.regulariser == "curvature" and self.xi != "1/d":
+            raise ValueError(f"regulariser='curvature' is that of xi='1/d', got xi={self.xi!r}")
         for name in ("lam", "epsilon", "threshold"):
             number(name, getattr(self, name))
             check_range(name, getattr(self, name))

@@ -131,8 +131,9 @@ def reconstruct(
         do not use the regulariser; it counts in the energy that is reported.
     xi : {"1/z", "d", "1/d"}
         The map that the regulariser sees.
-    regulariser : {"first", "second"}
-        Total variation of ξ or of its gradient.
+    regulariser : {"first", "second", "curvature"}
+        Total variation of ξ, of its gradient, or, for ξ = 1/d, of how the surface bends: planes cost nothing
+        then, and what a sheet can be rolled into, as a tube, little. `primal_dual` does not know the last.
     lam : float
         λ, the regulariser's weight; larger is smoother.
     channel : {"red", "green", "blue", "grey", "separated"}, optional

@@ -352,6 +352,7 @@ class Recorder:
     def _settings(self, problem: Problem) -> str:
         gain = problem.photometry.gain
         low, high = self._range
+        order = "" if problem.regulariser == "curvature" else " order"
         rows = {
             "distances": "mm" if problem.metric else "**relative units**, not mm: the gain is unknown",
             "picture": f"{problem.camera.width} x {problem.camera.height} px, {problem.camera.model} camera",
@@ -359,7 +360,7 @@ class Recorder:
             "γ": problem.photometry.gamma,
             "gain": ("unknown" if gain is None else f"{gain:.6g}") + ("" if problem.metric else " (a guess)"),
             "ξ": problem.xi,
-            "regulariser": f"{problem.regulariser} order, λ = {problem.lam:g}, ε = {problem.epsilon:g}",
+            "regulariser": f"{problem.regulariser}{order}, λ = {problem.lam:g}, ε = {problem.epsilon:g}",
             "data": f"Huber, threshold {255 * problem.threshold:.3g} grey levels of 255",
             **problem.settings,
         }

@@ -409,7 +409,7 @@ def test_evaluate_takes_a_result_of_a_shrunk_frame(work, solve, sim, tmp_path, c
         (["--solver", "gaus_newton"], "or primal_dual; did you mean gauss_newton?"),
         (["--snapshots", "3"], "solver 'gauss_newton' has no option 'snapshots'"),
         (["--xi", "z"], "unknown xi 'z'; choose 1/z, d or 1/d"),
-        (["--regulariser", "third"], "unknown regulariser 'third'; choose first or second"),
+        (["--regulariser", "third"], "unknown regulariser 'third'; choose first, second or curvature"),
         (["--channel", "pink"], "unknown channel 'pink'; choose red, green, blue, grey or separated"),
         (["--lam", "-1"], "lam must lie in [0, 1e+12], got -1"),
         (["--lam", "nan"], "lam must be finite, got nan"),

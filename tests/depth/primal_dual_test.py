@@ -13,7 +13,7 @@ from endolab.depth.problem import Problem
 from endolab.model.surface import slant
 from endolab.numerics.derivatives import gradient
 from tests.depth.primal_dual_model import PrimalDualModel
-from tests.tools.problems import energies, errors_of, every_regulariser, every_variant, problem_of
+from tests.tools.problems import energies, errors_of, papers_regulariser, papers_variant, problem_of
 
 CAMERA = el.Pinhole(19, 15, 9.0, 10.4, 8.8, 7.1)
 
@@ -36,7 +36,7 @@ def rate(function, v, ripple, small=1e-6):
     return abs(function(v + small * ripple) - function(v - small * ripple)) / (2 * small)
 
 
-@every_variant
+@papers_variant
 @pytest.mark.parametrize("radius", [0, 2])
 def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius):
     problem, v = holed(rng, xi=xi, regulariser=regulariser, lam=0.3, epsilon=1e-3)
@@ -118,7 +118,7 @@ def test_ripples_die_within_the_bound_and_grow_beyond_it(safety, stays, rng):
     assert (size[-1] < 1e-3) if stays else (size[-1] > 2e-2), size
 
 
-@every_regulariser
+@papers_regulariser
 def test_near_the_truth_it_stays(regulariser):
     problem, seen = problem_of("plane", 80, xi="1/z", regulariser=regulariser, lam=0.01, epsilon=3e-4)
     result = el.run(primal_dual(problem, np.log(seen.distance), max_iterations=200, tolerance=0))
@@ -136,7 +136,7 @@ def test_simple_surfaces_are_found_from_the_papers_start(scene, mm):
     assert errors.mean_degrees < 5
 
 
-@every_variant
+@papers_variant
 def test_no_combination_diverges_on_the_tube(xi, regulariser):
     problem, _ = problem_of("tube", 80, xi=xi, regulariser=regulariser, lam=0.1, epsilon=3e-4)
     result = el.run(primal_dual(problem, tolerance=0, max_iterations=400, every=100))

@@ -17,7 +17,7 @@ LARGE = ("1000000", "100000", "99999999999")  # what would take the machine's me
 SOLVING = {
     "--solver": ["facing", "fast_marching", "gauss_newton", "primal_dual"],
     "--xi": ["1/z", "d", "1/d"],
-    "--regulariser": ["first", "second"],
+    "--regulariser": ["first", "second", "curvature"],
     "--lam": ["0.1", "1", "1e-9", "1e9"],
     "--channel": ["red", "green", "blue", "grey"],
     "--albedo": ["0.5", "0.7,0.4,0.3", "1"],

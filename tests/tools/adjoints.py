@@ -42,3 +42,11 @@ def hessian_adjoint(p, mask=None, cuts=None):
     out = sum(shifted(q, 1, a, 0.0) - 2 * q + shifted(q, -1, a, 0.0) for q, a in ((uu, 1), (vv, 0)))
     lower = shifted(uv, -1, 0, 0.0) - uv
     return out + np.sqrt(2) * (shifted(lower, -1, 1, 0.0) - lower)
+
+
+def second_form_adjoint(p, shares, known, mask=None, cuts=None):
+    """Of `second_form`, whose `plane_shares` and `whole` are given."""
+    p = np.where(known, p, 0.0)
+    a, b, c = np.einsum("klij,kij->lij", shares, p)
+    straight = hessian_adjoint(p / np.array([1.0, np.sqrt(2), 1.0])[:, None, None], mask, cuts)
+    return straight - gradient_adjoint((a, b), mask, cuts) - c

@@ -10,12 +10,12 @@ from endolab import datasets
 from endolab.depth.problem import Problem
 from endolab.metrics.depth_errors import compare
 
-# The paper's six.
-every_variant = pytest.mark.parametrize(
-    ("xi", "regulariser"), [(xi, order) for xi in ("1/z", "d", "1/d") for order in ("first", "second")]
-)
+PAPERS = [(xi, order) for xi in ("1/z", "d", "1/d") for order in ("first", "second")]
+papers_variant = pytest.mark.parametrize(("xi", "regulariser"), PAPERS)
+every_variant = pytest.mark.parametrize(("xi", "regulariser"), [*PAPERS, ("1/d", "curvature")])
 every_xi = pytest.mark.parametrize("xi", ["1/z", "d", "1/d"])
-every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
+papers_regulariser = pytest.mark.parametrize("regulariser", ["first", "second"])
+every_regulariser = pytest.mark.parametrize("regulariser", ["first", "second", "curvature"])
 # A sheet with a sheen, half as bright again where it faces the light: its BRDF has kinks, and a cusp at 0.
 SHEET = el.TabulatedBRDF(
     tuple(np.linspace(0, 1.5, 15)), tuple(0.2 + 0.1 * np.exp(-16 * np.linspace(0, 1.5, 15) ** 2))
