@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from endolab.model.cameras import KannalaBrandt, Pinhole
 from endolab.synthetic.scenes import SCENES, Bowl, Colon, Plane, Tube
+from tests.tools.tangents import points_and_normals
 
 CAMERAS = {
     "pinhole": Pinhole(80, 60, 50.0, 50.0, 39.5, 29.5),
@@ -127,15 +128,8 @@ def test_rays_that_are_not_there(scene):
 @every_shape
 def test_normals_are_across_the_tangents(scene, camera):
     """Finite differences of the points, a thousandth of a pixel apart."""
-    h = 5e-4
-    pixels = np.moveaxis(np.indices((camera.height, camera.width))[::-1], 0, -1) + np.array([0.013, 0.021])
-    point = {}
-    for step in [(0, 0), (h, 0), (-h, 0), (0, h), (0, -h)]:
-        rays = camera.unproject(pixels + step)
-        point[step] = scene.distance(rays)[..., None] * rays
-    across = np.cross(point[h, 0] - point[-h, 0], point[0, h] - point[0, -h])
-    across /= -np.linalg.norm(across, axis=-1, keepdims=True)
-    sine = np.linalg.norm(np.cross(across, scene.normals(point[0, 0])), axis=-1)
+    here, across = points_and_normals(scene, camera)
+    sine = np.linalg.norm(np.cross(across, scene.normals(here)), axis=-1)
     met = np.isfinite(sine)
     assert met.mean() > 0.4
     assert np.rad2deg(np.percentile(sine[met], 99)) < 1e-3

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from endolab.metrics.depth_errors import angle_between, occlusion_cuts
 from endolab.model.cameras import KannalaBrandt, Pinhole
 from tests.tools.cavities import Cavity, Fold, Polyp
+from tests.tools.tangents import points_and_normals
 
 PINHOLE = Pinhole(48, 36, 30.0, 30.0, 23.5, 17.5)
 FISHEYE = KannalaBrandt(41, 41, 14.0, 14.0, 20.0, 20.0, (0.01, 0.0, 0.0, 0.0))
@@ -49,21 +50,13 @@ def test_known_distances():
 @every_camera
 @every_cavity
 def test_points_are_on_the_wall_and_normals_across_it(cavity, camera):
-    h = 5e-4
-    pixels = np.moveaxis(np.indices((camera.height, camera.width))[::-1], 0, -1) + np.array([0.013, 0.021])
-    point = {}
-    for step in [(0, 0), (h, 0), (-h, 0), (0, h), (0, -h)]:
-        rays = camera.unproject(pixels + step)
-        point[step] = cavity.distance(rays)[..., None] * rays
-    here = point[0, 0]
+    here, across = points_and_normals(cavity, camera)
     known = np.isfinite(here[..., 0])
     assert known.mean() > 0.7
     assert np.abs(cavity.inside(here[known])).max() < 1e-6
     normals = cavity.normals(here)
     assert_allclose(np.linalg.norm(normals[known], axis=-1), 1, rtol=1e-12)
     assert np.einsum("ni,ni->n", here[known], normals[known]).max() < 0
-    across = np.cross(point[h, 0] - point[-h, 0], point[0, h] - point[0, -h])
-    across /= -np.linalg.norm(across, axis=-1, keepdims=True)
     off = angle_between(across, normals)[known]
     assert np.percentile(off, 98) < 0.02
     assert np.mean(off > 0.5) < 0.01  # pixels that an edge crosses
