@@ -23,7 +23,7 @@ SEPARATED = "separated"  # the channel that is made of all three, bounced light 
 LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
 # Of a whole run of gauss_newton with its recording and its files, measured at 0.2 to 12 Mpx.
 BYTES, BYTES_PER_PIXEL = 400e6, 720  # at the peak, of any channel
-SECONDS_PER_PIXEL, TO_SEPARATE = 9e-6, 28e-6  # on two cores; a frame that converges late takes longer
+SECONDS_PER_PIXEL, TO_SEPARATE = 9e-6, 50e-6  # on two cores; with contours, and less without
 
 
 def make_problem(
