@@ -41,7 +41,7 @@ LARGEST, SHINIEST = 2.5, 3.0  # a and m at most
 NEAR = 0.98  # share of a bound beyond which an estimate is at it
 ALBEDOS = 0.02, 0.95  # least and greatest
 MISFIT = 0.1  # mean difference of the colours' log E beyond which they say no one E
-NONE_BOUNCED = 0.05  # of a, below which nothing is said to have bounced
+NONE_BOUNCED = 0.05  # of a, below which nothing is taken to have bounced
 SEEN = 0.2  # of m, beyond which a film is spoken of
 LEAST = 30  # patches that show all three colours
 ROUNDS = 3  # of the robust weights' scale
@@ -106,7 +106,7 @@ class Light:
             whose = "given albedos" if given else "albedos of tissue"
             why = f"The colours do not tell how much it was ({self.refused})"
             return f"{taken}. {why}: it was computed, for {whose} of {albedos}."
-        if self.factor < NONE_BOUNCED:
+        if self.factor == self.film == 0:
             return "The colours show no light that bounced, and none was taken out."
         film = ", and a rough film's sheen with it" if self.film > SEEN else ""
         asked = f"the colours ask for {self.factor:.2f} of what the surface would make"
@@ -220,6 +220,8 @@ def found_light(patches: Patches, belief: Belief) -> Light:
     if belief.widths != GIVEN and np.ptp(found.albedo) < ALIKE * found.albedo.max():
         raise NoColour("they are as good as equal")
     why = _unlikely(found)
+    if not why and found.factor < NONE_BOUNCED and found.film < SEEN:
+        found = replace(belief.light if belief.widths == GIVEN else found, factor=0.0, film=0.0, misfit=misfit)
     return replace(belief.light, misfit=misfit, refused=why) if why else found
 
 

@@ -19,11 +19,11 @@ import numpy as np
 
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
-from endolab.depth.result import Iterate, staged
-from endolab.numerics.arrays import BoolArray
+from endolab.depth.result import Iterate, Result, staged
+from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.contours import find_contours
 from endolab.preprocessing.frame import Frame
-from endolab.reconstruction.problem_setup import LEAST_SIDE, noted, on_grid
+from endolab.reconstruction.problem_setup import LEAST_SIDE, noted, on_grid, remarked
 
 SMOOTH, VOTE, CONTOURS = "smooth", "vote", "contours"  # stages
 WIDTH = 160  # px; of the picture that is put to the vote
@@ -122,8 +122,38 @@ def torn_where_it_pays(
     return found if always or found.energy < smooth.energy else smooth
 
 
-def torn(problem: Problem) -> Generator[Iterate, None, Iterate]:
-    """Solve a problem smooth, and then torn if the picture has any contours; return the last surface."""
-    smooth = yield from staged(gauss_newton(problem), SMOOTH)
-    found = yield from torn_where_it_pays(problem, smooth, always=True)
-    return replace(found, problem=noted(found.problem, contours=found.problem.cuts is not None))
+def judged(
+    problem: Problem, contours: bool | None, before: Result | None = None
+) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
+    """Tear the surface of one channel where contours are found in its picture, before it is solved.
+
+    `contours` says whether to, by default if that explains the picture much better. Lines as steep as those of
+    an earlier result, `before`, are torn without asking. Returns the problem, and log d (H, W) to begin with,
+    or None.
+    """
+    if problem.cuts is not None or contours is False:
+        return problem, None
+    begin = None
+    if before is not None:
+        steep = steepness_of(before.problem)
+    else:
+        smooth = yield from staged(gauss_newton(small(problem)), SMOOTH)
+        steep = yield from voted(problem, smooth, bool(contours), 0)
+    if steep is not None:
+        problem = torn_at(problem, steep)
+    if before is None and problem.cuts is not None:
+        begin = on_grid(smooth, problem)
+    return remarked_on_contours(problem), begin
+
+
+def remarked_on_contours(problem: Problem) -> Problem:
+    """Say whether contours were found, and what became of them."""
+    if problem.cuts is None:
+        sentence = "No contour was torn: a smooth surface explains the picture as well."
+    else:
+        count = int(problem.cuts.sum())
+        sentence = (
+            f"The surface is torn along {count} px of contours, where folds seem to hide what is behind them: "
+            "so it explains the picture better."
+        )
+    return noted(remarked(problem, sentence), contours=problem.cuts is not None)

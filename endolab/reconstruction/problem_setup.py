@@ -20,6 +20,7 @@ from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, 
 from endolab.preprocessing.highlights import check_highlights, find_highlights, inpaint
 
 SEPARATED = "separated"  # the channel that is made of all three, bounced light taken out
+AUTO = "auto"  # the one that the frame's evidence allows
 LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
 # Of a whole run of gauss_newton with its recording and its files, measured at 0.2 to 12 Mpx.
 BYTES, BYTES_PER_PIXEL = 400e6, 720  # at the peak, of any channel
@@ -46,8 +47,8 @@ def make_problem(
     See `reconstruct` for the parameters. With an unknown gain, one is chosen that makes the
     median of d₀ one unit.
     """
-    if channel == SEPARATED:
-        raise ValueError("channel='separated' is found by solving: use reconstruct() or iterate()")
+    if channel in (SEPARATED, AUTO):
+        raise ValueError(f"channel={channel!r} is found by solving: use reconstruct() or iterate()")
     options = {"xi": xi, "regulariser": regulariser, "lam": lam, "epsilon": epsilon, "threshold": threshold}
     problem = make_problems(frame, calibration, [channel], width, smooth, highlights, cuts=cuts, **options)[0]
     return noted(problem, contours=problem.cuts is not None)
@@ -126,6 +127,12 @@ def _check_frame(width: int, height: int) -> None:
 def noted(problem: Problem, **settings: object) -> Problem:
     """Add to what people are told."""
     return replace(problem, settings=problem.settings | settings)
+
+
+def remarked(problem: Problem, sentence: str) -> Problem:
+    """Add a sentence about what was done and why."""
+    notes = (*problem.origin.notes, sentence)
+    return noted(replace(problem, origin=replace(problem.origin, notes=notes)), notes=notes)
 
 
 def in_units(problem: Problem) -> Problem:

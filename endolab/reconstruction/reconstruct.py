@@ -3,8 +3,8 @@
 Stages, each of which hands the next one plain value:
 
 1. *prepared*: the frame becomes a `Problem`, or `Colours` (`problem_setup`);
-2. *bounced light and contours found*, with ``channel="separated"``: `Colours` become a `Problem` of
-   direct light and a start (`separation`);
+2. *bounced light and contours found*: `Colours` become a `Problem` of direct light and a start
+   (`separation`), the surface of one channel is torn (`contours`);
 3. *solved*: the solver's iterates, the last or the best of which is the answer;
 4. *scaled*: the same surface in mm, if a length is known (`scale`).
 
@@ -25,14 +25,25 @@ from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import told as said
 from endolab.preprocessing.frame import Frame
-from endolab.reconstruction.contours import torn
-from endolab.reconstruction.problem_setup import SEPARATED, make_problem, noted, on_grid, start_from
+from endolab.reconstruction.contours import judged
+from endolab.reconstruction.problem_setup import (
+    AUTO,
+    SEPARATED,
+    make_problem,
+    noted,
+    on_grid,
+    remarked,
+    start_from,
+)
 from endolab.reconstruction.scale import KnownDiameter, KnownDistance, check_scale, known_scale
 from endolab.reconstruction.separation import Colours, direct_light
 
 PREPARING = (
     *("channel", "width", "smooth", "highlights"),
     *("xi", "regulariser", "lam", "epsilon", "threshold", "cuts"),
+)
+GREY = (
+    "The picture is grey, and does not tell light that bounced from wall to wall from the lamp's: it was left in."
 )
 
 
@@ -45,8 +56,9 @@ def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVE
     start, contours = options.pop("start", None), options.pop("contours", None)
     _check(frame, calibration, contours, start)
     checked_solver(solver, options if start is None else options | {"start": start})
+    how["channel"] = _channel(how.get("channel"), solver)
     prepared = _prepared(frame, calibration, **how)
-    return _stages(prepared, contours, start, solver, options)
+    return _stages(prepared, _wanted(contours, how["channel"]), start, solver, options)
 
 
 def _check(frame: Any, calibration: Any, contours: Any, start: Any) -> None:
@@ -62,12 +74,26 @@ def _check(frame: Any, calibration: Any, contours: Any, start: Any) -> None:
         raise ValueError(f"contours must be True, False or None, got {said(contours)}")
 
 
+def _channel(channel: str | None, solver: str) -> str | None:
+    """Return the channel, by default the one for the solver: the paper's take the paper's picture."""
+    return AUTO if channel is None and solver == DEFAULT_SOLVER else channel
+
+
+def _wanted(contours: bool | None, channel: str | None) -> bool | None:
+    """Whether to tear at contours; None if the evidence is to tell."""
+    return False if contours is None and channel not in (AUTO, SEPARATED) else contours
+
+
 def _prepared(
     frame: Frame, calibration: Endoscope, *, channel: str | None = None, **how: Any
 ) -> Problem | Colours:
-    if channel == SEPARATED:
-        return Colours.of(frame, calibration, **how)
-    return make_problem(frame, calibration, channel=channel, **how)
+    if channel == SEPARATED or (channel == AUTO and frame.image.ndim == 3):
+        return Colours.of(frame, calibration, must=channel == SEPARATED, **how)
+    if channel != AUTO:
+        return make_problem(frame, calibration, channel=channel, **how)
+    if how.get("highlights") is None:
+        how["highlights"] = "ignore"
+    return remarked(make_problem(frame, calibration, **how), GREY)
 
 
 def _stages(
@@ -80,14 +106,9 @@ def _stages(
 ) -> Solver:
     """All that is solved; `told` is added to the settings of the problem whose answer counts."""
     before, begin = (start, None) if isinstance(start, Result) else (None, start)
-    if isinstance(prepared, Colours):
-        problem, found = yield from direct_light(prepared, contours, before)
-        begin = found if begin is None else begin
-    elif contours and prepared.cuts is None:
-        surface = yield from torn(prepared)
-        problem, begin = surface.problem, surface.log_distance if begin is None else begin
-    else:
-        problem = prepared
+    found = direct_light if isinstance(prepared, Colours) else judged
+    problem, near = yield from found(prepared, contours, before)  # type: ignore[operator]
+    begin = near if begin is None else begin
     if before is not None and begin is None:
         begin = start_from(before, problem)
     if begin is not None and "start" in options_of(solver):
@@ -136,10 +157,12 @@ def reconstruct(
         then, and what a sheet can be rolled into, as a tube, little. `primal_dual` does not know the last.
     lam : float
         λ, the regulariser's weight; larger is smoother.
-    channel : {"red", "green", "blue", "grey", "separated"}, optional
-        Of a colour picture; green by default. `separated` finds how much of each colour's light came
-        by way of other walls, takes it out, and merges the three (`separation`). It uses the
-        wall's albedos of the calibration, if there are three, and estimates them otherwise.
+    channel : {"auto", "separated", "red", "green", "blue", "grey"}, optional
+        `separated` finds how much of each colour's light came by way of other walls, takes it out, and
+        merges the three (`separation`). It uses the wall's albedos of the calibration, if there are
+        three, and estimates them otherwise. `auto`, the default with `gauss_newton`, does that with a colour
+        picture, and takes a grey one as it is; what was done and why is noted (`assumptions.notes`). The
+        other solvers take green, as the paper does, if nothing is said.
     width : int, optional
         Shrink the picture to this many columns first, px.
     smooth : float, optional
@@ -147,10 +170,11 @@ def reconstruct(
         n being the noise that the picture shows, in grey levels.
     highlights : {"keep", "ignore", "inpaint"}, optional
         What to do with mirrored light: take it as it is, as no evidence, or fill it in from around.
-        By default "ignore" with `separated` and "keep" otherwise.
+        By default "ignore" with `auto` and `separated`, and "keep" otherwise.
     contours : bool, optional
-        Whether to tear the surface at the occluding contours that are found in the picture. By
-        default not, but with `separated` if the energy says that it pays (`reconstruction.contours`).
+        Whether to tear the surface at the occluding contours that are found in the picture. By default
+        with `auto` and `separated` if the energy says that it pays (`reconstruction.contours`), and not
+        otherwise.
     median_distance : float, optional
         Fix the scale so that the median distance is this, mm.
     known_distance : (mm, column, row), optional
@@ -193,16 +217,16 @@ def reconstruct(
         options["max_iterations"], max_iterations = max_iterations, None  # the solver counts itself
     told = {"solver": solver, **of_problem, **lengths}
     told.pop("cuts", None)
-    how: dict[str, Any] = {"channel": channel, "width": width, "smooth": smooth, "highlights": highlights}
-    prepared = _prepared(frame, calibration, **how, **of_problem)
+    channel, how = _channel(channel, solver), {"width": width, "smooth": smooth, "highlights": highlights}
+    prepared = _prepared(frame, calibration, channel=channel, **how, **of_problem)
 
     def scaled(answer: Iterate) -> Iterate:
-        if isinstance(prepared, Colours) and answer.stage != SOLUTION:  # stopped on the way
-            whole = noted(prepared.fine[1], **told)
+        if answer.stage != SOLUTION:  # stopped on the way
+            whole = noted(prepared.fine[1] if isinstance(prepared, Colours) else prepared, **told)
             answer = Iterate.of(whole, on_grid(answer, whole))
         return known_scale(answer, **lengths)
 
-    stages = _stages(prepared, contours, start, solver, options, told)
+    stages = _stages(prepared, _wanted(contours, channel), start, solver, options, told)
     return run(stages, observers, max_iterations, scaled)
 
 

@@ -41,7 +41,13 @@ from endolab.reconstruction.colours import (
     all_exact,
     found_light,
 )
-from endolab.reconstruction.contours import steepness_of, torn_at, torn_where_it_pays
+from endolab.reconstruction.contours import (
+    judged,
+    remarked_on_contours,
+    steepness_of,
+    torn_at,
+    torn_where_it_pays,
+)
 from endolab.reconstruction.problem_setup import (
     LEAST_SIDE,
     SEPARATED,
@@ -50,6 +56,7 @@ from endolab.reconstruction.problem_setup import (
     make_problems,
     noted,
     on_grid,
+    remarked,
     resampled,
 )
 
@@ -77,12 +84,16 @@ class Colours:
         width: int | None = None,
         smooth: float | None = None,
         highlights: str | None = None,
+        must: bool = True,
         **options: Any,
     ) -> Colours:
-        """Prepare the three colours; see `make_problems`. Highlights are ignored by default."""
+        """Prepare the three colours; see `make_problems`. Highlights are ignored by default.
+
+        Given albedos of which no use can be made are an error, if they `must` be used.
+        """
         if frame.image.ndim == 2:
             raise ValueError(f"{frame.name} is grey, and channel='separated' needs its three colours")
-        albedo = _albedos(calibration)
+        albedo = _albedos(calibration, must)
         highlights = "ignore" if highlights is None else highlights
         fine = make_problems(frame, calibration, CHANNELS, width, smooth, highlights, **options)
         coarse = fine
@@ -134,9 +145,9 @@ def direct_light(
         best = max((colours.fine[index] for index in (1, 2, 0)), key=_signal)  # of equals, not red
         name = best.settings["channel"]
         note = f"The colours tell nothing of bounced light ({error}), so {name} is taken as it is."
-        best = replace(best, origin=replace(best.origin, notes=(note,)))
-        return noted(best, notes=(note,), contours=False), None
-    problem = _in_full(colours.fine, found, given is not None and given.ndim == 1)
+        return (yield from judged(remarked(best, note), contours, before))
+    three = given is not None and given.ndim == 1
+    problem = _in_full(colours.fine, found, three, contours is not False)
     return problem, on_grid(found.surface, problem)
 
 
@@ -189,8 +200,11 @@ def _solved(
     return (yield from torn_where_it_pays(problem, smooth, bool(contours), steps, number))
 
 
-def _in_full(fine: list[Problem], found: Separation, given: bool) -> Problem:
-    """Return the problem of the light that has not bounced, at full size."""
+def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -> Problem:
+    """Return the problem of the light that has not bounced, at full size.
+
+    `given`: whether the albedos were, `asked`: whether contours were looked for.
+    """
     shape = fine[1].mask.shape
     problem = merged(fine, enlarged(found.inflation, shape), found.light.albedo)
     if found.cuts is not None:
@@ -200,9 +214,9 @@ def _in_full(fine: list[Problem], found: Separation, given: bool) -> Problem:
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T]
     note = found.light.told(given, np.array(medians))
     albedo = tuple(float(one) for one in found.light.albedo)
-    problem = replace(problem, origin=replace(problem.origin, albedo=albedo, notes=(note,)))
-    told = {"channel": SEPARATED, "contours": problem.cuts is not None, "albedo": list(albedo)}
-    return in_units(noted(problem, **told, notes=(note,)))
+    problem = remarked(replace(problem, origin=replace(problem.origin, albedo=albedo)), note)
+    problem = noted(problem, channel=SEPARATED, contours=problem.cuts is not None, albedo=list(albedo))
+    return in_units(remarked_on_contours(problem) if asked else problem)
 
 
 # Colours --------------------------------------------------------------------------------
@@ -259,17 +273,19 @@ def _check_colours(colours: Sequence[Problem]) -> None:
 # Albedos and S/E ------------------------------------------------------------------------
 
 
-def _albedos(calibration: Endoscope) -> FloatArray | None:
+def _albedos(calibration: Endoscope, must: bool) -> FloatArray | None:
     """Return the wall's albedos in red, green and blue, (3,), green's alone, (), or None: what is told."""
     albedo = np.asarray(getattr(calibration.photometry.brdf, "albedo", 0.0), dtype=np.float64)
     if albedo.shape != (3,):
         return albedo if ALBEDOS[0] < albedo < ALBEDOS[1] else None
-    found = tuple(albedo.tolist())
+    problem = ""
     if np.any(albedo <= 0) or np.any(albedo >= 1):
-        raise ValueError(f"channel='separated' needs albedos between 0 and 1, got {found}")
-    if np.ptp(albedo) < ALIKE * albedo.max():
-        raise ValueError(f"channel='separated' needs albedos that differ between colours, got {found}")
-    return albedo
+        problem = "between 0 and 1"
+    elif np.ptp(albedo) < ALIKE * albedo.max():
+        problem = "that differ between colours"
+    if problem and must:
+        raise ValueError(f"channel='separated' needs albedos {problem}, got {tuple(albedo.tolist())}")
+    return None if problem else albedo
 
 
 def _bounced(
