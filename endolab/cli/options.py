@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-CHANNELS = ("red", "green", "blue", "grey", "separated")
+CHANNELS = ("auto", "separated", "red", "green", "blue", "grey")
 MOST = 2**31 - 1  # that a whole number may be; no count is larger
 CONTOURS = {"auto": None, "yes": True, "no": False}
 CHOSEN = ("highlights", "epsilon", "threshold", "max_iterations")  # handed on only if they were given
@@ -93,7 +93,10 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
     )
     weight = f"its weight; larger is smoother (default 1){weights}"
     add("--lam", type=str if several else number, default=1.0, metavar="λ", help=weight)
-    channels = "red, green (default), blue or grey; separated: all three, light that bounced taken out"
+    channels = (
+        "auto (default): what the frame's evidence allows; separated: all three colours, light that bounced "
+    )
+    channels += "taken out; red, green, blue or grey: this alone (green with the solvers of the paper)"
     size = "derivative of ξ above which the regulariser charges its size, not its square (default 1e-3)"
     add("--epsilon", type=number, metavar="ε", help=size)
     size = "error of a stored value above which the picture is charged so (default 0.05)"
@@ -101,9 +104,10 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
     add("--max-iterations", type=whole, metavar="N", help="steps of the solver at most")
     add("--channel", metavar="NAME", help=channels)
     add("--albedo", metavar="A", help="of a matt wall, or R,G,B, in place of the calibration's BRDF")
-    folds = "whether folds may hide what is behind them"
+    folds = "whether folds may hide what is behind them; auto: if that explains the picture better"
     add("--contours", choices=tuple(CONTOURS), default="auto", help=folds)
-    add("--highlights", choices=("keep", "ignore", "inpaint"), help="what to do with mirrored light")
+    treated = "what to do with mirrored light (default: ignore it with auto and separated, else keep)"
+    add("--highlights", choices=("keep", "ignore", "inpaint"), help=treated)
     add("--median-distance", type=number, metavar="MM", help="fix the scale of the result")
     if not several:
         add("--known-distance", metavar=KNOWN["distance"], help="fix it by the distance at a pixel")
@@ -113,9 +117,15 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
     add("--smooth", type=number, metavar="PX", help="blur the light first (default: by the noise)")
 
 
+def solver_of(arguments: argparse.Namespace) -> str:
+    """Return the solver that the options name, or the default."""
+    from endolab.depth.solvers import DEFAULT_SOLVER
+
+    return DEFAULT_SOLVER if arguments.solver is None else str(arguments.solver)
+
+
 def solving_keywords(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the keywords of `endolab.reconstruct` that the options stand for."""
-    from endolab.depth.solvers import DEFAULT_SOLVER
     from endolab.model.schema import unknown_name
 
     names = ("xi", "regulariser", "lam", "channel", "width", "smooth", "median_distance")
@@ -124,10 +134,13 @@ def solving_keywords(arguments: argparse.Namespace) -> dict[str, Any]:
         raise unknown_name("channel", arguments.channel, CHANNELS)
     if arguments.max_iterations is not None and arguments.max_iterations < 1:
         raise ValueError(f"--max-iterations must be at least 1, got {arguments.max_iterations}")
-    solver = DEFAULT_SOLVER if arguments.solver is None else arguments.solver
     chosen = {name: getattr(arguments, name) for name in CHOSEN}
     chosen["contours"] = CONTOURS[arguments.contours]
-    return {"solver": solver} | keywords | {key: value for key, value in chosen.items() if value is not None}
+    return (
+        {"solver": solver_of(arguments)}
+        | keywords
+        | {key: value for key, value in chosen.items() if value is not None}
+    )
 
 
 def known_length(arguments: argparse.Namespace) -> dict[str, Any]:

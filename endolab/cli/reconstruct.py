@@ -13,6 +13,7 @@ from endolab.cli.options import (
     calibration_of,
     known_length,
     listed,
+    solver_of,
     solving_keywords,
     whole,
 )
@@ -26,14 +27,16 @@ LARGE, ENOUGH = 2_000_000, 1000  # px of a frame that takes long, and columns th
 def _say_effort(arguments: argparse.Namespace, calibration: Any, what: str = "") -> None:
     """Say what a large frame takes before it is begun, and what helps."""
     from endolab.reconstruction.problem_setup import effort
+    from endolab.reconstruction.reconstruct import channel_for
 
     camera = calibration.camera
     wide = arguments.width or camera.width
     high, less = (max(1, round(camera.height * width / camera.width)) for width in (wide, ENOUGH))
     if wide * high <= LARGE or wide <= ENOUGH:
         return
-    seconds, needed = effort(wide, high, arguments.channel)
-    quick, _ = effort(ENOUGH, less, arguments.channel)
+    channel = channel_for(arguments.channel, solver_of(arguments))
+    seconds, needed = effort(wide, high, channel)
+    quick, _ = effort(ENOUGH, less, channel)
     takes = f"about {float(f'{seconds:.2g}'):g} s and {needed / 1e9:.2g} GB"
     helps = f"--width {ENOUGH} takes about {float(f'{quick:.1g}'):g} s"
     print(f"{wide}x{high} px: {takes}{what}; {helps}", flush=True)
@@ -79,7 +82,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     from endolab.io.images import read_frame
     from endolab.preprocessing.frame import looks_like_depth
     from endolab.preprocessing.prepare import prepare
-    from endolab.reconstruction.assumptions import notes
+    from endolab.reconstruction.assumptions import notes, of_evidence
     from endolab.reconstruction.reconstruct import reconstruct
     from endolab.reports.result import result_files, save_result
 
@@ -125,7 +128,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     if not result.metric:
         ways = "--median-distance, --known-distance or --known-diameter fixes the scale."
         print(f"The gain is unknown, so distances have no unit; {ways}")
-    for note in (*(prepared.notes if prepared is not None else ()), *notes(result)):
+    for note in (*(prepared.notes if prepared is not None else ()), *notes(result), *of_evidence(result)):
         print(note)
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")
@@ -244,7 +247,7 @@ def add_reconstruct_commands(commands: Any) -> None:
         "a frame or a video and a calibration in, surfaces out",
         "endolab reconstruct frame.png --calibration endoscope.json --out result",
         "endolab reconstruct frame.png --calibration paper --width 480 --out quick",
-        "endolab reconstruct frame.png --calibration c3vd --channel separated --out r",
+        "endolab reconstruct frame.png --calibration c3vd --channel green --contours yes --out r",
         "endolab reconstruct video.mp4 --calibration paper --every 5 --out video",
     )
     option = command.add_argument

@@ -22,7 +22,7 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
         *_of_albedo(result),
         _of_bounces(result),
         _of_gamma(result),
-        *_of_evidence(result),
+        *of_evidence(result),
         *notes(result),
     )
 
@@ -100,7 +100,8 @@ def _of_gamma(result: Result | Iterate) -> str:
     )
 
 
-def _of_evidence(result: Result | Iterate) -> Iterator[str]:
+def of_evidence(result: Result | Iterate) -> Iterator[str]:
+    """Say how many pixels are saturated, and how many say nothing."""
     problem = result.problem
     total = int(problem.mask.sum())
 

@@ -221,7 +221,9 @@ def found_light(patches: Patches, belief: Belief) -> Light:
         raise NoColour("they are as good as equal")
     why = _unlikely(found)
     if not why and found.factor < NONE_BOUNCED and found.film < SEEN:
-        found = replace(belief.light if belief.widths == GIVEN else found, factor=0.0, film=0.0, misfit=misfit)
+        found = replace(
+            belief.light if belief.widths == GIVEN else found, factor=0.0, film=0.0, misfit=misfit
+        )
     return replace(belief.light, misfit=misfit, refused=why) if why else found
 
 

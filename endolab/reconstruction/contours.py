@@ -127,9 +127,9 @@ def judged(
 ) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
     """Tear the surface of one channel where contours are found in its picture, before it is solved.
 
-    `contours` says whether to, by default if that explains the picture much better. Lines as steep as those of
-    an earlier result, `before`, are torn without asking. Returns the problem, and log d (H, W) to begin with,
-    or None.
+    `contours` says whether to, by default if that explains the picture much better. Lines as steep as those
+    of an earlier result, `before`, are torn without asking. Returns the problem, and log d (H, W) to begin
+    with, or None.
     """
     if problem.cuts is not None or contours is False:
         return problem, None
@@ -153,7 +153,7 @@ def remarked_on_contours(problem: Problem) -> Problem:
     else:
         count = int(problem.cuts.sum())
         sentence = (
-            f"The surface is torn along {count} px of contours, where folds seem to hide what is behind them: "
-            "so it explains the picture better."
+            f"The surface is torn along {count} px of contours, where folds seem to hide what is behind "
+            "them: so it explains the picture better."
         )
     return noted(remarked(problem, sentence), contours=problem.cuts is not None)

@@ -112,8 +112,8 @@ def make_problems(
 
 
 def effort(width: int, height: int, channel: str | None = None) -> tuple[float, float]:
-    """Seconds and bytes that a frame of this size takes, roughly: see the constants."""
-    seconds = SECONDS_PER_PIXEL + (TO_SEPARATE if channel == SEPARATED else 0)
+    """Seconds and bytes that a frame of this size, in colour, takes, roughly: see the constants."""
+    seconds = SECONDS_PER_PIXEL + (TO_SEPARATE if channel in (AUTO, SEPARATED) else 0)
     return width * height * seconds, BYTES + width * height * BYTES_PER_PIXEL
 
 
@@ -169,8 +169,7 @@ def on_grid(surface: Iterate, problem: Problem) -> FloatArray:
     return np.where(np.isnan(v), problem.log_facing, v)
 
 
-def start_from(before: Result, problem: Problem) -> FloatArray:
-    """Log-distance of an earlier result of the same frame, to start from."""
+def check_start(before: Result, problem: Problem) -> None:
+    """Raise a ValueError if an earlier result is not of the problem's size."""
     if before.mask.shape != problem.mask.shape:
         raise ValueError(f"start has shape {before.mask.shape}, the frame {problem.mask.shape}")
-    return on_grid(before.iterate, problem)

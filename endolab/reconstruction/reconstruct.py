@@ -29,11 +29,11 @@ from endolab.reconstruction.contours import judged
 from endolab.reconstruction.problem_setup import (
     AUTO,
     SEPARATED,
+    check_start,
     make_problem,
     noted,
     on_grid,
     remarked,
-    start_from,
 )
 from endolab.reconstruction.scale import KnownDiameter, KnownDistance, check_scale, known_scale
 from endolab.reconstruction.separation import Colours, direct_light
@@ -43,7 +43,8 @@ PREPARING = (
     *("xi", "regulariser", "lam", "epsilon", "threshold", "cuts"),
 )
 GREY = (
-    "The picture is grey, and does not tell light that bounced from wall to wall from the lamp's: it was left in."
+    "The picture is grey, so that light which came by way of other walls cannot be told from the lamp's: "
+    "it was left in."
 )
 
 
@@ -56,7 +57,7 @@ def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVE
     start, contours = options.pop("start", None), options.pop("contours", None)
     _check(frame, calibration, contours, start)
     checked_solver(solver, options if start is None else options | {"start": start})
-    how["channel"] = _channel(how.get("channel"), solver)
+    how["channel"] = channel_for(how.get("channel"), solver)
     prepared = _prepared(frame, calibration, **how)
     return _stages(prepared, _wanted(contours, how["channel"]), start, solver, options)
 
@@ -74,8 +75,8 @@ def _check(frame: Any, calibration: Any, contours: Any, start: Any) -> None:
         raise ValueError(f"contours must be True, False or None, got {said(contours)}")
 
 
-def _channel(channel: str | None, solver: str) -> str | None:
-    """Return the channel, by default the one for the solver: the paper's take the paper's picture."""
+def channel_for(channel: str | None, solver: str) -> str | None:
+    """Return the channel, by default the one for the solver: those of the paper take the paper's, green."""
     return AUTO if channel is None and solver == DEFAULT_SOLVER else channel
 
 
@@ -96,6 +97,11 @@ def _prepared(
     return remarked(make_problem(frame, calibration, **how), GREY)
 
 
+def _whole(prepared: Problem | Colours) -> Problem:
+    """Return the problem that is as large as the answer."""
+    return prepared.fine[1] if isinstance(prepared, Colours) else prepared
+
+
 def _stages(
     prepared: Problem | Colours,
     contours: bool | None,
@@ -106,11 +112,15 @@ def _stages(
 ) -> Solver:
     """All that is solved; `told` is added to the settings of the problem whose answer counts."""
     before, begin = (start, None) if isinstance(start, Result) else (None, start)
-    found = direct_light if isinstance(prepared, Colours) else judged
-    problem, near = yield from found(prepared, contours, before)  # type: ignore[operator]
+    if before is not None:
+        check_start(before, _whole(prepared))
+    if isinstance(prepared, Colours):
+        problem, near = yield from direct_light(prepared, contours, before)
+    else:
+        problem, near = yield from judged(prepared, contours, before)
     begin = near if begin is None else begin
     if before is not None and begin is None:
-        begin = start_from(before, problem)
+        begin = on_grid(before.iterate, problem)
     if begin is not None and "start" in options_of(solver):
         options = options | {"start": begin}
     return (yield from solve(noted(problem, **told), solver, **options))
@@ -217,12 +227,12 @@ def reconstruct(
         options["max_iterations"], max_iterations = max_iterations, None  # the solver counts itself
     told = {"solver": solver, **of_problem, **lengths}
     told.pop("cuts", None)
-    channel, how = _channel(channel, solver), {"width": width, "smooth": smooth, "highlights": highlights}
+    channel, how = channel_for(channel, solver), {"width": width, "smooth": smooth, "highlights": highlights}
     prepared = _prepared(frame, calibration, channel=channel, **how, **of_problem)
 
     def scaled(answer: Iterate) -> Iterate:
         if answer.stage != SOLUTION:  # stopped on the way
-            whole = noted(prepared.fine[1] if isinstance(prepared, Colours) else prepared, **told)
+            whole = noted(_whole(prepared), **told)
             answer = Iterate.of(whole, on_grid(answer, whole))
         return known_scale(answer, **lengths)
 

@@ -184,7 +184,9 @@ class Tuner:
 
     def _result(self, subject: Subject, settings: Settings, **options: Any) -> Result:
         known = replace(subject.calibration, photometry=settings.believed(subject.calibration.photometry))
-        return self._solve(subject.frame, known, **options, **settings.keywords())
+        return self._solve(
+            subject.frame, known, **options, **settings.keywords(subject.frame.image.ndim == 2)
+        )
 
     # In the tuner's thread ---------------------------------------------------------------
 

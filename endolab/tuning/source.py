@@ -35,7 +35,7 @@ class Settings:
     scene: str | None = "colon"  # rendered and looked at; None: the frame that the tuner was given
     noise: float = 0.0  # of a rendered frame: standard deviation, grey levels of 255
     width: int = 320  # columns of the frame, px
-    channel: str | None = None
+    channel: str | None = None  # green, or grey of a grey picture: what a slider can wait for
     # What the solver believes of light spread and response; None: as calibrated. A frame is
     # rendered by the calibration, whatever the solver believes.
     k: float | None = None
@@ -47,10 +47,11 @@ class Settings:
     epsilon: float = 1e-3
     solver: str = "gauss_newton"
 
-    def keywords(self) -> dict[str, Any]:
-        """What `reconstruct` is given."""
-        names = ("xi", "regulariser", "lam", "epsilon", "solver", "channel")
-        return {name: getattr(self, name) for name in names}
+    def keywords(self, grey: bool) -> dict[str, Any]:
+        """What `reconstruct` is given, of a grey picture or of one in colour."""
+        names = ("xi", "regulariser", "lam", "epsilon", "solver")
+        channel = self.channel or ("grey" if grey else "green")
+        return {name: getattr(self, name) for name in names} | {"channel": channel}
 
     def believed(self, photometry: Photometry) -> Photometry:
         """What the solver takes the light to be."""
@@ -61,13 +62,15 @@ class Settings:
         beliefs["gain"] = None if gain is None or self.gain == 1 else gain * self.gain
         return {name: value for name, value in beliefs.items() if value is not None}
 
-    def code(self, calibration: Endoscope) -> str:
+    def code(self, calibration: Endoscope, grey: bool = False) -> str:
         """Three lines of Python that make the same result from a cold start with the tuner's calibration.
 
         They need the names `el` (endolab), `replace` (of dataclasses), `calibration` and, if no
-        scene is rendered, `frame`; they leave `result`.
+        scene is rendered, `frame`, which may be `grey`; they leave `result`.
         """
-        options = self.keywords()
+        if self.scene is not None:
+            grey = not isinstance(getattr(calibration.photometry.brdf, "albedo", None), tuple)
+        options = self.keywords(grey)
         if self.scene is None:
             source, gain = "calibration", calibration.photometry.gain
             lines = ["known = calibration"]

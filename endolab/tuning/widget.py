@@ -110,7 +110,8 @@ class TunerBox(w.VBox):
     # Knobs -------------------------------------------------------------------------------
 
     def _make_knobs(self, scene: str, width: int) -> None:
-        channels = [("auto", ""), *((name, name) for name in ("red", "green", "blue", "grey"))]
+        named = ("red", "green", "blue", "grey", "auto", "separated")
+        channels = [("green or grey", ""), *((name, name) for name in named)]
         self.knobs: dict[str, Any] = {
             "lam": log_slider("λ", 1.0, -4, 2, "weight of the regulariser: more is smoother"),
             "epsilon": log_slider("ε", 1e-3, -5, -1, "below it a derivative costs its square"),
@@ -270,7 +271,8 @@ class TunerBox(w.VBox):
         lines = [IMPORTS + ("from endolab import datasets\n" if "datasets" in source else ""), source]
         if settings.scene is None and self._frame is not None:
             lines.append(f"frame = el.read_frame({self._frame.name!r}, calibration)")
-        return "\n".join([*lines, settings.code(self._calibration), ""])
+        grey = self._frame is not None and self._frame.image.ndim == 2
+        return "\n".join([*lines, settings.code(self._calibration, grey), ""])
 
     def show_code(self) -> None:
         """Show these lines, or hide them."""

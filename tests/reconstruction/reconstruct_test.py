@@ -10,6 +10,7 @@ from endolab import datasets
 from endolab.depth.energy import energy_terms
 from endolab.depth.solvers import DEFAULT_SOLVER, SOLVERS, solve
 from endolab.reconstruction import problem_setup as posing
+from endolab.reconstruction.assumptions import notes
 from endolab.reconstruction.problem_setup import make_problem
 from tests.tools.problems import Shot
 
@@ -40,7 +41,9 @@ def holed(small):
 
 
 every_solver = pytest.mark.parametrize("solver", sorted(SOLVERS))
-every_step_by_step = pytest.mark.parametrize("options", [{"solver": "fast_marching", "snapshots": 5}, {}])
+every_step_by_step = pytest.mark.parametrize(
+    "options", [{"solver": "fast_marching", "snapshots": 5}, {"channel": "green"}]
+)
 
 
 @pytest.mark.parametrize(
@@ -115,6 +118,8 @@ def test_a_grey_frame(small):
     grey = el.Frame(small.frame.channel("grey")[1], small.frame.mask)
     result = el.reconstruct(grey, small.calibration)
     np.testing.assert_array_equal(result.distance, small.reconstruct(channel="grey").distance)
+    said = notes(result)
+    assert ["is grey" in said[0], "No contour was torn" in said[1], len(said)] == [True, True, 2]
 
 
 @every_solver

@@ -109,7 +109,8 @@ def test_the_result_is_the_same_surface_in_another_unit(relative):
 def test_a_length_that_is_known_solves_nothing_twice(shot, relative):
     seen = []
     whole = solve(shot, known_distance=(30.0, *ONE), observers=[seen.append])
-    assert [step.stage for step in seen] == ["solution"] * len(relative.history) + ["scaled"]
+    stages = [step.stage for step in seen if step.stage not in ("smooth", "vote")]  # of a grey picture
+    assert stages == ["solution"] * len(relative.history) + ["scaled"]
     assert seen[-1] is whole.iterate
     assert [row["energy"] for row in whole.history] == [row["energy"] for row in relative.history]
     factor = factor_of_distance(relative, 30.0, *ONE)
