@@ -30,7 +30,8 @@ WIDTH = 160  # px; of the picture that is put to the vote
 STEEPNESS = (0.2, 0.14, 0.1, 0.07)  # of the lines that are opened: log d₀ per 1/320 of the width
 STEPS = 6  # for each of them
 # Share of the smooth surface's energy that a cut as long as the picture's height must save: one that is asked
-# for, and one that is not, so that gentle folds of a real phantom stay whole.
+# for or that something else speaks for, and one for which only the energy does, so that gentle folds of a
+# real phantom stay whole.
 PRICE, UNASKED = 0.06, 0.1
 
 
@@ -69,7 +70,7 @@ def price_of(cuts: BoolArray, mask: BoolArray, price: float = PRICE) -> float:
 
 
 def voted(
-    problem: Problem, smooth: Iterate, always: bool, number: int
+    problem: Problem, smooth: Iterate, always: bool, number: int, price: float = UNASKED
 ) -> Generator[Iterate, None, float | None]:
     """How steep a line must be to be torn; None if tearing does not pay, unless it must `always` be."""
     tried = small(problem)
@@ -85,7 +86,7 @@ def voted(
         count = int(cuts.sum())
         solver = gauss_newton(replace(tried, cuts=cuts), start=start.log_distance, max_iterations=STEPS)
         start = yield from staged(solver, VOTE, number)
-        cost = start.energy / whole + price_of(cuts, tried.mask, PRICE if always else UNASKED)
+        cost = start.energy / whole + price_of(cuts, tried.mask, PRICE if always else price)
         if cost < least:
             best, least = steep, cost
     return best
@@ -105,14 +106,25 @@ def steepness_of(problem: Problem) -> float | None:
     return max(least * (1 - 1e-9), STEEPNESS[-1])
 
 
+def pays(torn: Iterate, smooth: Iterate, price: float = UNASKED) -> bool:
+    """Whether a torn surface's cuts save this price."""
+    cuts = torn.problem.cuts
+    return cuts is None or torn.energy / smooth.energy + price_of(cuts, torn.mask, price) < 1
+
+
 def torn_where_it_pays(
-    problem: Problem, smooth: Iterate, always: bool = False, steps: int = 30, number: int = 0
+    problem: Problem,
+    smooth: Iterate,
+    always: bool = False,
+    steps: int = 30,
+    number: int = 0,
+    price: float = UNASKED,
 ) -> Generator[Iterate, None, Iterate]:
     """Solve again with the surface torn, if that pays; or else return the `smooth` surface.
 
     The iterates are yielded, those of the vote and those of the problem. With `always`, it need not pay.
     """
-    steep = yield from voted(problem, smooth, always, number)
+    steep = yield from voted(problem, smooth, always, number, price)
     torn = problem if steep is None else torn_at(problem, steep)
     if torn.cuts is None:
         return smooth

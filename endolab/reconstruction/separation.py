@@ -42,7 +42,9 @@ from endolab.reconstruction.colours import (
     found_light,
 )
 from endolab.reconstruction.contours import (
+    PRICE,
     judged,
+    pays,
     remarked_on_contours,
     steepness_of,
     torn_at,
@@ -65,7 +67,11 @@ WIDTH = 240  # px; light that has bounced is smooth, and its surface need not be
 DOUBT = 0.15  # share of S/E that may be wrong
 GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
-STEPS = 10, 10, 10  # of each round's solve
+STEPS = 10  # of each solve
+ROUNDS, TORN_ROUNDS = 3, 2  # of bounced light, without contours and then with them
+# The colours' misfit on a torn surface, as a share of that on a smooth one: below the first they speak for
+# it, above the second against it.
+BACKED, NO_WORSE = 0.87, 0.95
 
 
 @dataclass(frozen=True)
@@ -154,7 +160,7 @@ def direct_light(
 def separate(
     colours: Sequence[Problem], albedo: FloatArray | None = None, contours: bool | None = None
 ) -> Generator[Iterate, None, Separation]:
-    """Find the bounced light of a picture, its surface, and where it is torn, in three rounds.
+    """Find the bounced light of a picture, its surface, and where it is torn, in rounds.
 
     `colours` are red, green and blue of one picture; `albedo` is what is known of the wall's: (3,), green's
     alone, or nothing. Raises `NoColour` if the colours are one.
@@ -163,14 +169,51 @@ def separate(
     belief = Belief.of(albedo)
     guess = np.array(GUESS * belief.albedo / (1 - GUESS * belief.albedo))
     inflation: FloatArray = np.broadcast_to(guess, (*colours[1].mask.shape, 3))
-    # What is torn is farther, and explained by brighter walls: albedos that are sought would run away.
-    early = contours if contours or (albedo is not None and albedo.ndim == 1) else False
-    surface = yield from _solved(merged(colours, inflation, belief.albedo), early, STEPS[0], 1)
-    for number, steps in enumerate(STEPS[1:], 2):
-        inflation, light = _bounced(colours, surface.log_distance, surface.problem.cuts, belief)
-        tear = contours if number == len(STEPS) else early
-        surface = yield from _solved(merged(colours, inflation, light.albedo), tear, steps, number)
-    return Separation(inflation, light, surface)
+    light, surface = belief.light, None
+    for number in range(1, ROUNDS + 1):
+        if surface is not None:
+            inflation, light = _bounced(colours, surface, belief)
+        problem = merged(colours, inflation, light.albedo)
+        surface = yield from staged(gauss_newton(problem, max_iterations=STEPS), BOUNCED, number)
+    assert surface is not None
+    whole = Separation(inflation, light, surface)
+    if contours is False:
+        return whole
+    return (yield from _torn(colours, whole, belief, bool(contours)))
+
+
+def _torn(
+    colours: Sequence[Problem], whole: Separation, belief: Belief, always: bool
+) -> Generator[Iterate, None, Separation]:
+    """Go on with the surface torn; return what is found, or the `whole` if energy and colours do not back it.
+
+    Where a fold hides a wall, a surface that goes on smoothly sends light to the wrong places, and the three
+    colours of what is seen agree less on the light that has not bounced. So they bear witness beside the
+    energy: where they speak for a tear it must save less, and what makes them agree no better is not torn.
+    """
+    found, smooth = whole, whole.surface
+    inflation, light = whole.inflation, whole.light
+    for number in range(ROUNDS + 1, ROUNDS + TORN_ROUNDS + 1):
+        if found is not whole:
+            problem = merged(colours, inflation, light.albedo)
+            begin = whole.surface.log_distance
+            solver = gauss_newton(problem, start=begin, max_iterations=STEPS)
+            smooth = yield from staged(solver, BOUNCED, number)
+        surface = yield from torn_where_it_pays(smooth.problem, smooth, always, STEPS, number, PRICE)
+        if surface is smooth:
+            return whole
+        found = Separation(inflation, light, surface)
+        inflation, light = _bounced(colours, surface, belief)
+    if always:
+        return found
+    before = _bounced(colours, whole.surface, belief)[1]
+    if before.factor == light.factor == 0:  # the picture is the model's own
+        return found
+    agree = light.misfit / before.misfit
+    witness = not (before.refused or light.refused)
+    if witness and agree < BACKED:
+        return found
+    return found if pays(found.surface, smooth) and not (witness and agree > NO_WORSE) else whole
 
 
 def continued(
@@ -182,22 +225,12 @@ def continued(
     that are `steep` are torn, see `contours`.
     """
     cuts = None if steep is None else torn_at(colours[1], steep).cuts
-    inflation, light = _bounced(colours, log_distance, cuts, Belief.of(albedo))
+    inflation, light = _bounced_of(colours, log_distance, cuts, Belief.of(albedo))
     problem = merged(colours, inflation, light.albedo)
     problem = problem if steep is None else torn_at(problem, steep)
     start = np.where(np.isfinite(log_distance), log_distance, problem.log_facing)
-    solver = gauss_newton(problem, start=start, max_iterations=STEPS[0])
+    solver = gauss_newton(problem, start=start, max_iterations=STEPS)
     return Separation(inflation, light, (yield from staged(solver, BOUNCED, 1)))
-
-
-def _solved(
-    problem: Problem, contours: bool | None, steps: int, number: int
-) -> Generator[Iterate, None, Iterate]:
-    """Solve without contours, and with those that pay or that are wanted anyway."""
-    smooth = yield from staged(gauss_newton(problem, max_iterations=steps), BOUNCED, number)
-    if contours is False:
-        return smooth
-    return (yield from torn_where_it_pays(problem, smooth, bool(contours), steps, number))
 
 
 def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -> Problem:
@@ -288,10 +321,14 @@ def _albedos(calibration: Endoscope, must: bool) -> FloatArray | None:
     return None if problem else albedo
 
 
-def _bounced(
+def _bounced(colours: Sequence[Problem], surface: Iterate, belief: Belief) -> tuple[FloatArray, Light]:
+    """S/E (H, W, 3) of a surface, and what the colours tell of its light."""
+    return _bounced_of(colours, surface.log_distance, surface.problem.cuts, belief)
+
+
+def _bounced_of(
     colours: Sequence[Problem], log_distance: FloatArray, cuts: BoolArray | None, belief: Belief
 ) -> tuple[FloatArray, Light]:
-    """S/E (H, W, 3) of a surface, and what the colours tell of its light."""
     green = colours[1]
     if not all_exact(colours).any():
         raise NoColour("no pixel shows all three of them")
