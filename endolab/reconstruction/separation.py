@@ -191,8 +191,8 @@ def _torn(
     colours of what is seen agree less on the light that has not bounced. So they bear witness beside the
     energy: where they speak for a tear it must save less, and what makes them agree no better is not torn.
     """
-    found, smooth = whole, whole.surface
-    inflation, light = whole.inflation, whole.light
+    found, paid = whole, False
+    smooth, inflation, light = whole.surface, whole.inflation, whole.light
     for number in range(ROUNDS + 1, ROUNDS + TORN_ROUNDS + 1):
         if found is not whole:
             problem = merged(colours, inflation, light.albedo)
@@ -201,10 +201,10 @@ def _torn(
             smooth = yield from staged(solver, BOUNCED, number)
         surface = yield from torn_where_it_pays(smooth.problem, smooth, always, STEPS, number, PRICE)
         if surface is smooth:
-            return whole
-        found = Separation(inflation, light, surface)
+            break
+        found, paid = Separation(inflation, light, surface), pays(surface, smooth)
         inflation, light = _bounced(colours, surface, belief)
-    if always:
+    if always or found is whole:
         return found
     before = _bounced(colours, whole.surface, belief)[1]
     if before.factor == light.factor == 0:  # the picture is the model's own
@@ -213,7 +213,7 @@ def _torn(
     witness = not (before.refused or light.refused)
     if witness and agree < BACKED:
         return found
-    return found if pays(found.surface, smooth) and not (witness and agree > NO_WORSE) else whole
+    return found if paid and not (witness and agree > NO_WORSE) else whole
 
 
 def continued(
