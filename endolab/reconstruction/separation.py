@@ -41,7 +41,7 @@ from endolab.reconstruction.colours import (
     all_exact,
     found_light,
 )
-from endolab.reconstruction.contours import steepness_of, torn_at, torn_where_it_pays
+from endolab.reconstruction.contours import torn_at, torn_where_it_pays
 from endolab.reconstruction.problem_setup import (
     LEAST_SIDE,
     SEPARATED,
@@ -127,9 +127,9 @@ def direct_light(
         if before is None:
             found = yield from separate(colours.coarse, given, contours)
         else:
-            steep = None if contours is False else steepness_of(before.problem)
+            tear = contours is not False and before.problem.cuts is not None
             surface = resampled(before.iterate, colours.coarse[1])
-            found = yield from continued(colours.coarse, given, steep, surface)
+            found = yield from continued(colours.coarse, given, tear, surface)
     except NoColour as error:
         best = max((colours.fine[index] for index in (1, 2, 0)), key=_signal)  # of equals, not red
         name = best.settings["channel"]
@@ -163,17 +163,17 @@ def separate(
 
 
 def continued(
-    colours: Sequence[Problem], albedo: FloatArray | None, steep: float | None, log_distance: FloatArray
+    colours: Sequence[Problem], albedo: FloatArray | None, tear: bool, log_distance: FloatArray
 ) -> Generator[Iterate, None, Separation]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
-    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives; lines
-    that are `steep` are torn, see `contours`.
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives; whether to
+    `tear` the surface at its contours is known, too.
     """
-    cuts = None if steep is None else torn_at(colours[1], steep).cuts
+    cuts = torn_at(colours[1]).cuts if tear else None
     inflation, light = _bounced(colours, log_distance, cuts, Belief.of(albedo))
     problem = merged(colours, inflation, light.albedo)
-    problem = problem if steep is None else torn_at(problem, steep)
+    problem = torn_at(problem) if tear else problem
     start = np.where(np.isfinite(log_distance), log_distance, problem.log_facing)
     solver = gauss_newton(problem, start=start, max_iterations=STEPS[0])
     return Separation(inflation, light, (yield from staged(solver, BOUNCED, 1)))
@@ -195,8 +195,7 @@ def _in_full(fine: list[Problem], found: Separation, given: bool) -> Problem:
     problem = merged(fine, enlarged(found.inflation, shape), found.light.albedo)
     if found.cuts is not None:
         same = found.cuts.shape[1:] == shape
-        steep = steepness_of(found.surface.problem) or 0.0
-        problem = replace(problem, cuts=found.cuts) if same else torn_at(problem, steep)
+        problem = replace(problem, cuts=found.cuts) if same else torn_at(problem)
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T]
     note = found.light.told(given, np.array(medians))
     albedo = tuple(float(one) for one in found.light.albedo)
