@@ -58,7 +58,7 @@ WIDTH = 240  # px; light that has bounced is smooth, and its surface need not be
 DOUBT = 0.15  # share of S/E that may be wrong
 GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
-STEPS = 10, 10, 10  # of each round's solve
+STEPS = 10, 5, 5  # of each round's solve
 
 
 @dataclass(frozen=True)
@@ -146,19 +146,23 @@ def separate(
     """Find the bounced light of a picture, its surface, and where it is torn, in three rounds.
 
     `colours` are red, green and blue of one picture; `albedo` is what is known of the wall's: (3,), green's
-    alone, or nothing. Raises `NoColour` if the colours are one.
+    alone, or nothing. Each round begins with the surface before; once it is torn it stays so. Raises
+    `NoColour` if the colours are one.
     """
     _check_colours(colours)
     belief = Belief.of(albedo)
     guess = np.array(GUESS * belief.albedo / (1 - GUESS * belief.albedo))
     inflation: FloatArray = np.broadcast_to(guess, (*colours[1].mask.shape, 3))
-    # What is torn is farther, and explained by brighter walls: albedos that are sought would run away.
-    early = contours if contours or (albedo is not None and albedo.ndim == 1) else False
-    surface = yield from _solved(merged(colours, inflation, belief.albedo), early, STEPS[0], 1)
+    first = gauss_newton(merged(colours, inflation, belief.albedo), max_iterations=STEPS[0])
+    surface = yield from staged(first, BOUNCED, 1)
     for number, steps in enumerate(STEPS[1:], 2):
         inflation, light = _bounced(colours, surface.log_distance, surface.problem.cuts, belief)
-        tear = contours if number == len(STEPS) else early
-        surface = yield from _solved(merged(colours, inflation, light.albedo), tear, steps, number)
+        problem, torn = merged(colours, inflation, light.albedo), surface.problem.cuts is not None
+        problem = torn_at(problem) if torn else problem
+        solver = gauss_newton(problem, start=surface.log_distance, max_iterations=steps)
+        surface = yield from staged(solver, BOUNCED, number)
+        if contours is not False and not torn:
+            surface = yield from torn_where_it_pays(problem, surface, bool(contours), steps, number)
     return Separation(inflation, light, surface)
 
 
@@ -167,8 +171,8 @@ def continued(
 ) -> Generator[Iterate, None, Separation]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
-    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives; whether to
-    `tear` the surface at its contours is known, too.
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives;
+    whether to `tear` the surface at the picture's contours is known, too.
     """
     cuts = torn_at(colours[1]).cuts if tear else None
     inflation, light = _bounced(colours, log_distance, cuts, Belief.of(albedo))
@@ -177,16 +181,6 @@ def continued(
     start = np.where(np.isfinite(log_distance), log_distance, problem.log_facing)
     solver = gauss_newton(problem, start=start, max_iterations=STEPS[0])
     return Separation(inflation, light, (yield from staged(solver, BOUNCED, 1)))
-
-
-def _solved(
-    problem: Problem, contours: bool | None, steps: int, number: int
-) -> Generator[Iterate, None, Iterate]:
-    """Solve without contours, and with those that pay or that are wanted anyway."""
-    smooth = yield from staged(gauss_newton(problem, max_iterations=steps), BOUNCED, number)
-    if contours is False:
-        return smooth
-    return (yield from torn_where_it_pays(problem, smooth, bool(contours), steps, number))
 
 
 def _in_full(fine: list[Problem], found: Separation, given: bool) -> Problem:
