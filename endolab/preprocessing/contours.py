@@ -22,7 +22,7 @@ from endolab.numerics.compiled import kernel
 from endolab.numerics.derivatives import REFERENCE_WIDTH, links, shifted
 
 BLUR = 1.5  # of log d₀, in 1/320 of the picture's width
-SHALLOW = 0.02  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the width
+SHALLOW = 0.005  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the width
 SHARE = (
     0.25  # of the way from a strip's lightest neighbour to its own log d₀: who is nearer than this is light
 )

@@ -21,6 +21,7 @@ from endolab.preprocessing.highlights import check_highlights, find_highlights, 
 
 SEPARATED = "separated"  # the channel that is made of all three, bounced light taken out
 AUTO = "auto"  # the one that the frame's evidence allows
+COARSE = 240  # px; light that has bounced is smooth, and contours are long: their surface need not be fine
 LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
 # Of a whole run of gauss_newton with its recording and its files, measured at 0.2 to 12 Mpx.
 BYTES, BYTES_PER_PIXEL = 400e6, 720  # at the peak, of any channel
@@ -109,6 +110,24 @@ def make_problems(
         )
         problems.append(in_units(problem))
     return problems
+
+
+def two_sizes(
+    frame: Frame,
+    calibration: Endoscope,
+    channels: Sequence[str | None],
+    width: int | None = None,
+    smooth: float | None = None,
+    highlights: str | None = None,
+    **options: Any,
+) -> tuple[list[Problem], list[Problem]]:
+    """Return the problem of each channel, in full and on as few pixels as what is smooth needs."""
+    fine = make_problems(frame, calibration, channels, width, smooth, highlights, **options)
+    camera = fine[0].camera
+    if camera.width <= COARSE or round(camera.height * COARSE / camera.width) < LEAST_SIDE:
+        return fine, fine
+    options = options | {"cuts": None}
+    return fine, make_problems(frame, calibration, channels, COARSE, smooth, highlights, **options)
 
 
 def effort(width: int, height: int, channel: str | None = None) -> tuple[float, float]:

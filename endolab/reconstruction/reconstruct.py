@@ -12,6 +12,7 @@ All that is solved on the way is yielded, so that observers see it.
 """
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -25,12 +26,11 @@ from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import told as said
 from endolab.preprocessing.frame import Frame
-from endolab.reconstruction.contours import judged
+from endolab.reconstruction.contours import OneChannel, judged
 from endolab.reconstruction.problem_setup import (
     AUTO,
     SEPARATED,
     check_start,
-    make_problem,
     noted,
     on_grid,
     remarked,
@@ -58,8 +58,9 @@ def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVE
     _check(frame, calibration, contours, start)
     checked_solver(solver, options if start is None else options | {"start": start})
     how["channel"] = channel_for(how.get("channel"), solver)
-    prepared = _prepared(frame, calibration, **how)
-    return _stages(prepared, _wanted(contours, how["channel"]), start, solver, options)
+    contours = _wanted(contours, how["channel"])
+    prepared = _prepared(frame, calibration, contours, **how)
+    return _stages(prepared, contours, start, solver, options)
 
 
 def _check(frame: Any, calibration: Any, contours: Any, start: Any) -> None:
@@ -86,24 +87,25 @@ def _wanted(contours: bool | None, channel: str | None) -> bool | None:
 
 
 def _prepared(
-    frame: Frame, calibration: Endoscope, *, channel: str | None = None, **how: Any
-) -> Problem | Colours:
+    frame: Frame, calibration: Endoscope, contours: bool | None, *, channel: str | None = None, **how: Any
+) -> OneChannel | Colours:
     if channel == SEPARATED or (channel == AUTO and frame.image.ndim == 3):
         return Colours.of(frame, calibration, must=channel == SEPARATED, **how)
     if channel != AUTO:
-        return make_problem(frame, calibration, channel=channel, **how)
+        return OneChannel.of(frame, calibration, channel, contours is not False, **how)
     if how.get("highlights") is None:
         how["highlights"] = "ignore"
-    return remarked(make_problem(frame, calibration, **how), GREY)
+    one = OneChannel.of(frame, calibration, None, contours is not False, **how)
+    return replace(one, fine=remarked(one.fine, GREY))
 
 
-def _whole(prepared: Problem | Colours) -> Problem:
+def _whole(prepared: OneChannel | Colours) -> Problem:
     """Return the problem that is as large as the answer."""
-    return prepared.fine[1] if isinstance(prepared, Colours) else prepared
+    return prepared.fine[1] if isinstance(prepared, Colours) else prepared.fine
 
 
 def _stages(
-    prepared: Problem | Colours,
+    prepared: OneChannel | Colours,
     contours: bool | None,
     start: Result | FloatArray | None,
     solver: str,
@@ -228,7 +230,8 @@ def reconstruct(
     told = {"solver": solver, **of_problem, **lengths}
     told.pop("cuts", None)
     channel, how = channel_for(channel, solver), {"width": width, "smooth": smooth, "highlights": highlights}
-    prepared = _prepared(frame, calibration, channel=channel, **how, **of_problem)
+    contours = _wanted(contours, channel)
+    prepared = _prepared(frame, calibration, contours, channel=channel, **how, **of_problem)
 
     def scaled(answer: Iterate) -> Iterate:
         if answer.stage != SOLUTION:  # stopped on the way
@@ -236,7 +239,7 @@ def reconstruct(
             answer = Iterate.of(whole, on_grid(answer, whole))
         return known_scale(answer, **lengths)
 
-    stages = _stages(prepared, _wanted(contours, channel), start, solver, options, told)
+    stages = _stages(prepared, contours, start, solver, options, told)
     return run(stages, observers, max_iterations, scaled)
 
 

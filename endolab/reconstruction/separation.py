@@ -42,33 +42,31 @@ from endolab.reconstruction.colours import (
     found_light,
 )
 from endolab.reconstruction.contours import (
+    CONTOURS,
     PRICE,
+    OneChannel,
     judged,
     pays,
     remarked_on_contours,
-    steepness_of,
-    torn_at,
+    torn_at_contours,
     torn_where_it_pays,
 )
 from endolab.reconstruction.problem_setup import (
-    LEAST_SIDE,
     SEPARATED,
     enlarged,
     in_units,
-    make_problems,
     noted,
     on_grid,
     remarked,
     resampled,
+    two_sizes,
 )
 
 BOUNCED = "bounced light"  # stage
-WIDTH = 240  # px; light that has bounced is smooth, and its surface need not be fine
 DOUBT = 0.15  # share of S/E that may be wrong
 GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
-STEPS = 10  # of each solve
-ROUNDS, TORN_ROUNDS = 3, 2  # of bounced light, without contours and then with them
+STEPS, TORN_STEPS = (10, 5, 5), (10, 5)  # of each round's solve, without contours and then with them
 # The colours' misfit on a torn surface, as a share of that on a smooth one: below the first they speak for
 # it, above the second against it.
 BACKED, NO_WORSE = 0.87, 0.95
@@ -101,12 +99,7 @@ class Colours:
             raise ValueError(f"{frame.name} is grey, and channel='separated' needs its three colours")
         albedo = _albedos(calibration, must)
         highlights = "ignore" if highlights is None else highlights
-        fine = make_problems(frame, calibration, CHANNELS, width, smooth, highlights, **options)
-        coarse = fine
-        camera = fine[0].camera
-        if camera.width > WIDTH and round(camera.height * WIDTH / camera.width) >= LEAST_SIDE:
-            options = options | {"cuts": None}
-            coarse = make_problems(frame, calibration, CHANNELS, WIDTH, smooth, highlights, **options)
+        fine, coarse = two_sizes(frame, calibration, CHANNELS, width, smooth, highlights, **options)
         return cls(fine, coarse, albedo)
 
 
@@ -144,14 +137,14 @@ def direct_light(
         if before is None:
             found = yield from separate(colours.coarse, given, contours)
         else:
-            steep = None if contours is False else steepness_of(before.problem)
+            tear = contours is not False and before.problem.cuts is not None
             surface = resampled(before.iterate, colours.coarse[1])
-            found = yield from continued(colours.coarse, given, steep, surface)
+            found = yield from continued(colours.coarse, given, tear, surface)
     except NoColour as error:
-        best = max((colours.fine[index] for index in (1, 2, 0)), key=_signal)  # of equals, not red
-        name = best.settings["channel"]
-        note = f"The colours tell nothing of bounced light ({error}), so {name} is taken as it is."
-        return (yield from judged(remarked(best, note), contours, before))
+        index = max((1, 2, 0), key=lambda index: _signal(colours.fine[index]))  # of equals, not red
+        fine, coarse = colours.fine[index], colours.coarse[index]
+        note = f"The colours tell nothing of bounced light ({error}), so {CHANNELS[index]} is taken as it is."
+        return (yield from judged(OneChannel(remarked(fine, note), coarse), contours, before))
     three = given is not None and given.ndim == 1
     problem = _in_full(colours.fine, found, three, contours is not False)
     return problem, on_grid(found.surface, problem)
@@ -170,11 +163,13 @@ def separate(
     guess = np.array(GUESS * belief.albedo / (1 - GUESS * belief.albedo))
     inflation: FloatArray = np.broadcast_to(guess, (*colours[1].mask.shape, 3))
     light, surface = belief.light, None
-    for number in range(1, ROUNDS + 1):
+    for number, steps in enumerate(STEPS, 1):
         if surface is not None:
             inflation, light = _bounced(colours, surface, belief)
         problem = merged(colours, inflation, light.albedo)
-        surface = yield from staged(gauss_newton(problem, max_iterations=STEPS), BOUNCED, number)
+        start = None if surface is None else surface.log_distance
+        solver = gauss_newton(problem, start=start, max_iterations=steps)
+        surface = yield from staged(solver, BOUNCED, number)
     assert surface is not None
     whole = Separation(inflation, light, surface)
     if contours is False:
@@ -191,45 +186,44 @@ def _torn(
     colours of what is seen agree less on the light that has not bounced. So they bear witness beside the
     energy: where they speak for a tear it must save less, and what makes them agree no better is not torn.
     """
-    found, paid = whole, False
-    smooth, inflation, light = whole.surface, whole.inflation, whole.light
-    for number in range(ROUNDS + 1, ROUNDS + TORN_ROUNDS + 1):
-        if found is not whole:
-            problem = merged(colours, inflation, light.albedo)
-            begin = whole.surface.log_distance
-            solver = gauss_newton(problem, start=begin, max_iterations=STEPS)
-            smooth = yield from staged(solver, BOUNCED, number)
-        surface = yield from torn_where_it_pays(smooth.problem, smooth, always, STEPS, number, PRICE)
-        if surface is smooth:
-            break
-        found, paid = Separation(inflation, light, surface), pays(surface, smooth)
+    first = len(STEPS) + 1
+    surface = yield from torn_where_it_pays(whole.surface, always, TORN_STEPS[0], first, PRICE)
+    if surface is whole.surface:
+        return whole
+    paid = pays(surface, whole.surface)
+    inflation, light = whole.inflation, whole.light
+    for number, steps in enumerate(TORN_STEPS[1:], first + 1):
         inflation, light = _bounced(colours, surface, belief)
-    if always or found is whole:
+        problem = torn_at_contours(merged(colours, inflation, light.albedo))
+        solver = gauss_newton(problem, start=surface.log_distance, max_iterations=steps)
+        surface = yield from staged(solver, CONTOURS, number)
+    found = Separation(inflation, light, surface)
+    if always:
         return found
-    before = _bounced(colours, whole.surface, belief)[1]
-    if before.factor == light.factor == 0:  # the picture is the model's own
+    before, after = (_bounced(colours, one.surface, belief)[1] for one in (whole, found))
+    if before.factor == after.factor == 0:  # the picture is the model's own
         return found
-    agree = light.misfit / before.misfit
-    witness = not (before.refused or light.refused)
+    agree = after.misfit / before.misfit
+    witness = not (before.refused or after.refused)
     if witness and agree < BACKED:
         return found
     return found if paid and not (witness and agree > NO_WORSE) else whole
 
 
 def continued(
-    colours: Sequence[Problem], albedo: FloatArray | None, steep: float | None, log_distance: FloatArray
+    colours: Sequence[Problem], albedo: FloatArray | None, tear: bool, log_distance: FloatArray
 ) -> Generator[Iterate, None, Separation]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
-    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives; lines
-    that are `steep` are torn, see `contours`.
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives;
+    whether to `tear` the surface at the picture's contours is known, too.
     """
-    cuts = None if steep is None else torn_at(colours[1], steep).cuts
+    cuts = torn_at_contours(colours[1]).cuts if tear else None
     inflation, light = _bounced_of(colours, log_distance, cuts, Belief.of(albedo))
     problem = merged(colours, inflation, light.albedo)
-    problem = problem if steep is None else torn_at(problem, steep)
+    problem = torn_at_contours(problem) if tear else problem
     start = np.where(np.isfinite(log_distance), log_distance, problem.log_facing)
-    solver = gauss_newton(problem, start=start, max_iterations=STEPS)
+    solver = gauss_newton(problem, start=start, max_iterations=STEPS[0])
     return Separation(inflation, light, (yield from staged(solver, BOUNCED, 1)))
 
 
@@ -242,8 +236,7 @@ def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -
     problem = merged(fine, enlarged(found.inflation, shape), found.light.albedo)
     if found.cuts is not None:
         same = found.cuts.shape[1:] == shape
-        steep = steepness_of(found.surface.problem) or 0.0
-        problem = replace(problem, cuts=found.cuts) if same else torn_at(problem, steep)
+        problem = replace(problem, cuts=found.cuts) if same else torn_at_contours(problem)
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T]
     note = found.light.told(given, np.array(medians))
     albedo = tuple(float(one) for one in found.light.albedo)
