@@ -30,7 +30,7 @@ STEEP = 0.07  # of the lines that are opened, at least: log d₀ per 1/320 of th
 # Share of the smooth surface's energy that a cut as long as the picture's height must save: one that is asked
 # for or that something else speaks for, and one for which only the energy does, so that gentle folds of a
 # real phantom stay whole.
-PRICE, UNASKED = 0.05, 0.1
+PRICE, UNASKED = 0.03, 0.1
 
 
 def price_of(cuts: BoolArray, mask: BoolArray, price: float = PRICE) -> float:
