@@ -80,17 +80,13 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
     """Add what `solving_keywords` and `calibration_of` read; `several`: λ, ξ and order may be lists."""
     add = parser.add_argument
     more, orders, weights = (
-        f"; several as {example}" if several else "" for example in ("d,1/d", "first,second", "0.1,1,10")
+        f"; several as {example}" if several else "" for example in ("d,1/d", "first,curvature", "0.1,1,10")
     )
     add("--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name")
     add("--solver", metavar="NAME", help="facing, fast_marching, gauss_newton (default) or primal_dual")
     add("--xi", default="1/d", metavar="ξ", help=f"what the regulariser sees: 1/z, d or 1/d (default){more}")
-    add(
-        "--regulariser",
-        default="second",
-        metavar="ORDER",
-        help=f"first, second (default) or curvature{orders}",
-    )
+    forms = f"first, second or curvature (default; second where ξ is not 1/d){orders}"
+    add("--regulariser", metavar="ORDER", help=forms)
     weight = f"its weight; larger is smoother (default 1){weights}"
     add("--lam", type=str if several else number, default=1.0, metavar="λ", help=weight)
     channels = (

@@ -31,6 +31,11 @@ SOLVERS: dict[str, Callable[..., Solver]] = {
 DEFAULT_SOLVER = "gauss_newton"
 
 
+def default_regulariser(solver: str, xi: str) -> str:
+    """Curvature, where there is one: of ξ = 1/d, and by the solvers that know it; else the second order."""
+    return "curvature" if xi == "1/d" and solver != "primal_dual" else "second"
+
+
 def checked_solver(name: str, options: Mapping[str, Any]) -> Callable[..., Solver]:
     """Return the solver of that name, if there is one and it has these options."""
     if name not in SOLVERS:

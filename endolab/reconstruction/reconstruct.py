@@ -21,7 +21,7 @@ import numpy as np
 from endolab._deprecated import callable_as_before
 from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate, Observer, Result, Solver, run
-from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, options_of, solve
+from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, default_regulariser, options_of, solve
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import told as said
@@ -58,6 +58,8 @@ def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVE
     _check(frame, calibration, contours, start)
     checked_solver(solver, options if start is None else options | {"start": start})
     how["channel"] = channel_for(how.get("channel"), solver)
+    if how.get("regulariser") is None:
+        how["regulariser"] = default_regulariser(solver, how.get("xi", "1/d"))
     contours = _wanted(contours, how["channel"])
     prepared = _prepared(frame, calibration, contours, **how)
     return _stages(prepared, contours, start, solver, options)
@@ -134,7 +136,7 @@ def reconstruct(
     *,
     solver: str = DEFAULT_SOLVER,
     xi: str = "1/d",
-    regulariser: str = "second",
+    regulariser: str | None = None,
     lam: float = 1.0,
     channel: str | None = None,
     width: int | None = None,
@@ -164,9 +166,10 @@ def reconstruct(
         do not use the regulariser; it counts in the energy that is reported.
     xi : {"1/z", "d", "1/d"}
         The map that the regulariser sees.
-    regulariser : {"first", "second", "curvature"}
+    regulariser : {"first", "second", "curvature"}, optional
         Total variation of ξ, of its gradient, or, for ξ = 1/d, of how the surface bends: planes cost nothing
-        then, and what a sheet can be rolled into, as a tube, little. `primal_dual` does not know the last.
+        then, and what a sheet can be rolled into, as a tube, little. By default "curvature" where it is
+        known, and "second" for another ξ and by `primal_dual`.
     lam : float
         λ, the regulariser's weight; larger is smoother.
     channel : {"auto", "separated", "red", "green", "blue", "grey"}, optional
@@ -219,6 +222,7 @@ def reconstruct(
         If the problem is too large for this machine, before anything is computed.
     """
     _check(frame, calibration, contours, start)
+    regulariser = default_regulariser(solver, xi) if regulariser is None else regulariser
     of_problem: dict[str, Any] = {"xi": xi, "regulariser": regulariser, "lam": lam}
     of_problem |= {name: options.pop(name) for name in ("epsilon", "threshold", "cuts") if name in options}
     checked_solver(solver, options if start is None else options | {"start": start})

@@ -22,6 +22,7 @@ import ipywidgets as w
 import numpy as np
 
 from endolab import datasets
+from endolab.depth.problem import REGULARISERS
 from endolab.io.atomic import staged_folder, write_atomically
 from endolab.io.descriptions import Calibration
 from endolab.io.images import read_frame
@@ -120,7 +121,7 @@ class TunerBox(w.VBox):
             "gamma": slider("γ", 2.2, 1, 3, 0.05, "response that the solver believes in"),
             "gain": log_slider("gain ×", 1.0, -1, 1, "gain that the solver believes in, over the true one"),
             "xi": choice("ξ", ["1/d", "1/z", "d"]),
-            "regulariser": choice("order", ["second", "first"]),
+            "regulariser": choice("order", [("best", ""), *((name, name) for name in REGULARISERS)]),
             "solver": choice("solver", [(called, name) for name, called in NAMES.items()]),
             "scene": choice("scene", self._scenes(), value="" if self._frame is not None else scene),
             "channel": choice("channel", channels),
@@ -162,7 +163,8 @@ class TunerBox(w.VBox):
         for name in ("k", "gamma"):
             if abs(values[name] - getattr(light, name)) < 1e-9:
                 values[name] = None
-        return Settings(**values | {name: values[name] or None for name in ("scene", "channel")})
+        unset = ("scene", "channel", "regulariser")
+        return Settings(**values | {name: values[name] or None for name in unset})
 
     def ask(self) -> None:
         """Ask the engine for what the knobs say; returns at once."""

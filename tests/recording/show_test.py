@@ -25,7 +25,7 @@ def path(tmp_path_factory):
     frame, known = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
     with el.Comparison(tmp_path_factory.mktemp("embed") / "both.rrd") as both:
         el.reconstruct(frame, known, solver="facing", observers=[both.run("facing")])
-        el.reconstruct(frame, known, max_iterations=3, observers=[both.run("gauss_newton")])
+        el.reconstruct(frame, known, channel="grey", max_iterations=3, observers=[both.run("gauss_newton")])
     return both.path
 
 
