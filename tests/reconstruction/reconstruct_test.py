@@ -53,13 +53,13 @@ every_step_by_step = pytest.mark.parametrize(
         ({"solver": "fast_marching"}, "curved", (0, 0.06), (0, 0.15)),
         ({"solver": "fast_marching"}, "tube", (3, 8), (5, 13)),
         ({}, "plane", (0, 0.01), (0, 0.05)),
-        ({}, "tube", (0, 2), (0, 4)),
+        ({}, "tube", (0, 1), (0, 2.5)),
     ],
 )
 def test_the_simple_scenes_are_found(shots, options, scene, percent, degrees):
     """One pass: about 0.001 %; the tube's walls meet the picture's border, where the truth is not in it.
 
-    By default 0.003 %, 0.02° and 1.3 %, 2.4°: what is smooth tells what comes in over the border.
+    By default 0.0002 %, 0.001° and 0.7 %, 1.7°: what bends one way tells what comes in over the border.
     """
     result = shots[scene].reconstruct(**options)
     errors = shots[scene].errors(result)
@@ -69,7 +69,7 @@ def test_the_simple_scenes_are_found(shots, options, scene, percent, degrees):
     assert (result.status, result.metric) == (el.Status.CONVERGED, True)
     if not options:
         assert result.problem.settings["solver"] == DEFAULT_SOLVER == "gauss_newton"
-        assert result.iterate.terms["data"] < result.iterate.terms["regulariser"]
+        assert scene == "plane" or result.iterate.terms["data"] < result.iterate.terms["regulariser"]
 
 
 def test_noise_blurs_and_the_answer_stays_close(ball, rng):
@@ -155,7 +155,7 @@ def test_a_frame_can_be_shrunk_first(ball):
     assert (result.distance.shape, result.problem.picture.shape) == ((240, 320), (240, 320, 3))
     errors = ball.errors(result)
     assert errors.mean_percent < 0.01
-    assert errors.mean_degrees < 0.06
+    assert errors.mean_degrees < 0.15  # measured 0.11: curvature charges a ball
 
 
 def test_the_height_follows_the_width(small):

@@ -46,6 +46,9 @@ def without(calibration, **changes):
     return replace(calibration, photometry=replace(calibration.photometry, **changes))
 
 
+ROUNDS = {"bounced light": (1, 2, 3), "contours": (4, 5)}
+
+
 def colours(frame, calibration, width=WIDTH, **options):
     return [make_problem(frame, calibration, channel=name, width=width, **options) for name in CHANNELS]
 
@@ -66,10 +69,8 @@ def test_observers_see_every_solve_with_its_stage_and_round(dry):
     seen = []
     result = solved(dry.frame, dry.calibration, contours=True, observers=[seen.append])
     named = list(dict.fromkeys((step.stage, step.round) for step in seen))
-    found = ("bounced light", "vote", "contours")
-    rounds = [found[:2], found, found]  # with all its bounced light the picture has no steep line
-    expected = [(name, number) for number, names in enumerate(rounds, 1) for name in names]
-    assert named == [*expected, ("solution", 0)]
+    smooth, torn = ([(name, number) for number in numbers] for name, numbers in ROUNDS.items())
+    assert named == [*smooth, *torn, ("solution", 0)]
     assert [(stage.name, stage.round) for stage in result.stages] == named
     assert [step.k for step in seen if step.stage == "solution"] == [row["k"] for row in result.history]
     assert result.seconds == pytest.approx(sum(stage.seconds for stage in result.stages))
@@ -81,7 +82,7 @@ def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
     relative = without(dry.calibration, gain=None)
     large = el.Frame(*(np.repeat(np.repeat(a, 2, 0), 2, 1) for a in (dry.frame.image, dry.frame.mask)))
     known = el.Calibration(dry.calibration.camera.resize(640, 480), relative.photometry)
-    stop = [lambda step: (step.stage, step.round, step.k) == ("contours", 2, 2)]
+    stop = [lambda step: (step.stage, step.round, step.k) == ("contours", 4, 2)]
     how = {"contours": True, "observers": stop, "median_distance": 50.0}
     result = el.reconstruct(large, known, channel="separated", **how)
     assert result.status is Status.STOPPED
