@@ -50,6 +50,7 @@ LIGHT = "light"  # stage
 EXPONENTS = np.linspace(0.0, 5.0, 11)  # k that are tried; endoscopes have 0.5 to 3.5
 FIRST = 4  # of them, with which to begin: 2
 WIDTH = 200  # px; it is the surface's large shape that tells
+SMOOTH = 1.0  # px, of that width; more blur, against noise, makes dark lumens brighter and k smaller
 USUAL = 2.5  # k of the paper's endoscope, taken if nothing is found
 CONTRAST = 0.5  # power of it by which the energy is divided
 TEMPERATURE = 0.03  # T, of c; like the widths it makes the true k of 31 path-traced frames likeliest
@@ -60,7 +61,7 @@ WRONG = 0.05  # of frames, which tell nothing of k: fog, a wall with a pattern
 SAME = 8.0  # power of two shapes' correlation to which they are one place; 0.98 of neighbours, 0.5 of others
 FINE = 0.05  # step of the k whose likelihood is told
 FOUND, ROUGHLY = 0.5, 1.0  # standard errors up to which k is found, or found roughly; knowing nothing: 1.7
-EDGE = 0.25  # from the greatest k, within which the likeliest is at a bound
+EDGE = 0.5  # from the greatest k, within which the likeliest is at a bound
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,8 @@ class LightEstimate:
         plain = ("k", "standard_error", "outcome", "verdict", "places", "refused")
         found: dict[str, Any] = {name: getattr(self, name) for name in plain}
         found |= {"interval": list(self.interval), "exponents": self.exponents.tolist()}
-        return {"unknown_light": found | {"costs": dict(zip(self.names, self.costs.tolist(), strict=True))}}
+        costs = np.round(self.costs, 4).tolist()
+        return {"unknown_light": found | {"costs": dict(zip(self.names, costs, strict=True))}}
 
 
 def estimate_light(
@@ -208,7 +210,7 @@ Chain = Generator[Iterate, None, Iterate]
 
 def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, bounced light taken out each time."""
-    colours = Colours.of(frame, calibration, min(WIDTH, frame.width))
+    colours = Colours.of(frame, calibration, min(WIDTH, frame.width), SMOOTH)
 
     def solve(k: float, before: Iterate | None) -> Chain:
         problems = [_under(one, k) for one in colours.fine]
@@ -223,7 +225,7 @@ def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, 
 
 def _grey(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, all light being taken for direct."""
-    problem = make_problem(frame, calibration, width=min(WIDTH, frame.width))
+    problem = make_problem(frame, calibration, width=min(WIDTH, frame.width), smooth=SMOOTH)
 
     def solve(k: float, before: Iterate | None) -> Chain:
         start = None if before is None else _moved(before, k)

@@ -17,6 +17,7 @@ import numpy as np
 import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import compare
+from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.reconstruction.unknown_light import USUAL
 from tests.benchmarks.colon import at_width
@@ -32,7 +33,7 @@ class Known:
     """A frame, its camera and truth, and whose endoscope took it; k is nan if that is not known."""
 
     frame: el.Frame
-    camera: el.Pinhole
+    camera: Camera
     distance: FloatArray
     endoscope: str
     k: float = np.nan
@@ -63,14 +64,9 @@ def of(what: str) -> Iterator[Known]:
         for path in sorted(where.glob("*.npz")):
             one = read(path)
             light = one.calibration.photometry
-            yield Known(
-                one.frame,
-                one.calibration.camera,
-                one.distance,
-                one.frame.name if what in SETS else what,
-                light.k,
-                light.gamma,
-            )
+            camera = one.calibration.camera
+            whose = f"{what}, {camera.model}, k {light.k:.2f}"
+            yield Known(one.frame, camera, one.distance, whose, light.k, light.gamma)
 
 
 def error(one: Known, k: float) -> float:
@@ -110,12 +106,11 @@ def main(arguments: Sequence[str]) -> None:
         off, *errors = np.array(figures).T
         means = [_shown(one.mean(), 1) for one in errors]
         rows.append(["mean", "", f"{_shown(off.mean(), 2)} ± {_shown(off.std(), 2)} off", "", *means])
-        if len({one.endoscope for one in frames}) == 1 < len(frames):
-            together = el.estimate_light(
-                [one.frame for one in frames], frames[0].camera, gamma=frames[0].gamma
-            )
-            rows.append(row("together", frames, together)[0])
-            print(together.verdict)
+        for name in dict.fromkeys(one.endoscope for one in frames):
+            own = [one for one in frames if one.endoscope == name]
+            if len(own) > 1:
+                together = el.estimate_light([one.frame for one in own], own[0].camera, gamma=own[0].gamma)
+                rows.append(row(f"{name}, together", own, together)[0])
         table(f"k of {what}, asked of the frames", heads, rows)
 
 
