@@ -56,7 +56,7 @@ CONTRAST = 0.5  # power of it by which the energy is divided
 TEMPERATURE = 0.03  # T, of c; like the widths it makes the true k of 31 path-traced frames likeliest
 # What shapes pretend: standard deviation of the part of a frame's log light that looks like log cos α, as a
 # share of the spread of that; and of k, for all frames of an endoscope together. In colour, and without.
-ASIDE, ALIKE = (0.1, 0.15), (0.3, 0.5)
+ASIDE, ALIKE = (0.08, 0.15), (0.3, 0.5)
 WRONG = 0.05  # of frames, which tell nothing of k: fog, a wall with a pattern
 SAME = 8.0  # power of two shapes' correlation to which they are one place; 0.98 of neighbours, 0.5 of others
 FINE = 0.05  # step of the k whose likelihood is told
