@@ -57,6 +57,7 @@ TEMPERATURE = 0.03  # T, of c; like the widths it makes the true k of 31 path-tr
 # What shapes pretend: standard deviation of the part of a frame's log light that looks like log cos α, as a
 # share of the spread of that; and of k, for all frames of an endoscope together. In colour, and without.
 ASIDE, ALIKE = (0.08, 0.15), (0.3, 0.5)
+USUAL_ERROR = 1.0  # standard deviation of the usual k, which what is found roughly is averaged with
 WRONG = 0.05  # of frames, which tell nothing of k: fog, a wall with a pattern
 SAME = 8.0  # power of two shapes' correlation to which they are one place; 0.98 of neighbours, 0.5 of others
 FINE = 0.05  # step of the k whose likelihood is told
@@ -68,8 +69,8 @@ EDGE = 0.5  # from the greatest k, within which the likeliest is at a bound
 class LightEstimate:
     """What frames tell of the light's fall-off.
 
-    `photometry` is ready to reconstruct with: it has the k that was found, also roughly, or else the one
-    that was to be taken otherwise; its gain is unknown.
+    `photometry` is ready to reconstruct with: it has the k that was found, or else the one that was to be
+    taken otherwise, and the mean of both, by their errors, if k was found roughly; its gain is unknown.
     """
 
     k: float  # joint exponent of lamp and lens: half of the likelihood is below
@@ -108,8 +109,9 @@ def estimate_light(
 ) -> LightEstimate:
     """Find the exponent k of an endoscope's light from frames that it took, the camera being known.
 
-    It takes two or three seconds a frame. One frame of a fisheye or five of a camera that sees 45° to the
-    side tell k within a half or so; neighbours in a video count as one.
+    It takes two or three seconds a frame. A frame of a fisheye that sees 60° to the side and more tells k
+    within a half, three within a third; five of a camera that sees 45° tell it roughly. Neighbours in a
+    video count as one.
 
     Parameters
     ----------
@@ -310,9 +312,12 @@ def _judged(
         verdict = f"k is not found: by {frames}, {why}; {usual.k:g} is taken."
     else:
         outcome = "found" if error <= FOUND else "roughly"
-        near = "" if outcome == "found" else "roughly "
-        verdict = f"The light falls off with k = {near}{middle:.1f} ± {error:.1f}, by {frames}."
-        usual = replace(usual, k=round(middle, 2))
+        taken, near, instead = middle, "", ""
+        if outcome == "roughly":
+            taken = float(np.average([middle, usual.k], weights=[error**-2, USUAL_ERROR**-2]))
+            near, instead = "roughly ", f"; with {usual.k:g} in mind, {taken:.1f} is taken"
+        verdict = f"The light falls off with k = {near}{middle:.1f} ± {error:.1f}, by {frames}{instead}."
+        usual = replace(usual, k=round(taken, 2))
     if weights.sum() < 0.75 * len(scans):
         verdict += f" They show much the same, and count as {weights.sum():.1f}."
     if not coloured:

@@ -80,6 +80,37 @@ def test_a_camera_that_sees_no_fall_finds_nothing():
     assert "1.75 is taken" in found.verdict
 
 
+def scan_of(k, steep, spread, seed=0):
+    """What a frame would cost that is least at k, of a shape of its own."""
+    costs = steep * (unknown_light.EXPONENTS - k) ** 2
+    shape = np.random.default_rng(seed).normal(size=(20, 20))
+    return unknown_light._Scan(f"f{seed}", costs - costs.min(), spread, shape, True)
+
+
+def judged(*scans, otherwise=2.5):
+    return unknown_light._judged(scans, {}, el.Photometry(otherwise), Status.CONVERGED)
+
+
+def test_what_is_found_roughly_is_averaged_with_what_is_usual():
+    sure, rough, none = (judged(scan_of(1.5, 0.3, spread)) for spread in (0.4, 0.12, 0.04))
+    assert [one.outcome for one in (sure, rough, none)] == ["found", "roughly", "not found"]
+    assert sure.photometry.k == round(sure.k, 2)
+    share = rough.standard_error**2 / (1 + rough.standard_error**2)
+    assert rough.photometry.k == pytest.approx(rough.k + share * (2.5 - rough.k), abs=0.01)
+    assert f"with 2.5 in mind, {rough.photometry.k:.1f} is taken" in rough.verdict
+    assert none.photometry.k == 2.5
+
+
+def test_more_places_tell_more_and_one_that_is_wrong_does_little():
+    many = [scan_of(1.5 + 0.2 * (i % 3 - 1), 0.3, 0.15, seed=i) for i in range(5)]
+    alone, together = judged(many[0]), judged(*many)
+    assert together.places == pytest.approx(5, abs=0.05)
+    assert together.standard_error < 0.7 * alone.standard_error
+    assert together.k == pytest.approx(1.5, abs=0.1)
+    with_wrong = judged(*many, scan_of(4.5, 3.0, 0.4, seed=9))
+    assert with_wrong.k == pytest.approx(together.k, abs=0.3)
+
+
 def test_what_ends_at_the_bound_is_not_found():
     found = estimate_light([frame_of("tube", 6.5)], FISHEYE)
     assert found.costs[0].argmin() == len(found.exponents) - 1
