@@ -60,6 +60,7 @@ bench: $(READY) ## measure speed
 	$(BIN)/python -m tests.benchmarks.session
 	$(BIN)/python -m tests.benchmarks.targets
 	$(BIN)/python -m tests.benchmarks.colon
+	$(BIN)/python -m tests.benchmarks.light traced
 	$(BIN)/python -m tests.benchmarks.highlights
 	$(BIN)/python -m tests.benchmarks.sequence
 

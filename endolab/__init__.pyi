@@ -49,6 +49,8 @@ from .reconstruction.mesh import make_mesh as make_mesh
 from .reconstruction.reconstruct import iterate as iterate
 from .reconstruction.reconstruct import reconstruct as reconstruct
 from .reconstruction.sequence import reconstruct_sequence as reconstruct_sequence
+from .reconstruction.unknown_light import LightEstimate as LightEstimate
+from .reconstruction.unknown_light import estimate_light as estimate_light
 from .recording.reader import read_recording as read_recording
 from .recording.recorder import Comparison as Comparison
 from .recording.recorder import record as record

@@ -1,4 +1,4 @@
-"""The commands about calibration: target, calibrate, convert, and simulate's sheet."""
+"""The commands about calibration: target, calibrate, calibrate-light, convert, and simulate's sheet."""
 
 import argparse
 import math
@@ -7,13 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from endolab._extras import lacking
-from endolab.cli.options import add_command, add_overwrite, number, whole
+from endolab.cli.options import add_command, add_overwrite, matt_wall, number, whole
 
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
 SHEET_OPTIONS: dict[str, Any] = {  # what only that can be told, and what it is by default
     **{"target": "vicalib_small", "frames": 300, "fold": 20.0},
     **{"outliers": 0.0, "motion": 0.0, "video": False},
 }
+
+
+LIGHT_FRAMES = 8  # of a video, that are asked for its light
 
 
 class _Bar:
@@ -138,6 +141,48 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     print(f"written to {Path(arguments.out)}, and to {folder}: {page}{more}")
 
 
+def _calibrate_light(arguments: argparse.Namespace) -> None:
+    import numpy as np
+
+    from endolab.datasets.known_endoscopes import CALIBRATIONS, load_calibration
+    from endolab.io.atomic import staged_file
+    from endolab.io.descriptions import Calibration, read_camera
+    from endolab.io.video import open_frames
+    from endolab.numerics.iteration import Status
+    from endolab.reconstruction.sequence import framed
+    from endolab.reconstruction.unknown_light import estimate_light
+
+    if arguments.frames < 1:
+        raise ValueError(f"--frames must be at least 1, got {arguments.frames}")
+    known = arguments.camera in CALIBRATIONS
+    camera = load_calibration(arguments.camera).camera if known else read_camera(arguments.camera)
+    frames = open_frames(*arguments.source)
+    count = min(arguments.frames, len(frames))
+    names = [frames.names[i] for i in np.linspace(0, len(frames) - 1, count).round().astype(int)]
+    how: dict[str, Any] = {"gamma": arguments.gamma, "otherwise": arguments.k}
+    if arguments.albedo is not None:
+        how["albedo"] = matt_wall(arguments.albedo).albedo
+    read = ((name, picture) for name, picture in frames.read(names) if picture is not None)
+    with (
+        staged_file(
+            arguments.out, overwrite=arguments.overwrite, inputs=[arguments.camera, *arguments.source]
+        ) as temporary,
+        closing(_Bar()) as bar,
+    ):
+        pictures = (framed(name, picture) for name, picture in read)
+        found = estimate_light(pictures, camera, progress=lambda n, _: bar("light", n, count), **how)
+        if found.status is Status.STOPPED:
+            raise KeyboardInterrupt
+        Calibration(camera, found.photometry, found.evidence).save(temporary)
+    for reason in found.refused.values():
+        print(f"left out: {reason}")
+    unread = sorted({*names} - {*found.names} - {*found.refused})
+    if unread:
+        print(f"cannot be read: {', '.join(unread)}")
+    print(found.verdict)
+    print(f"written to {arguments.out}; the gain is unknown, so distances are relative")
+
+
 def _convert(arguments: argparse.Namespace) -> None:
     from endolab.datasets.endomapper import find_calibrations, read_endomapper, read_vicalib
     from endolab.io.atomic import one_sentence, staged_file
@@ -226,6 +271,26 @@ def add_calibration_commands(commands: Any) -> None:
     how = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"
     option("--reflectance", action="append", default=[], metavar="R", help=how)
     option("--record", action="store_true", help="write a recording for the Rerun viewer too")
+
+    command = add_command(
+        commands,
+        "calibrate-light",
+        _calibrate_light,
+        "the light's fall-off k, asked of frames of tissue",
+        "endolab calibrate-light video.mp4 --camera camera.json --out endoscope.json",
+        "endolab calibrate-light a.png b.png --camera paper --out endoscope.json",
+    )
+    option = command.add_argument
+    option("source", nargs="+", metavar="SOURCE", help="a video, a folder of pictures, or pictures")
+    how = "endoscope.json, of which the camera is taken; or a known endoscope's name"
+    option("--camera", required=True, metavar="CAL", help=how)
+    option("--out", required=True, metavar="CAL.json")
+    add_overwrite(command)
+    how = f"so many, spread evenly (default {LIGHT_FRAMES}); each takes some seconds"
+    option("--frames", type=whole, default=LIGHT_FRAMES, metavar="N", help=how)
+    option("--gamma", type=number, default=2.2, metavar="γ", help="which frames don't tell (default 2.2)")
+    option("--albedo", metavar="A", help="of the wall's green, or R,G,B, if known")
+    option("--k", type=number, default=2.5, metavar="K", help="if it is not found (default 2.5)")
 
     command = add_command(
         commands,

@@ -52,21 +52,25 @@ def add_overwrite(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--overwrite", action="store_true", help=how)
 
 
-def _of_a_wall(calibration: Any, albedo: str | None) -> Any:
-    """Replace the BRDF by that of a matt wall, as one must after calibrating on a sheet of paper."""
+def matt_wall(albedo: str) -> Any:
+    """Read the albedo of a matt wall, or three, as its BRDF."""
     from endolab.model.brdf import Lambertian
 
+    try:
+        values = tuple(float(part) for part in albedo.split(","))
+        return Lambertian(values[0] if len(values) == 1 else values)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(f"--albedo must be one number in (0, 1] or three (R,G,B), got {albedo}") from error
+
+
+def _of_a_wall(calibration: Any, albedo: str | None) -> Any:
+    """Replace the BRDF by that of a matt wall, as one must after calibrating on a sheet of paper."""
     if albedo is None:
         evidence = calibration.evidence.get("photometry")
         if isinstance(evidence, dict) and evidence.get("brdf_of"):
             print("The BRDF is that of the calibration sheet; --albedo 0.5 takes a matt wall instead.")
         return calibration
-    try:
-        values = tuple(float(part) for part in albedo.split(","))
-        brdf = Lambertian(values[0] if len(values) == 1 else values)  # type: ignore[arg-type]
-    except ValueError as error:
-        raise ValueError(f"--albedo must be one number in (0, 1] or three (R,G,B), got {albedo}") from error
-    return replace(calibration, photometry=replace(calibration.photometry, brdf=brdf))
+    return replace(calibration, photometry=replace(calibration.photometry, brdf=matt_wall(albedo)))
 
 
 def calibration_of(arguments: argparse.Namespace) -> Any:

@@ -1,6 +1,7 @@
 """A frame and a calibration in, a surface out, stage by stage.
 
-Read `problem_setup`, `colours`, `separation`, `reconstruct`, `scale`, `assumptions`, `sequence`, `mesh`.
+Read `problem_setup`, `colours`, `separation`, `reconstruct`, `scale`, `assumptions`, `sequence`,
+`unknown_light`, `mesh`.
 """
 
 from endolab._deprecated import with_old_names

@@ -12,7 +12,7 @@ from endolab.batch.calibrate import calibrate_to_files
 from endolab.calibration import session
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.cli import main as cli
-from endolab.io.descriptions import read_camera
+from endolab.io.descriptions import read_camera, write_camera
 from endolab.io.images import read_image, write_image
 
 FRAMES = 24
@@ -275,3 +275,66 @@ def test_a_sheet_to_print(tmp_path, capsys):
     assert asked in capsys.readouterr().err
     assert call("target", "vicalib_small", "--out", tmp_path / "s.pdf", "--overwrite") == 0
     assert "something flat" in capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def tissue(tmp_path_factory):
+    """Pictures of a tube by the paper's fisheye, with k = 1.5, and its camera alone."""
+    folder = tmp_path_factory.mktemp("tissue")
+    camera = el.load_calibration("paper", width=96).camera
+    for number, scene in enumerate((el.Tube(length=130), el.Tube(length=110, tilt=10))):
+        light = el.Photometry(1.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
+        write_image(folder / f"{number}.png", el.render(scene, camera, light).image)
+    write_camera(camera, folder / "camera.json")
+    return folder
+
+
+def calibrate_light(folder, *options):
+    return call("calibrate-light", folder, "--camera", folder / "camera.json", *options)
+
+
+def test_frames_of_tissue_tell_the_light(tissue, tmp_path, capsys):
+    assert calibrate_light(tissue, "--out", tmp_path / "found.json", "--albedo", "0.75,0.38,0.3") == 0
+    said = capsys.readouterr().out
+    assert "The light falls off with k = " in said
+    found = el.Calibration.load(tmp_path / "found.json")
+    assert found.photometry.k == pytest.approx(1.5, abs=0.4)
+    assert found.photometry.brdf == el.Lambertian((0.75, 0.38, 0.3))
+    evidence = found.evidence["unknown_light"]
+    assert evidence["verdict"] in said
+    assert list(evidence["costs"]) == ["0.png", "1.png"]
+
+
+def test_so_many_frames_are_asked_as_it_is_told(tissue, tmp_path, capsys):
+    (tissue / "2.png").write_bytes(b"no picture")
+    try:
+        assert calibrate_light(tissue, "--out", tmp_path / "found.json", "--frames", 2) == 0
+    finally:
+        (tissue / "2.png").unlink()
+    assert "cannot be read: 2.png" in capsys.readouterr().out
+    assert list(el.Calibration.load(tmp_path / "found.json").evidence["unknown_light"]["costs"]) == ["0.png"]
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--camera", "paper"), "0.png is 96x72 px, but the calibration is for 1440x1080 px"),
+        (("--frames", 0), "--frames must be at least 1, got 0"),
+        (("--gamma", -1), "gamma must be positive"),
+        (("--albedo", "red"), "--albedo must be one number in (0, 1] or three (R,G,B), got red"),
+        (("--camera", "none.json"), "none.json: there is no such"),
+    ],
+)
+def test_a_light_that_cannot_be_asked_for(options, says, tissue, tmp_path, capsys):
+    assert calibrate_light(tissue, "--out", tmp_path / "found.json", *options) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_camera_that_is_read_is_not_replaced(tissue, capsys):
+    before = (tissue / "camera.json").read_bytes()
+    assert calibrate_light(tissue, "--out", tissue / "camera.json", "--overwrite") == 2
+    assert (tissue / "camera.json").read_bytes() == before
+    assert "write to another place" in capsys.readouterr().err

@@ -35,6 +35,7 @@ BASE = {
     "simulate": ["plane", "--width", "32", "--out", "out"],
     "target": ["chessboard", "--out", "out.pdf"],
     "calibrate": ["none.mkv", "--target", "chessboard", "--out", "out.json"],
+    "calibrate-light": ["none.mkv", "--camera", "paper", "--out", "out.json"],
     "convert": ["none.xml", "--out", "out.json"],
     "evaluate": ["truth.npz", "truth.npz"],
     "lab": ["--notebooks", "none"],

@@ -1,0 +1,339 @@
+"""The light of an endoscope that was never calibrated, asked of the frames it took: k, by the energy.
+
+Any k explains any frame: what it says too much of the light's fall to the side, a surface that comes
+nearer at the side makes good. But that surface bends as walls do not, and the energy says so. So a frame
+is solved for every k of `EXPONENTS`, each from the surface before with its sides moved by what the change
+of k is worth, ½ Δk log cos α, bounced light found anew each time (`separation`): a step or two each.
+
+The regulariser likes little contrast, and the less k, the less of it has the surface. Charged is therefore
+
+    c(k) = log E(k) - ½ log (spread of 1/d over its mean),
+
+which is least at the truth on average over frames whose light never bounced; without the second term it is
+a third too low. One frame seldom tells k, for its wall may well bend like another k, the more so the less
+of the light's fall the camera sees. How well it does was measured on path-traced frames of many cavities
+and lamps: as a likelihood, exp(-c/T), blurred by `ASIDE` over the spread of log cos α. Frames that show
+other places err independently, and their likelihoods multiply; what is common to all, a smooth straight
+tube everywhere, say, blurs the product once more. The middle of what is left, its width, and a verdict
+are the answer. It is one for cavities: a single flat wall before a pinhole looks like a k that is 2 larger.
+
+γ is not told: of any two, the energy prefers the smaller, which leaves less contrast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import gaussian_filter1d
+
+from endolab.depth.gauss_newton import gauss_newton
+from endolab.depth.problem import Problem
+from endolab.depth.result import Iterate, Observer, staged
+from endolab.model.brdf import Lambertian
+from endolab.model.cameras import Camera
+from endolab.model.endoscope import Endoscope
+from endolab.model.photometry import Photometry
+from endolab.numerics.arrays import FloatArray, frozen
+from endolab.numerics.checks import number, real_array, told
+from endolab.numerics.iteration import Status, checked_observers, closing, drive
+from endolab.preprocessing.frame import Frame
+from endolab.reconstruction.colours import NoColour
+from endolab.reconstruction.problem_setup import make_problem
+from endolab.reconstruction.separation import Colours, continued, separate
+
+LIGHT = "light"  # stage
+EXPONENTS = np.linspace(0.0, 5.0, 11)  # k that are tried; endoscopes have 0.5 to 3.5
+FIRST = 4  # of them, with which to begin: 2
+WIDTH = 200  # px; it is the surface's large shape that tells
+SMOOTH = 1.0  # px, of that width; more blur, against noise, makes dark lumens brighter and k smaller
+USUAL = 2.5  # k of the paper's endoscope, taken if nothing is found
+CONTRAST = 0.5  # power of it by which the energy is divided
+TEMPERATURE = 0.03  # T, of c; like the widths it makes the true k of 31 path-traced frames likeliest
+# What shapes pretend: standard deviation of the part of a frame's log light that looks like log cos α, as a
+# share of the spread of that; and of k, for all frames of an endoscope together. In colour, and without.
+ASIDE, ALIKE = (0.08, 0.15), (0.3, 0.5)
+USUAL_ERROR = 1.0  # standard deviation of the usual k, which what is found roughly is averaged with
+WRONG = 0.05  # of frames, which tell nothing of k: fog, a wall with a pattern
+SAME = 8.0  # power of two shapes' correlation to which they are one place; 0.98 of neighbours, 0.5 of others
+FINE = 0.05  # step of the k whose likelihood is told
+FOUND, ROUGHLY = 0.5, 1.0  # standard errors up to which k is found, or found roughly; knowing nothing: 1.7
+EDGE = 0.5  # from the greatest k, within which the likeliest is at a bound
+
+
+@dataclass(frozen=True)
+class LightEstimate:
+    """What frames tell of the light's fall-off.
+
+    `photometry` is ready to reconstruct with: it has the k that was found, or else the one that was to be
+    taken otherwise, and the mean of both, by their errors, if k was found roughly; its gain is unknown.
+    """
+
+    k: float  # joint exponent of lamp and lens: half of the likelihood is below
+    standard_error: float  # half the width of its middle 68 %
+    interval: tuple[float, float]  # its middle 95 %
+    outcome: str  # "found", "roughly" or "not found"
+    verdict: str  # the same in a sentence
+    photometry: Photometry
+    exponents: FloatArray  # (K,), those that were tried
+    costs: FloatArray  # (F, K), c of every frame, its least being 0
+    likelihood: FloatArray  # (N, 2), k and how likely it is, per unit of k
+    places: float  # as many independent frames the frames are worth
+    names: tuple[str, ...]  # of the F frames
+    refused: dict[str, str]  # names of others, and why, in a sentence
+    status: Status  # STOPPED if not all frames were asked
+
+    @property
+    def evidence(self) -> dict[str, Any]:
+        """All of it in plain numbers, for `endoscope.json`."""
+        plain = ("k", "standard_error", "outcome", "verdict", "places", "refused")
+        found: dict[str, Any] = {name: getattr(self, name) for name in plain}
+        found |= {"interval": list(self.interval), "exponents": self.exponents.tolist()}
+        costs = np.round(self.costs, 4).tolist()
+        return {"unknown_light": found | {"costs": dict(zip(self.names, costs, strict=True))}}
+
+
+def estimate_light(
+    frames: Iterable[Frame],
+    camera: Camera,
+    *,
+    gamma: float = 2.2,
+    albedo: ArrayLike | None = None,
+    otherwise: float = USUAL,
+    observers: Iterable[Observer] = (),
+    progress: Callable[[int, str], object] | None = None,
+) -> LightEstimate:
+    """Find the exponent k of an endoscope's light from frames that it took, the camera being known.
+
+    It takes two or three seconds a frame. A frame of a fisheye that sees 60° to the side and more tells k
+    within a half, three within a third; five of a camera that sees 45° tell it roughly. Neighbours in a
+    video count as one.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        Of one endoscope, in colour, so that bounced light can be told from direct; grey ones tell less.
+    camera : Camera
+        For pictures of that size.
+    gamma : float
+        The response γ, which frames do not tell. The k that is found is one for this γ: where that is 0.3
+        too large, k is 0.2 to 0.3 too large, too.
+    albedo : float or three floats, optional
+        Of the wall, in green alone or red, green and blue, if it is known.
+    otherwise : float
+        k of the photometry if it is not found.
+    observers : iterable of callables
+        Each is shown every iterate of every solve; one that returns True stops the search, and what the
+        frames before told is the answer.
+    progress : callable, optional
+        ``progress(done, name)`` is called after each frame.
+
+    Returns
+    -------
+    LightEstimate
+
+    Raises
+    ------
+    ValueError
+        In one sentence, if an argument cannot be used, or none of the frames.
+    """
+    if not isinstance(camera, Camera):
+        raise ValueError(f"camera must be a Camera, got {told(camera)}")
+    if not isinstance(frames, Iterable):
+        raise ValueError(f"frames must be several of Frame, got {told(frames)}")
+    known = None if albedo is None else tuple(np.ravel(real_array("albedo", albedo)).tolist())
+    wall = Lambertian() if known is None else Lambertian(known if len(known) > 1 else known[0])  # type: ignore[arg-type]
+    usual = Photometry(number("otherwise", otherwise, 0.0), number("gamma", gamma), None, wall)
+    endoscope, watching = Endoscope(camera, usual), checked_observers(observers)
+    scans: list[_Scan] = []
+    refused: dict[str, str] = {}
+
+    def scanned_all() -> Generator[Iterate, None, Status]:
+        for done, frame in enumerate(frames, 1):
+            if not isinstance(frame, Frame):
+                raise ValueError(f"frames must be several of Frame, got {told(frame)}")
+            try:
+                scans.append((yield from _scanned(frame, endoscope)))
+            except ValueError as error:
+                refused[frame.name] = str(error)
+            if progress is not None:
+                progress(done, frame.name)
+        return Status.CONVERGED
+
+    with closing(watching):
+        status = drive(scanned_all(), watching, lambda *_: None)
+    if not scans:
+        why = "it was stopped" if status is Status.STOPPED else "there is none"
+        raise ValueError(f"no frame tells of the light: {next(iter(refused.values()), why)}")
+    return _judged(scans, refused, usual, status)
+
+
+# One frame ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """What one frame costs under each of EXPONENTS."""
+
+    name: str
+    costs: FloatArray  # (K,), c, its least being 0
+    spread: float  # standard deviation of log cos α
+    shape: FloatArray  # (H, W), log d but for its mean and what goes with log cos α; nan where unknown
+    coloured: bool  # whether bounced light was taken out
+
+
+def _scanned(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, _Scan]:
+    """Solve a frame under every k; the iterates are yielded."""
+    coloured = frame.image.ndim == 3
+    if coloured:
+        try:
+            surfaces = yield from _coloured(frame, calibration)
+        except NoColour:
+            coloured = False
+    if not coloured:
+        surfaces = yield from _grey(frame, calibration)
+    costs = np.array([_cost(one) for one in surfaces])
+    mask, v = surfaces[FIRST].mask, surfaces[FIRST].log_distance
+    fall = np.log(surfaces[FIRST].problem.field.cos_alpha[mask])
+    if not (np.all(np.isfinite(costs)) and np.ptp(fall) > 0):
+        raise ValueError(f"{frame.name}: its surface has no contrast")
+    line = np.polyfit(fall, v[mask], 1)
+    shape = np.full(mask.shape, np.nan)
+    shape[mask] = v[mask] - np.polyval(line, fall)
+    return _Scan(frame.name, costs - costs.min(), float(fall.std()), shape, coloured)
+
+
+Chain = Generator[Iterate, None, Iterate]
+
+
+def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, list[Iterate]]:
+    """The surface under every k, bounced light taken out each time."""
+    colours = Colours.of(frame, calibration, min(WIDTH, frame.width), SMOOTH)
+
+    def solve(k: float, before: Iterate | None) -> Chain:
+        problems = [_under(one, k) for one in colours.fine]
+        if before is None:
+            found = yield from separate(problems, colours.albedo, False)
+        else:
+            found = yield from continued(problems, colours.albedo, None, _moved(before, k))
+        return found.surface
+
+    return (yield from _chained(solve))
+
+
+def _grey(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, list[Iterate]]:
+    """The surface under every k, all light being taken for direct."""
+    problem = make_problem(frame, calibration, width=min(WIDTH, frame.width), smooth=SMOOTH)
+
+    def solve(k: float, before: Iterate | None) -> Chain:
+        start = None if before is None else _moved(before, k)
+        number = int(np.argmin(np.abs(EXPONENTS - k))) + 1
+        return (yield from staged(gauss_newton(_under(problem, k), start=start), LIGHT, number))
+
+    return (yield from _chained(solve))
+
+
+def _chained(solve: Callable[[float, Iterate | None], Chain]) -> Generator[Iterate, None, list[Iterate]]:
+    """Solve for every k, from FIRST outwards, each from its neighbour's surface."""
+    first = yield from solve(float(EXPONENTS[FIRST]), None)
+    up, down = [first], [first]
+    for k in EXPONENTS[FIRST + 1 :]:
+        up.append((yield from solve(float(k), up[-1])))
+    for k in EXPONENTS[:FIRST][::-1]:
+        down.append((yield from solve(float(k), down[-1])))
+    return [*down[:0:-1], *up]
+
+
+def _under(problem: Problem, k: float) -> Problem:
+    return replace(problem, photometry=replace(problem.photometry, k=k))
+
+
+def _moved(surface: Iterate, k: float) -> FloatArray:
+    """Log-distance of a surface of the same slants that makes the same picture under another k."""
+    problem = surface.problem
+    cosine = np.where(problem.mask, problem.field.cos_alpha, 1.0)
+    return surface.log_distance + 0.5 * (k - problem.photometry.k) * np.log(cosine)
+
+
+def _cost(surface: Iterate) -> float:
+    """What a surface costs for its contrast, c."""
+    near = 1 / surface.distance[surface.mask]
+    with np.errstate(divide="ignore"):
+        return float(np.log(surface.energy) - CONTRAST * np.log(near.std() / near.mean()))
+
+
+# All of them ----------------------------------------------------------------------------
+
+
+def _weights(shapes: Sequence[FloatArray]) -> FloatArray:
+    """What each of several frames counts: two that show one place count half each."""
+    alike = np.eye(len(shapes))
+    for i, one in enumerate(shapes):
+        for j, other in enumerate(shapes[:i]):
+            both = np.isfinite(one) & np.isfinite(other) if one.shape == other.shape else np.zeros(1, bool)
+            if both.sum() > 1 and min(one[both].std(), other[both].std()) > 0:
+                alike[i, j] = alike[j, i] = max(np.corrcoef(one[both], other[both])[0, 1], 0.0) ** SAME
+    return np.asarray(1 / alike.sum(axis=1))
+
+
+def _likelihood(scans: Sequence[_Scan], weights: FloatArray, coloured: bool) -> FloatArray:
+    """How likely every k is, (N, 2): k, and per unit of k."""
+    k = np.linspace(EXPONENTS[0], EXPONENTS[-1], round((EXPONENTS[-1] - EXPONENTS[0]) / FINE) + 1)
+
+    def blurred(density: FloatArray, width: float) -> FloatArray:
+        smooth = np.asarray(gaussian_filter1d(density, width / FINE, mode="constant"))
+        return smooth / (smooth.sum() * FINE)
+
+    total = np.zeros(len(k))
+    for scan, weight in zip(scans, weights, strict=True):
+        cost = PchipInterpolator(EXPONENTS, scan.costs)(k)
+        says = blurred(np.exp(-(cost - cost.min()) / TEMPERATURE), ASIDE[not coloured] / scan.spread)
+        total += weight * np.log((1 - WRONG) * says + WRONG / (k[-1] - k[0]))
+    return np.stack([k, blurred(np.exp(total - total.max()), ALIKE[not coloured])], axis=1)
+
+
+def _judged(
+    scans: Sequence[_Scan], refused: dict[str, str], usual: Photometry, status: Status
+) -> LightEstimate:
+    """What the frames tell together."""
+    coloured, weights = all(scan.coloured for scan in scans), _weights([scan.shape for scan in scans])
+    likelihood = _likelihood(scans, weights, coloured)
+    k, share = likelihood[:, 0], np.cumsum(likelihood[:, 1]) * FINE
+    low, below, middle, above, high = np.interp([0.025, 0.16, 0.5, 0.84, 0.975], share, k).tolist()
+    error, at_bound = (above - below) / 2, k[np.argmax(likelihood[:, 1])] > k[-1] - EDGE
+    frames = f"{len(scans)} frame{'' if len(scans) == 1 else 's'}"
+    if at_bound or error > ROUGHLY:
+        outcome = "not found"
+        why = f"it would be {k[-1]:g} or more" if at_bound else f"{low:.1f} to {high:.1f} are likely"
+        verdict = f"k is not found: by {frames}, {why}; {usual.k:g} is taken."
+    else:
+        outcome = "found" if error <= FOUND else "roughly"
+        taken, near, instead = middle, "", ""
+        if outcome == "roughly":
+            taken = float(np.average([middle, usual.k], weights=[error**-2, USUAL_ERROR**-2]))
+            near, instead = "roughly ", f"; with {usual.k:g} in mind, {taken:.1f} is taken"
+        verdict = f"The light falls off with k = {near}{middle:.1f} ± {error:.1f}, by {frames}{instead}."
+        usual = replace(usual, k=round(taken, 2))
+    if weights.sum() < 0.75 * len(scans):
+        verdict += f" They show much the same, and count as {weights.sum():.1f}."
+    if not coloured:
+        verdict += " Not all show three colours, so that light that bounced counts as direct."
+    return LightEstimate(
+        k=middle,
+        standard_error=error,
+        interval=(low, high),
+        outcome=outcome,
+        verdict=f"{verdict} They do not tell γ, taken to be {usual.gamma:g}.",
+        photometry=usual,
+        exponents=frozen(EXPONENTS.copy()),
+        costs=frozen(np.array([scan.costs for scan in scans])),
+        likelihood=frozen(likelihood),
+        places=float(weights.sum()),
+        names=tuple(scan.name for scan in scans),
+        refused=refused,
+        status=status,
+    )

@@ -1,0 +1,211 @@
+"""k of a light that is not known: found on scenes that obey the model and on a traced one, or not found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab.depth.result import Iterate
+from endolab.numerics.iteration import Status
+from endolab.reconstruction import unknown_light
+from endolab.reconstruction.problem_setup import make_problem
+from endolab.reconstruction.unknown_light import estimate_light
+
+FISHEYE = el.load_calibration("paper", width=120).camera
+NARROW = el.Pinhole(120, 90, 400.0, 400.0, 59.5, 44.5)  # 9° to the side
+TISSUE = el.Lambertian((0.75, 0.38, 0.30))
+SCENES = ("curved", "tube", "colon")
+
+
+def frame_of(scene, k, camera=FISHEYE, **how):
+    seen = el.render(el.SCENES[scene], camera, el.Photometry(k, 2.2, None, TISSUE), noise=1, bits=8, **how)
+    return el.Frame(seen.image, seen.mask, scene)
+
+
+def grey(frame):
+    return replace(frame, image=frame.image[..., 1])
+
+
+@pytest.fixture(scope="module")
+def tube():
+    return frame_of("tube", 2.5)
+
+
+@pytest.fixture(scope="module")
+def of_tube(tube):
+    return estimate_light([tube], FISHEYE)
+
+
+@pytest.mark.parametrize("k", [1.0, 2.5])
+def test_scenes_of_the_model_tell_k(k):
+    """Cavities, seen by a fisheye: each has its least within a half, together they are within 0.3."""
+    found = estimate_light([frame_of(scene, k) for scene in SCENES], FISHEYE)
+    assert found.k == pytest.approx(k, abs=0.3)
+    assert found.outcome == "found"
+    assert found.photometry == el.Photometry(round(found.k, 2), 2.2, None)
+    assert found.interval[0] < k < found.interval[1]
+    assert found.standard_error < 0.45
+    least = found.exponents[np.argmin(found.costs, axis=1)]
+    np.testing.assert_allclose(least, k, atol=0.5)
+    np.testing.assert_allclose(found.costs.min(axis=1), 0)
+    assert found.verdict.startswith(f"The light falls off with k = {found.k:.1f} ± ")
+    assert (found.names, found.refused, found.status) == (SCENES, {}, Status.CONVERGED)
+
+
+def test_a_traced_frame_tells_k_though_its_light_bounced():
+    sample = el.load_traced("wet-2")
+    found = estimate_light([sample.frame], sample.calibration.camera)
+    truth = sample.calibration.photometry.simplified()
+    assert abs(found.k - truth.k) < 0.6
+    assert found.outcome in ("found", "roughly")
+
+
+def test_the_likelihood_is_one_and_the_answer_its_middle(of_tube):
+    k, density = of_tube.likelihood.T
+    step = k[1] - k[0]
+    assert density.sum() * step == pytest.approx(1)
+    assert density[k <= of_tube.k].sum() * step == pytest.approx(0.5, abs=0.05)
+    low, high = of_tube.interval
+    assert density[(k > low) & (k < high)].sum() * step == pytest.approx(0.95, abs=0.05)
+
+
+def test_a_camera_that_sees_no_fall_finds_nothing():
+    frames = [frame_of("colon", 2.5, NARROW)]
+    found = estimate_light(frames, NARROW, otherwise=1.75, gamma=2.0)
+    assert found.outcome == "not found"
+    assert found.standard_error > 1
+    assert (found.photometry.k, found.photometry.gamma) == (1.75, 2.0)
+    assert found.verdict.startswith("k is not found: by 1 frame, ")
+    assert "1.75 is taken" in found.verdict
+
+
+def scan_of(k, steep, spread, seed=0):
+    """What a frame would cost that is least at k, of a shape of its own."""
+    costs = steep * (unknown_light.EXPONENTS - k) ** 2
+    shape = np.random.default_rng(seed).normal(size=(20, 20))
+    return unknown_light._Scan(f"f{seed}", costs - costs.min(), spread, shape, True)
+
+
+def judged(*scans, otherwise=2.5):
+    return unknown_light._judged(scans, {}, el.Photometry(otherwise), Status.CONVERGED)
+
+
+def test_what_is_found_roughly_is_averaged_with_what_is_usual():
+    sure, rough, none = (judged(scan_of(1.5, 0.3, spread)) for spread in (0.4, 0.12, 0.04))
+    assert [one.outcome for one in (sure, rough, none)] == ["found", "roughly", "not found"]
+    assert sure.photometry.k == round(sure.k, 2)
+    share = rough.standard_error**2 / (1 + rough.standard_error**2)
+    assert rough.photometry.k == pytest.approx(rough.k + share * (2.5 - rough.k), abs=0.01)
+    assert f"with 2.5 in mind, {rough.photometry.k:.1f} is taken" in rough.verdict
+    assert none.photometry.k == 2.5
+
+
+def test_more_places_tell_more_and_one_that_is_wrong_does_little():
+    many = [scan_of(1.5 + 0.2 * (i % 3 - 1), 0.3, 0.15, seed=i) for i in range(5)]
+    alone, together = judged(many[0]), judged(*many)
+    assert together.places == pytest.approx(5, abs=0.05)
+    assert together.standard_error < 0.7 * alone.standard_error
+    assert together.k == pytest.approx(1.5, abs=0.1)
+    with_wrong = judged(*many, scan_of(4.5, 3.0, 0.4, seed=9))
+    assert with_wrong.k == pytest.approx(together.k, abs=0.3)
+
+
+def test_what_ends_at_the_bound_is_not_found():
+    found = estimate_light([frame_of("tube", 6.5)], FISHEYE)
+    assert found.costs[0].argmin() == len(found.exponents) - 1
+    assert found.outcome == "not found"
+    assert "it would be 5 or more" in found.verdict
+
+
+def test_a_frame_that_is_given_again_tells_nothing_new(tube, of_tube):
+    found = estimate_light([tube] * 2, FISHEYE)
+    assert found.places == pytest.approx(1)
+    assert (found.k, found.standard_error) == pytest.approx((of_tube.k, of_tube.standard_error))
+    assert "count as 1.0" in found.verdict
+    assert of_tube.places == 1
+    assert "count as" not in of_tube.verdict
+
+
+def test_without_colours_less_is_told(tube, of_tube):
+    as_rgb = replace(tube, image=np.repeat(tube.image[..., 1:2], 3, axis=2))
+    for frame in (grey(tube), as_rgb):
+        found = estimate_light([frame], FISHEYE)
+        assert found.k == pytest.approx(2.5, abs=0.7)
+        assert found.standard_error > 1.3 * of_tube.standard_error
+        assert "counts as direct" in found.verdict
+    assert "counts as direct" not in of_tube.verdict
+
+
+def test_a_surface_moves_with_k_as_facing_distances_do(tube):
+    problem = make_problem(tube, el.Calibration(FISHEYE, el.Photometry(1.0, 2.2, 1.0, TISSUE)))
+    under = replace(problem, photometry=replace(problem.photometry, k=3.0))
+    there = unknown_light._moved(Iterate.of(problem, problem.log_facing), 3.0)
+    np.testing.assert_allclose(there[problem.mask], under.log_facing[problem.mask], atol=1e-12)
+
+
+def test_frames_that_cannot_be_used_are_named(tube, of_tube):
+    small = el.Frame(tube.image[:50], tube.mask[:50], "small")
+    dark = replace(tube, image=np.zeros_like(tube.image), name="dark")
+    seen = []
+    found = estimate_light(
+        [small, tube, dark], FISHEYE, progress=lambda done, name: seen.append((done, name))
+    )
+    assert list(found.refused) == ["small", "dark"]
+    assert "50 px" in found.refused["small"]
+    assert found.names == ("tube",)
+    assert found.k == of_tube.k
+    assert seen == [(1, "small"), (2, "tube"), (3, "dark")]
+    with pytest.raises(ValueError, match=r"^no frame tells of the light: small is 120x50 px"):
+        estimate_light([small], FISHEYE)
+
+
+def test_observers_see_every_solve_and_may_stop_it(tube):
+    other, steps, done = grey(tube), [], []
+
+    def stop_in_the_second(step):
+        steps.append(step)
+        return len(done) == 1
+
+    found = estimate_light(
+        [other, tube], FISHEYE, observers=[stop_in_the_second], progress=lambda *said: done.append(said)
+    )
+    assert found.status is Status.STOPPED
+    assert found.names == ("tube",)
+    assert {step.problem.photometry.k for step in steps} == {*found.exponents}
+    assert [step.stage for step in steps[:-1]] == ["light"] * (len(steps) - 1)
+    with pytest.raises(ValueError, match="stopped"):
+        estimate_light([tube], FISHEYE, observers=[lambda step: True])
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"camera": "paper"}, "camera must be a Camera, got 'paper'"),
+        ({"frames": 3}, "frames must be several of Frame, got 3"),
+        ({"frames": ["a.png"]}, "frames must be several of Frame, got 'a.png'"),
+        ({"frames": []}, "no frame tells of the light: there is none"),
+        ({"gamma": "free"}, "gamma must be a number, got 'free'"),
+        ({"gamma": 0.0}, "gamma must be positive"),
+        ({"otherwise": -1}, "otherwise must be finite and at least 0, got -1"),
+        ({"albedo": "red"}, "albedo must be an array of real numbers"),
+        ({"albedo": (0.5, 0.4)}, "albedo must be one number or three"),
+        ({"observers": 1}, "observers must be several that can be called"),
+    ],
+)
+def test_a_slip_is_said_in_a_sentence(changes, says):
+    given = {"frames": [], "camera": FISHEYE} | changes
+    with pytest.raises(ValueError, match=says):
+        estimate_light(given.pop("frames"), given.pop("camera"), **given)
+
+
+def test_it_is_ready_to_reconstruct_with_and_to_be_kept(tube, of_tube, tmp_path):
+    calibration = el.Calibration(FISHEYE, of_tube.photometry, of_tube.evidence)
+    calibration.save(tmp_path / "endoscope.json")
+    read = el.Calibration.load(tmp_path / "endoscope.json")
+    assert read.photometry == of_tube.photometry
+    assert read.evidence["unknown_light"]["outcome"] == of_tube.outcome
+    assert list(read.evidence["unknown_light"]["costs"]) == ["tube"]
+    result = el.reconstruct(tube, read)
+    assert result.status is Status.CONVERGED
+    assert not result.metric
