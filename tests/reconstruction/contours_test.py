@@ -1,4 +1,4 @@
-"""Where the surface is torn: the vote of the energy, on frames whose light obeys the model."""
+"""Where the surface is torn, and whether it is, on frames whose light obeys the model."""
 
 from dataclasses import replace
 
@@ -7,19 +7,10 @@ import pytest
 
 import endolab as el
 from endolab.depth.gauss_newton import gauss_newton
-from endolab.depth.problem import AT_LEAST, NONE
 from endolab.depth.result import staged
 from endolab.numerics.iteration import finish
 from endolab.preprocessing.contours import find_contours
-from endolab.reconstruction.contours import (
-    STEEPNESS,
-    WIDTH,
-    small,
-    steepness_of,
-    torn_at,
-    torn_where_it_pays,
-    voted,
-)
+from endolab.reconstruction.contours import PRICE, STEEP, price_of, torn_at, torn_where_it_pays
 from endolab.reconstruction.problem_setup import make_problem
 from tests.tools.problems import percent_off, problem_of
 
@@ -57,11 +48,11 @@ def test_a_wall_without_folds_is_left_whole(scene):
     problem, _ = problem_of(scene, 160, noise=1, bits=8)
     smooth = solved(problem)
     assert finish(torn_where_it_pays(problem, smooth)) is smooth
-    assert finish(voted(problem, smooth, True, 0)) is None
+    assert torn_at(problem).cuts is None
 
 
 def test_a_tube_loses_nothing():
-    """Its dark end is put to the vote. Measured 1.1 and 1.3 %."""
+    """Whose end is dark."""
     problem, seen = problem_of("tube", 160)
     smooth = solved(problem)
     torn = finish(torn_where_it_pays(problem, smooth))
@@ -86,47 +77,20 @@ def test_it_comes_to_the_same_bits_again():
     np.testing.assert_array_equal(one.distance, other.distance)
 
 
-def test_how_steep_is_read_off_what_was_torn():
+def test_only_steep_lines_are_torn_and_each_of_them():
     problem, _ = direct("matt")
-    for steep in STEEPNESS[1:]:
-        torn = torn_at(problem, steep)
-        again = torn_at(problem, steepness_of(torn))
-        np.testing.assert_array_equal(again.cuts, torn.cuts)
-    assert steepness_of(problem) is None
+    cuts = torn_at(problem).cuts
+    assert cuts.sum() > 100
+    np.testing.assert_array_equal(cuts, find_contours(problem.log_facing, problem.mask) > STEEP)
     assert torn_at(problem, 9.0).cuts is None
-    assert torn_at(torn, 9.0).cuts is None
-    anywhere = replace(problem, cuts=np.ones((2, *problem.mask.shape), bool))  # not lines of the picture
-    assert steepness_of(anywhere) == STEEPNESS[-1]
 
 
-def test_a_small_copy_says_what_the_picture_says(rng):
-    problem, _ = direct("diffuse-1", 320)
-    evidence = np.zeros(problem.mask.shape, np.int8)
-    evidence[40:80, 60:120], evidence[100:140, 60:120] = NONE, AT_LEAST
-    mask = problem.mask.copy()
-    mask[:, :40] = False
-    cuts = rng.random((2, *mask.shape)) > 0.9
-    copy = small(replace(problem, mask=mask, evidence=evidence, cuts=cuts))
-    assert copy.image.shape == (120, WIDTH)
-    assert (copy.cuts, copy.camera.width) == (None, WIDTH)
-    assert not copy.mask[:, :20].any()
-    assert copy.mask[:, 20:].all()
-    np.testing.assert_array_equal(copy.evidence, evidence[::2, ::2])
-    light = problem.image**2.2
-    mean = light.reshape(120, 2, 160, 2).mean(axis=(1, 3))
-    np.testing.assert_allclose(copy.image[:, 20:] ** 2.2, mean[:, 20:], rtol=1e-9)
-    assert small(copy) is copy
-
-
-def test_the_vote_takes_the_steep_lines_first():
-    """It yields a surface for each batch, of ever more cuts, and the smooth one before."""
-    problem, _ = direct("matt")
-    steps = list(voted(problem, solved(problem), False, 2))
-    counts = [0 if step.problem.cuts is None else int(step.problem.cuts.sum()) for step in steps]
-    assert counts == sorted(counts)
-    assert {(step.stage, step.round) for step in steps} == {("vote", 2)}
-    steepness = find_contours(problem.log_facing, problem.mask)
-    assert set(counts) == {0, *(int((steepness > steep).sum()) for steep in STEEPNESS)}
+def test_a_longer_cut_must_save_more():
+    """The price is a share, whatever the size: that of a cut as long as the picture's height."""
+    for height in (60, 240):
+        cuts = np.zeros((2, height, 2 * height), bool)
+        cuts[0, :, height] = True
+        assert price_of(cuts, np.ones(cuts.shape[1:], bool)) == pytest.approx(PRICE)
 
 
 def test_with_a_channel_of_its_own_and_without_contours():
