@@ -4,8 +4,8 @@ Over an occluding contour the distance jumps, and with it log d₀ = -½ log I_c
 puts all behind it too near. Seen from above, the slope of log d₀ is a landscape whose ridges are such
 jumps, and its watersheds are closed lines one step thin, without a gap for a march to leak through
 (Vincent and Soille, "Watersheds in digital spaces", 1991). Steep ones are contours, most likely; vessels
-and noise make lines, too. The picture alone does not tell: that is put to the vote of the energy
-(`reconstruction.contours`).
+and noise make lines, too, of less slope. Basins are kept small, so that a line is steep all along or
+nowhere: a fold fades into the wall, and a long line would be torn where there is none any more.
 
 A wall that turns away is dark at its rim, before it ends. So a thin strip is the limb of its lightest
 neighbour, and what is torn is the strip's other side.

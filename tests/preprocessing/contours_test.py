@@ -10,7 +10,7 @@ from endolab import datasets
 from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.numerics.derivatives import links, shifted
 from endolab.preprocessing.contours import find_contours
-from endolab.reconstruction.contours import STEEPNESS
+from endolab.reconstruction.contours import STEEP
 from endolab.reconstruction.problem_setup import make_problem
 from tests.tools.problems import percent_off
 
@@ -36,18 +36,18 @@ def steepness_of(problem):
 
 @pytest.mark.parametrize("width", [240, 480])
 def test_folds_are_found_where_the_distance_jumps(width):
-    """Precision and recall, of all lines: measured 0.82 and 0.73 at 240 px, 0.70 and 0.87 at 480."""
+    """Precision and recall, of steep lines: measured 0.80 and 0.61 at 240 px, 0.63 and 0.76 at 480."""
     rendered, _, _, problem = seen("colon", width)
-    edges = (steepness_of(problem) > STEEPNESS[-1]).any(axis=0)
+    edges = (steepness_of(problem) > STEEP).any(axis=0)
     true, near = occlusion_cuts(rendered.distance).any(axis=0), round(2 * width / 320)
-    assert within(edges, true, near) > 0.7
-    assert within(true, edges, near) > 0.7
+    assert within(edges, true, near) > 0.6
+    assert within(true, edges, near) > 0.55
 
 
 @pytest.mark.parametrize("scene", ["plane", "curved"])
 def test_smooth_walls_have_none(scene):
     problem = seen(scene, noise=1, texture=0.1)[3]
-    assert not (steepness_of(problem) > STEEPNESS[-1]).any()
+    assert not (steepness_of(problem) > STEEP).any()
 
 
 def test_a_step_is_one_closed_line_one_step_thin():
@@ -83,7 +83,7 @@ def flooded(cuts, start):
 def test_a_slope_is_no_contour():
     rows, columns = np.indices((120, 160))
     ramp = np.clip((columns - 50) / 60, 0, 1) + 0.0 * rows
-    assert not (find_contours(ramp, np.ones(ramp.shape, bool)) > STEEPNESS[-1]).any()
+    assert not (find_contours(ramp, np.ones(ramp.shape, bool)) > STEEP).any()
 
 
 def test_a_limb_is_torn_on_its_far_side():
@@ -101,14 +101,14 @@ def test_a_limb_is_torn_on_its_far_side():
 
 
 def test_the_dark_end_of_a_blind_tube_is_told_by_no_line():
-    """It darkens steadily: no line is as steep as the least that is tried."""
+    """It darkens steadily: no line is so steep that it is torn."""
     rows, columns = np.indices((120, 160))
     end = np.minimum(1.5, 2.5 - np.hypot(rows - 60, columns - 80) / 40)
-    assert not (find_contours(end, np.ones(end.shape, bool)) > STEEPNESS[-1]).any()
+    assert not (find_contours(end, np.ones(end.shape, bool)) > STEEP).any()
 
 
 def test_the_cuts_help():
-    """Measured 9.2 % smooth, 6.0 % torn; exact and not smoothed, 4.5 %."""
+    """Measured 9.1 % smooth, 5.6 % torn; without noise, 3.8 %."""
     rendered, frame, known, _ = seen("colon", noise=1)
     whole, torn = (el.reconstruct(frame, known, contours=each) for each in (None, True))
     assert torn.problem.settings["contours"] is True
