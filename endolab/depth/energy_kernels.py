@@ -87,6 +87,16 @@ def differences(v: FloatArray, link: Any, i: int, j: int) -> tuple[float, float]
 
 
 @kernel
+def fill_slants(v: FloatArray, metric: FloatArray, active: Any, link: Any, out: FloatArray) -> None:
+    """tan² of the angle between ray and normal where the mask is, 0 elsewhere."""
+    for i in range(PAD, v.shape[0] - PAD):
+        for j in range(PAD, v.shape[1] - PAD):
+            if active[i, j]:
+                u, w = differences(v, link, i, j)
+                out[i, j] = metric[0, i, j] * u * u + 2 * metric[1, i, j] * u * w + metric[2, i, j] * w * w
+
+
+@kernel
 def _second(x: FloatArray, link: Any, i: int, j: int) -> tuple[float, float, float]:
     """The three second differences at a pixel (√2 on the mixed one), 0 where a step is missing."""
     right, left, below, above = link[0, i, j], link[0, i, j - 1], link[1, i, j], link[1, i - 1, j]

@@ -3,7 +3,11 @@
 Each step replaces both Huber penalties by the parabolas that touch them and the model by its
 linearisation, normals included, and solves the quadratic that results (readably in
 tests/depth/gauss_newton_model.py) by conjugate gradients with a multigrid preconditioner. A step
-is halved until the energy falls, so the energies of the iterates fall, always.
+is halved until the energy falls no further, so the energies of the iterates fall, always.
+
+Where a wall faces the camera, a linearised model says nothing of its slope: a step may tilt it as it
+likes, and is good only for a small share of its length. So what a slope like that of the last steps would
+darken there is charged for, beforehand (`Grid.linearised`); as steps become short, this vanishes.
 
 A fast march explains the frame, but takes the surface to face the camera where it enters the
 picture, at the border and behind contours. The true values there are whatever makes the surface
@@ -35,6 +39,7 @@ from endolab.numerics.compiled import inner, padded
 from endolab.numerics.iteration import Status
 
 LONGEST = 0.5  # of a step, in log d: a factor of 1.65 in distance
+RELIEF = 0.25  # of what is charged for slopes beforehand, after a step that was taken whole
 SHORTEST = 2.0**-6  # share of a step below which the search along it gives up
 ROUNDING = 1e-24  # an energy as small as that of residuals of 1e-12
 DAMPING = 1e-3  # added to the diagonal, as a share of what the data put there without slant
@@ -60,10 +65,12 @@ class _State:
     fall: float = np.nan  # of the energy, by the last step
     rate: float = RATE  # of a fall to the one before, lately
     steps: int = 0  # of the inner solver
+    slants: FloatArray | None = None  # tan² of a likely step: its last ones' geometric mean
     multigrid: Multigrid | None = None  # of the last step
 
     @classmethod
     def at(cls, grid: Grid, v: FloatArray, lam: float) -> _State:
+        v = np.minimum(v, grid.ceiling)
         return cls(grid, v, lam, grid.terms(v, lam))
 
     @property
@@ -78,33 +85,42 @@ class _State:
         return self.left <= tolerance * self.energy + ROUNDING
 
     def stepped(self) -> _State:
-        """Take one Gauss-Newton step, halved until the energy falls.
+        """Take one Gauss-Newton step, halved until the energy falls no further.
 
         What is left is what the quadratic promised, with what its solver left of that; or what further falls
         will sum to, if they go on at the rate of the last ones. A whole step that fell by 1 + q promises
         tells of that rate too: the quadratic bends more than the energy then, as Huber's parabolas do, so
         that a share q of the error remains, and q² of the fall.
         """
-        coefficients, descent = self.grid.linearised(self.v, self.lam)
+        coefficients, descent = self.grid.linearised(self.v, self.lam, self.slants)
         multigrid = Multigrid(coefficients, DAMPING, self.multigrid)
         delta, steps, unsolved = multigrid.solve(descent, PRECISION, MOST)
         promise = 0.5 * dot(descent, delta) / int(self.grid.active.sum())
         left = promise * (1 + unsolved) if promise > 0 else 0.0
+        slants = self.grid.slants(delta)
+        if self.slants is not None:
+            slants = np.sqrt(slants * self.slants)
         np.clip(delta, -LONGEST, LONGEST, out=delta)
-        share = 1.0
+        share, best = 1.0, self
         while share >= SHORTEST:
             there = np.minimum(self.v + share * delta, self.grid.ceiling)
-            terms = self.grid.terms(there, self.lam)
-            fall = self.energy - sum(terms.values())
-            if fall > 0:
-                before = self.rate if np.isnan(self.fall) else min(fall / self.fall, SLOWEST)
-                slow = rate = (self.rate + before) / 2
-                if share == 1 and fall > promise > 0:
-                    slow = max(rate, min(fall / promise - 1, SLOWEST) ** 2)
-                left = max(left, fall * slow / (1 - slow))
-                return _State(self.grid, there, self.lam, terms, share, left, fall, rate, steps, multigrid)
+            tried = replace(best, v=there, terms=self.grid.terms(there, self.lam), share=share)
+            if tried.energy < best.energy:
+                best = tried
+            elif best is not self:
+                break
             share /= 2
-        return _State(self.grid, self.v, self.lam, self.terms, 0.0, left, 0.0, 1.0, steps, multigrid)
+        if best is self:
+            return replace(self, share=0.0, left=left, fall=0.0, rate=1.0, steps=steps, multigrid=multigrid)
+        fall = self.energy - best.energy
+        if best.share == 1:
+            slants *= RELIEF
+        before = self.rate if np.isnan(self.fall) else min(fall / self.fall, SLOWEST)
+        slow = rate = (self.rate + before) / 2
+        if best.share == 1 and fall > promise > 0:
+            slow = max(rate, min(fall / promise - 1, SLOWEST) ** 2)
+        left = max(left, fall * slow / (1 - slow))
+        return replace(best, left=left, fall=fall, rate=rate, steps=steps, multigrid=multigrid, slants=slants)
 
     def descended(self, tolerance: float) -> _State:
         """Take up to `STEPS` steps."""

@@ -19,41 +19,23 @@ from endolab.depth.energy_kernels import (
     Picture,
     Wall,
     differences,
+    fill_slants,
     fill_xi,
     linearise,
     shading_table,
     sums,
 )
 from endolab.depth.fast_marching import March
+from endolab.depth.interpolation import Interpolation
 from endolab.depth.normal_equations import Coefficients
 from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, NONE, REGULARISERS, Problem
-from endolab.depth.tears import Blocks, coarser_links, main_parts, sides
+from endolab.depth.tears import Blocks, coarser_links, main_parts
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import PAD, block_sums, halved, inner, kernel, padded
 from endolab.numerics.derivatives import links
 
 ABOVE = 0.7  # of log d₀: a factor of two, more than noise and mottles put a wall above what is an upper bound
-
-
-@kernel
-def _finer(v: FloatArray, link: Any, out: FloatArray) -> None:
-    """Values of the pixels of every 2×2 block, from the block's value and gradient; out is not padded."""
-    for row in range(out.shape[0]):
-        for column in range(out.shape[1]):
-            i, j = PAD + row // 2, PAD + column // 2
-            along_u, along_v = differences(v, link, i, j)
-            out[row, column] = v[i, j] + (column % 2 - 0.5) / 2 * along_u + (row % 2 - 0.5) / 2 * along_v
-
-
-@kernel
-def _carry_on(v: FloatArray, link: Any, pixels: Any, blocks: Any, out: FloatArray) -> None:
-    """Values of pixels from those and the gradients of blocks next to theirs; out is not padded."""
-    for k in range(pixels.shape[1]):
-        i, j = blocks[0, k], blocks[1, k]
-        along_u, along_v = differences(v, link, i, j)
-        row, column = pixels[0, k] - PAD, pixels[1, k] - PAD
-        down, right = row / 2 - 0.25 - (i - PAD), column / 2 - 0.25 - (j - PAD)
-        out[row, column] = v[i, j] + right * along_u + down * along_v
+NEARLY = 0.008  # of log d below that ceiling, where a pixel is held that is drawn to it
 
 
 @kernel
@@ -163,19 +145,17 @@ class Grid:
 
     def finer(self, v: FloatArray, fine: Grid) -> FloatArray:
         """A map of this grid on the finer one that it came from."""
-        out = np.empty(fine.mask.shape)
-        _finer(v, self.link, out)
+        blocks = Blocks(self.active, self.link, self.whole)
+        way = Interpolation.to(fine.active, fine.main, fine.link, fine.whole, blocks)
+        out = np.zeros(fine.active.shape)
+        way.add(v, out)
         if self.is_torn:
-            left_out = np.array(np.nonzero((fine.active > 0) & (fine.main == 0)))
-            blocks = Blocks(self.active, self.link, self.whole)
-            of_side, rows, columns = sides(fine.main, fine.link, fine.whole, blocks, *left_out)
-            chosen = of_side.argmax(axis=0), np.arange(left_out.shape[1])
-            has_one = of_side.any(axis=0)
-            near = np.stack([rows[chosen], columns[chosen]])
-            _carry_on(v, self.link, left_out[:, has_one], near[:, has_one], out)
-            where = tuple(left_out - PAD)
-            out[where] = np.minimum(out[where], fine.log_facing[where])
-        return padded(np.where(fine.mask, out, 0.0))
+            missed = (fine.active > 0) & (way.share == 0) & ~way.at_rims
+            i, j = np.nonzero(missed)
+            out[i, j] = v[PAD + (i - PAD) // 2, PAD + (j - PAD) // 2]
+            left_out = (fine.active > 0) & (fine.main == 0)
+            out[left_out] = np.minimum(out, padded(fine.log_facing))[left_out]
+        return np.where(padded(np.isfinite(fine.inflow)), padded(np.nan_to_num(fine.inflow)), out)
 
     @property
     def mask(self) -> BoolArray:
@@ -257,17 +237,38 @@ class Grid:
         count = int(self.active.sum())
         return {"data": data / count, "regulariser": lam * rough / count}
 
-    def linearised(self, v: FloatArray, lam: float) -> tuple[Coefficients, FloatArray]:
-        """Normal equations of a Gauss-Newton step, as of the sum over pixels: matrix, right-hand side."""
+    def slants(self, v: FloatArray) -> FloatArray:
+        """tan² of a map's slope, padded."""
+        out = np.zeros_like(v)
+        fill_slants(v, self.metric, self.active, self.link, out)
+        return out
+
+    def linearised(
+        self, v: FloatArray, lam: float, slants: FloatArray | None = None
+    ) -> tuple[Coefficients, FloatArray]:
+        """Normal equations of a Gauss-Newton step, as of the sum over pixels: matrix, right-hand side.
+
+        The model is far from linear in the slope of v where the wall faces the camera. A step whose own slope
+        has tan² = S darkens it by ½ |∂²M| S beside what is linear; half the square of that, as it would be
+        for `slants`, those of a likely step, is added: see `gauss_newton`. Pixels near the ceiling that
+        are drawn beyond it are held.
+        """
         xi = self._xi(v)
         by_v, by_v_u, by_v_v, weight, descent, smooth = np.zeros((6, *v.shape))
         smoothness = np.zeros((6 if self._kind == CURVATURE else 1, *v.shape))
         out = (by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth)
         linearise(v, xi, *self._energy(), lam, out)
         slope = xi if self.problem.xi == "d" else -xi
+        descent -= slope * smooth
         free = self.active * padded(np.isnan(self.inflow).astype(np.int8))
-        fields = (by_v, by_v_u, by_v_v, weight, slope, smoothness, self.link, self.whole, free)
-        return Coefficients(*fields, self.rays, self._kind), (descent - slope * smooth) * free
+        if self.is_torn:
+            free[(v > self.ceiling - NEARLY) & (descent > 0)] = 0
+        caution = np.zeros((2, *v.shape))
+        if slants is not None:
+            bend = by_v / (2 * (1 + self.slants(v)))  # ∂²M by the slope, as of a Lambertian wall that faces
+            caution += 0.5 * weight * bend**2 * slants * self.metric[::2]
+        fields = (by_v, by_v_u, by_v_v, weight, slope, smoothness, caution, self.link, self.whole, free)
+        return Coefficients(*fields, self.rays, self._kind), descent * free
 
 
 def _block_means(a: FloatArray, inside: Any) -> FloatArray:

@@ -14,14 +14,17 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from endolab.depth.interpolation import Interpolation
 from endolab.depth.normal_equations import CENTRE, EE, SE, SEE, SS, SSE, SW, Coefficients, E, S
-from endolab.depth.tears import Blocks, Strands, strands
+from endolab.depth.tears import Blocks, beside_cuts
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, kernel
 
 COARSEST = 64  # pixels; there the equations are swept until they are solved
 SWEEPS = 20
+BAND, MORE = 3, 3  # pixels on either side of a cut, and how many sweeps more they have
 
 
 @kernel
@@ -119,37 +122,12 @@ def sweep_backwards(m: Any, inverse: FloatArray, x: FloatArray, b: FloatArray) -
 
 
 @kernel
-def prolong_add(share: FloatArray, step: FloatArray, x: FloatArray) -> None:
-    """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
-    width = step.shape[1]
-    for i in range(PAD, x.shape[0] - PAD):
-        ci, ni = PAD + (i - PAD) // 2, 1 if (i - PAD) % 2 else -1
-        near, far = step[ci], step[ci + ni]
-        for cj in range(PAD, width - PAD):
-            j = 2 * cj - PAD
-            middle = 9.0 * near[cj] + 3.0 * far[cj]
-            x[i, j] += share[i, j] * (middle + 3.0 * near[cj - 1] + far[cj - 1])
-            x[i, j + 1] += share[i, j + 1] * (middle + 3.0 * near[cj + 1] + far[cj + 1])
-
-
-@kernel
-def restrict(share: FloatArray, r: FloatArray, coarse: Any, out: FloatArray) -> None:
-    """Adjoint of `prolong_add`."""
-    row = np.empty(r.shape[1])
-    for ci in range(PAD, out.shape[0] - PAD):
-        i = 2 * ci - PAD
-        row[:] = share[i] * r[i] * 3.0 + share[i + 1] * r[i + 1] * 3.0
-        row += share[i - 1] * r[i - 1] + share[i + 2] * r[i + 2]
-        for cj in range(PAD, out.shape[1] - PAD):
-            j = 2 * cj - PAD
-            out[ci, cj] = coarse[ci, cj] * (row[j - 1] + 3.0 * (row[j] + row[j + 1]) + row[j + 2])
-
-
-def shares(active: Any, coarse: Any) -> FloatArray:
-    """One over the weights of the active coarse pixels around each active pixel; 0 elsewhere."""
-    weights = np.zeros(active.shape)
-    prolong_add(np.ones(active.shape), coarse.astype(np.float64), weights)
-    return active / np.maximum(weights, 1.0)
+def sweep_some(m: Any, inverse: FloatArray, x: FloatArray, b: FloatArray, pixels: Any, step: int) -> None:
+    """`MORE` Gauss-Seidel sweeps over some pixels: as they are listed, step 1, or the other way, -1."""
+    for _ in range(MORE):
+        for i, j in pixels[::step]:
+            left = m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
+            x[i, j] = (b[i, j] - left - _others(m, x, i, j)) * inverse[i, j]
 
 
 @dataclass(frozen=True)
@@ -159,8 +137,8 @@ class _Level:
     matrix: FloatArray
     inverse: FloatArray  # of the diagonal; 0 where a pixel is held at 0
     active: Any
-    share: FloatArray | None  # of the way to the next coarser grid, if there is one
-    strands: Strands | None  # of that way beside cuts
+    way: Interpolation | None  # from the next coarser grid, if there is one
+    band: NDArray[np.int64]  # (n, 2), pixels near cuts, where the way down and up is rough
     x: FloatArray
     b: FloatArray
     r: FloatArray
@@ -172,27 +150,15 @@ class _Level:
         active = coefficients.active
         m = coefficients.matrix(damping, None if old is None else old.matrix)
         inverse = 1 / np.where((active == 0) | (m[CENTRE] <= 0), np.inf, m[CENTRE])
-        if old is not None:
+        if old is not None and np.array_equal(old.active, active):
             return replace(old, inverse=inverse)
-        share = None if coarser is None else shares(active, coarser.active)
-        beside = None
-        if coarser is not None and share is not None and coefficients.link is not coefficients.whole:
+        way = None
+        if coarser is not None:
             blocks = Blocks(coarser.active, coarser.link, coarser.whole)
-            beside = strands(active, coefficients.main, coefficients.link, coefficients.whole, blocks)
-            share.flat[beside.beside] = 0.0
-        return cls(m, inverse, active, share, beside, *np.zeros((3, *inverse.shape)))
-
-    def prolong_add(self, step: FloatArray, x: FloatArray) -> None:
-        """x += the next coarser grid's step, interpolated."""
-        prolong_add(self.share, step, x)
-        if self.strands is not None:
-            self.strands.prolong_add(step, x)
-
-    def restrict(self, r: FloatArray, below: _Level, out: FloatArray) -> None:
-        """Adjoint of `prolong_add`."""
-        restrict(self.share, r, below.active, out)
-        if self.strands is not None:
-            self.strands.restrict_add(r, out)
+            fine = (active, coefficients.main, coefficients.link, coefficients.whole)
+            way = Interpolation.to(*fine, blocks)
+        band = np.argwhere(active * beside_cuts(coefficients.link, coefficients.whole, BAND))
+        return cls(m, inverse, active, way, band, *np.zeros((3, *inverse.shape)))
 
 
 class Multigrid:
@@ -219,16 +185,18 @@ class Multigrid:
         at = self.levels[depth]
         at.x[:] = 0.0
         sweep_forwards(at.matrix, at.inverse, at.x, at.b)
-        if at.share is None:
+        sweep_some(at.matrix, at.inverse, at.x, at.b, at.band, 1)
+        if at.way is None:
             for _ in range(SWEEPS):
                 sweep_backwards(at.matrix, at.inverse, at.x, at.b)
                 sweep_forwards(at.matrix, at.inverse, at.x, at.b)
         else:
             below = self.levels[depth + 1]
             residual(at.matrix, at.x, at.b, at.r)
-            at.restrict(at.r, below, below.b)
+            at.way.adjoint(at.r, below.active, below.b)
             self._cycle(depth + 1)
-            at.prolong_add(below.x, at.x)
+            at.way.add(below.x, at.x)
+        sweep_some(at.matrix, at.inverse, at.x, at.b, at.band, -1)
         sweep_backwards(at.matrix, at.inverse, at.x, at.b)
 
     def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:

@@ -41,6 +41,7 @@ def assemble(
     weight: FloatArray,
     slope: FloatArray,
     smoothness: FloatArray,
+    caution: FloatArray,
     link: Any,
     rays: FloatArray,
     kind: int,
@@ -49,7 +50,8 @@ def assemble(
     """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; all arrays padded.
 
     A pixel's row of J is a + b·∇ with the mean of the differences that `link` allows, D is the
-    forward gradient, the Hessian or the form of `curvature`, X the slope of ξ.
+    forward gradient, the Hessian or the form of `curvature`, X the slope of ξ. Squared differences of the
+    step itself come in with the weights `caution`.
     """
     m[:] = 0.0
     t, y, qt = np.empty((3, 6)), np.empty(6), np.empty((3, 6))
@@ -79,6 +81,14 @@ def assemble(
                 m[SW, i - 1, j] += w * n * we
                 m[SE, i, j - 1] += w * we * s
                 m[SW, i, j + 1] += w * e * s
+            if right and caution[0, i, j] > 0:
+                m[CENTRE, i, j] += caution[0, i, j]
+                m[CENTRE, i, j + 1] += caution[0, i, j]
+                m[E, i, j] -= caution[0, i, j]
+            if below and caution[1, i, j] > 0:
+                m[CENTRE, i, j] += caution[1, i, j]
+                m[CENTRE, i + 1, j] += caution[1, i, j]
+                m[S, i, j] -= caution[1, i, j]
             q = smoothness[0, i, j]
             if kind == CURVATURE and q > 0:
                 form_stencils(rays, link, i, j, t)
@@ -148,6 +158,9 @@ class Coefficients:
     weight: FloatArray
     slope: FloatArray
     smoothness: FloatArray
+    caution: (
+        FloatArray  # (2, ...), of squared differences of the step itself to the right and below: see `Grid`
+    )
     link: Any
     whole: Any  # the links that there would be without cuts: the same array where nothing is torn
     active: Any
@@ -163,7 +176,7 @@ class Coefficients:
         """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
         m = np.empty((9, *self.by_v.shape)) if out is None else out
         first = (self.by_v, self.by_v_u, self.by_v_v, self.weight)
-        assemble(*first, self.slope, self.smoothness, self.link, self.rays, self.kind, m)
+        assemble(*first, self.slope, self.smoothness, self.caution, self.link, self.rays, self.kind, m)
         m[CENTRE] += damping * self.weight * self.by_v**2
         return m
 
@@ -189,6 +202,7 @@ class Coefficients:
             weight=block_sums(weight),
             slope=block_sums(slope) / inside,
             smoothness=np.stack([block_sums(one * kept) for one in self.smoothness]) * share,
+            caution=np.stack([block_sums(one * kept) for one in self.caution]) / 4,
             link=link,
             whole=whole,
             active=active if link is whole else active & held(link, self.kind != FIRST),

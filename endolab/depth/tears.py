@@ -11,9 +11,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, halved_links, kernel
 from endolab.numerics.derivatives import shifted
 
@@ -79,36 +77,17 @@ def held(link: Any, second: bool) -> Any:
     return out
 
 
-class Strands(NamedTuple):
-    """Interpolation from blocks to the pixels beside cuts; what is what by flat indices of padded maps."""
-
-    beside: NDArray[np.int64]  # pixels for which one of the four blocks around is of another side
-    pixel: NDArray[np.int64]  # of each pair of a pixel and a block of its side
-    block: NDArray[np.int64]
-    weight: FloatArray
-
-    def prolong_add(self, step: FloatArray, x: FloatArray) -> None:
-        """x += the coarse step, interpolated between the blocks of the pixels' sides."""
-        _add_from(self.block, self.pixel, self.weight, step, x)
-
-    def restrict_add(self, r: FloatArray, out: FloatArray) -> None:
-        """Adjoint of `prolong_add`."""
-        _add_from(self.pixel, self.block, self.weight, r, out)
-
-
-@kernel
-def _add_from(source: Any, target: Any, weight: FloatArray, a: FloatArray, out: FloatArray) -> None:
-    """Add weighted elements of one array to those of another."""
-    values, sums = a.ravel(), out.reshape(-1)
-    for k in range(weight.size):
-        sums[target[k]] += weight[k] * values[source[k]]
-
-
-def _torn(link: Any, whole: Any, i: Any, j: Any, down: Any, right: Any) -> Any:
-    """Whether the step from (i, j), down or right by ±1, is cut."""
-    axis = (down != 0).astype(np.int64)
-    i, j = i + np.minimum(down, 0), j + np.minimum(right, 0)
-    return (whole[axis, i, j] != 0) & (link[axis, i, j] == 0)
+def beside_cuts(link: Any, whole: Any, width: int) -> Any:
+    """Pixels that are at most so many steps away from a cut, one for those that it divides, int8."""
+    out = np.zeros_like(link[0])
+    if link is whole:
+        return out
+    for cut, axis in ((whole[0] - link[0], 1), (whole[1] - link[1], 0)):
+        out |= cut | shifted(cut, -1, axis, 0)
+    for _ in range(width - 1):
+        for axis in (0, 1):
+            out = out | shifted(out, 1, axis, 0) | shifted(out, -1, axis, 0)
+    return out
 
 
 class Blocks(NamedTuple):
@@ -119,37 +98,41 @@ class Blocks(NamedTuple):
     whole: Any
 
 
-def sides(main: Any, link: Any, whole: Any, blocks: Blocks, i: Any, j: Any) -> tuple[Any, Any, Any]:
-    """Which of the four blocks around the pixels (i, j) are of their side, and where they are, (4, n).
+@kernel
+def _is_torn(link: Any, whole: Any, i: int, j: int, down: int, right: int) -> bool:
+    """Whether the step from (i, j), down or right by ±1, is cut."""
+    axis, i, j = abs(down), i + min(down, 0), j + min(right, 0)
+    return whole[axis, i, j] and not link[axis, i, j]
+
+
+@kernel
+def reached(main: Any, link: Any, whole: Any, blocks: Any, i: int, j: int) -> tuple[bool, bool, bool, bool]:
+    """Which of the four blocks around a pixel are of its side.
 
     The four are those that linear interpolation takes: the pixel's own, the nearest beside it, above or
-    below it, and on the diagonal.
+    below it, and on the diagonal. A block is reached from block to block, or from pixel to pixel.
     """
-    down, right, none = 2 * (i % 2) - 1, 2 * (j % 2) - 1, np.zeros_like(i)
+    active, across, uncut = blocks
+    down, right = 2 * (i % 2) - 1, 2 * (j % 2) - 1
     ci, cj = PAD + (i - PAD) // 2, PAD + (j - PAD) // 2
-    is_main = main[i, j] > 0
+    if main[i, j]:
+        beside = not _is_torn(across, uncut, ci, cj, 0, right)
+        below = not _is_torn(across, uncut, ci, cj, down, 0)
+    else:
+        beside = link[0, i, j + min(right, 0)] > 0 and main[i, j + right] > 0
+        below = link[1, i + min(down, 0), j] > 0 and main[i + down, j] > 0
+    diagonal = beside and not _is_torn(across, uncut, ci, cj + right, down, 0)
+    diagonal = diagonal or (below and not _is_torn(across, uncut, ci + down, cj, 0, right))
+    return (
+        main[i, j] > 0 and active[ci, cj] > 0,
+        beside and active[ci, cj + right] > 0,
+        below and active[ci + down, cj] > 0,
+        diagonal and active[ci + down, cj + right] > 0,
+    )
 
-    def reaches(down: Any, right: Any) -> Any:
-        """Whether the block on that side may be reached: from block to block, or from pixel to pixel."""
-        from_block = is_main & ~_torn(blocks.link, blocks.whole, ci, cj, down, right)
-        linked = link[(down != 0).astype(np.int64), i + np.minimum(down, 0), j + np.minimum(right, 0)]
-        return from_block | (~is_main & (linked > 0) & (main[i + down, j + right] > 0))
 
-    beside, below = reaches(none, right), reaches(down, none)
-    diagonal = beside & ~_torn(blocks.link, blocks.whole, ci, cj + right, down, none)
-    diagonal |= below & ~_torn(blocks.link, blocks.whole, ci + down, cj, none, right)
-    rows, columns = np.stack([ci, ci, ci + down, ci + down]), np.stack([cj, cj + right, cj, cj + right])
-    return np.stack([is_main, beside, below, diagonal]) & (blocks.active[rows, columns] > 0), rows, columns
-
-
-def strands(active: Any, main: Any, link: Any, whole: Any, blocks: Blocks) -> Strands:
-    """Linear interpolation from the blocks of a pixel's side, for active pixels with another side near."""
-    i, j = np.nonzero(active)
-    of_side, rows, columns = sides(main, link, whole, blocks, i, j)
-    beside = ((blocks.active[rows, columns] > 0) & ~of_side).any(axis=0)
-    weight = (np.array([[9.0], [3.0], [3.0], [1.0]]) * of_side)[:, beside]
-    weight /= np.maximum(weight.sum(axis=0), 1.0)
-    pixel = (i * active.shape[1] + j)[beside]
-    block = (rows * blocks.active.shape[1] + columns)[:, beside]
-    kept = weight > 0
-    return Strands(pixel, np.broadcast_to(pixel, weight.shape)[kept], block[kept], weight[kept])
+@kernel
+def nearest(of_side: tuple[bool, bool, bool, bool]) -> int:
+    """Which of the blocks that are reached is the nearest; 4 if none is."""
+    own, beside, below, diagonal = of_side
+    return 0 if own else 1 if beside else 2 if below else 3 if diagonal else 4

@@ -15,6 +15,9 @@ from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.grid import ABOVE
 from endolab.depth.problem import Problem
 from endolab.metrics.depth_errors import occlusion_cuts
+from endolab.numerics.derivatives import shifted
+from endolab.reconstruction.contours import torn_at
+from endolab.reconstruction.problem_setup import make_problem
 from tests.tools.problems import (
     Shot,
     border,
@@ -114,6 +117,31 @@ def test_cuts_all_over_leave_islands_that_stay_where_they_can_be_seen(rng, xi, r
         result = solved(problem, start=start)
         check_it_falls(result)
         assert np.nanmax(result.iterate.log_distance - problem.log_facing) <= ABOVE + 1e-12
+
+
+def test_an_island_that_is_drawn_to_the_ceiling_holds_up_no_step():
+    """Too dark to be explained: it would go ever farther. From a surface in which it was no island."""
+    problem, _ = problem_of("curved", 96)
+    inside = np.zeros(problem.mask.shape, bool)
+    inside[30:33, 40:43] = True
+    cuts = np.stack([inside ^ shifted(inside, 1, axis, False) for axis in (1, 0)])
+    torn = replace(problem, image=np.where(inside, 0.02, 1.0) * problem.image, cuts=cuts)
+    cold, warm = (solved(torn, start=start) for start in (None, solved(problem).iterate.log_distance))
+    assert cold.status is warm.status is el.Status.CONVERGED
+    assert warm.energy < 1.05 * cold.energy
+
+
+@pytest.mark.parametrize("name", ["matt", "diffuse-2"])
+def test_a_torn_path_traced_frame_takes_few_steps(name):
+    """Measured 6 and 4, from the smooth surface; 11 and 12 without what is charged for slopes beforehand."""
+    sample = el.load_traced(name)
+    problem = make_problem(sample.frame, sample.calibration, channel="green", highlights="ignore")
+    smooth = solved(problem)
+    torn = solved(torn_at(problem, 0.07), start=smooth.iterate.log_distance)
+    assert torn.problem.cuts is not None
+    assert torn.status is el.Status.CONVERGED
+    assert torn.iterations <= 8
+    assert torn.energy < smooth.energy
 
 
 def test_what_lies_behind_a_contour_is_found_on_coarse_grids_too(monkeypatch):
@@ -232,7 +260,7 @@ def test_a_start_that_cannot_be_used_is_refused():
         next(gauss_newton(problem, inflow=np.full(mask.shape, np.inf)))
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, 5])
+@pytest.mark.parametrize("count", [0, 1, 2, 4])
 def test_the_most_iterates(tube, count):
     problem, _, whole = tube
     result = solved(problem, max_iterations=count)

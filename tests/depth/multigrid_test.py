@@ -126,9 +126,9 @@ def test_cuts_that_cut_nothing_change_no_bit():
 
 @every_regulariser
 def test_with_a_closed_contour_it_takes_hardly_more_steps(regulariser):
-    """To 0.1 and 1e-3. Measured 11, 45 whole; 20, 78 torn in a circle; 15, 113 at the colon's contours.
+    """To 0.1 and 1e-3. Measured 13, 47 whole; 19, 63 torn in a circle; 11, 59 at the colon's contours.
 
-    With the first derivative 3, 20; 5, 32; 3, 24. Blocks that mix both sides take 123 for the circle.
+    With the first derivative 3, 20; 4, 25; 2, 21. Without more sweeps beside cuts, 78 and 113 torn.
     """
     problem, truth = at_truth("colon", 160, regulariser=regulariser)
     _, circle = around(problem.mask.shape, 61, 83, 30.3)
@@ -137,8 +137,26 @@ def test_with_a_closed_contour_it_takes_hardly_more_steps(regulariser):
         coefficients, b = equations(replace(problem, cuts=cuts), truth)
         solver = Multigrid(coefficients)
         steps[name] = np.array([solver.solve(b, tolerance, 300)[1] for tolerance in (0.1, 1e-3)])
-    assert np.all(steps["circle"] <= 2 * steps["whole"] + 2)
-    assert np.all(steps["true"] <= 3 * steps["whole"] + 2)
+    assert np.all(steps["circle"] <= 1.5 * steps["whole"] + 2)
+    assert np.all(steps["true"] <= 1.5 * steps["whole"] + 2)
+
+
+@pytest.mark.parametrize("where", ["border", "rim", "cut"])
+def test_no_straight_map_is_bent_on_the_way_up(where):
+    """At the picture's border, at a round mask's rim, and on either side of a cut."""
+    problem, truth = at_truth("plane", 80)
+    rows, columns = np.indices(truth.shape)
+    if where == "rim":
+        problem = replace(problem, mask=problem.mask & (np.hypot(rows - 30, columns - 40) < 27))
+    if where == "cut":
+        _, cuts = around(truth.shape, 30, 40, 14.3)
+        problem = replace(problem, cuts=cuts)
+    top, below = Multigrid(equations(problem, truth)[0]).levels[:2]
+    straight = padded(1.0 + 0.2 * columns - 0.3 * rows)
+    rows, columns = np.indices(below.active.shape) - 2
+    up = np.zeros_like(straight)
+    top.way.add((1.0 + 0.2 * (2 * columns + 0.5) - 0.3 * (2 * rows + 0.5)) * below.active, up)
+    np.testing.assert_allclose(up[top.active > 0], straight[top.active > 0], atol=1e-12)
 
 
 @every_variant
@@ -171,8 +189,8 @@ def test_prolongation_is_the_adjoint_of_restriction(system, rng):
     top, below = system[0].levels[:2]
     (fine,), (coarse,) = random_maps(rng, top.active > 0, 1), random_maps(rng, below.active > 0, 1)
     down, up = np.zeros_like(coarse), np.zeros_like(fine)
-    top.restrict(fine, below, down)
-    top.prolong_add(coarse, up)
+    top.way.adjoint(fine, below.active, down)
+    top.way.add(coarse, up)
     assert np.vdot(down, coarse) == pytest.approx(np.vdot(fine, up), rel=1e-11)
     assert not down[below.active == 0].any()
     assert not up[top.active == 0].any()
@@ -219,14 +237,10 @@ def test_it_agrees_with_a_direct_solver_and_holds_what_is_given(system):
     assert (steps, remaining, x.any()) == (0, 0.0, False)
 
 
-@pytest.mark.parametrize(("scene", "few", "many"), [("plane", 3, 10), ("tube", 4, 50)])
+@pytest.mark.parametrize(("scene", "few", "many"), [("plane", 3, 10), ("tube", 5, 38)])
 @every_regulariser
 def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, regulariser):
-    """Measured at 80, 160 and 320 px, to 0.1 and 1e-3: plane 2 and up to 8, tube 3 and up to 41.
-
-    Of curvature, which is stiffer one way, 14 and up to 50 on the tube, from 7 and 30.
-    """
-    few, many, growth = (few + 12, many + 15, 1.8) if regulariser == "curvature" else (few, many, 1.5)
+    """Measured at 80, 160 and 320 px, to 0.1 and 1e-3: plane 2 and up to 8, tube 4 and up to 33."""
     steps = []
     for width in (80, 160, 320):
         problem, truth = at_truth(scene, width, regulariser=regulariser)
@@ -234,4 +248,4 @@ def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, re
         solver = Multigrid(coefficients)
         steps.append([solver.solve(b, tolerance, 200)[1] for tolerance in (0.1, 1e-3)])
     assert np.all(np.max(steps, axis=0) <= [few, many])
-    assert steps[2][1] <= growth * steps[0][1] + 2
+    assert steps[2][1] <= 1.3 * steps[0][1] + 2

@@ -1,0 +1,152 @@
+"""The way between a grid and that of half its pixels: linear interpolation, and its adjoint.
+
+A pixel amid four blocks of its own side has their mean by distance, 9 : 3 : 3 : 1 (twice over, that makes
+quadratic splines: what is smooth on a coarse grid is smooth on a fine one). At a rim of the mask, and
+beside a cut (see `tears`), it has the value of the block next to it and that block's differences
+with others of its side, so that no straight map is bent there: second differences would find that dear.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from endolab.depth.tears import Blocks, nearest, reached
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.compiled import PAD, kernel
+
+
+@kernel
+def _prolong_add(share: FloatArray, step: FloatArray, x: FloatArray) -> None:
+    """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
+    width = step.shape[1]
+    for i in range(PAD, x.shape[0] - PAD):
+        ci, ni = PAD + (i - PAD) // 2, 1 if (i - PAD) % 2 else -1
+        near, far = step[ci], step[ci + ni]
+        for cj in range(PAD, width - PAD):
+            j = 2 * cj - PAD
+            middle = 9.0 * near[cj] + 3.0 * far[cj]
+            x[i, j] += share[i, j] * (middle + 3.0 * near[cj - 1] + far[cj - 1])
+            x[i, j + 1] += share[i, j + 1] * (middle + 3.0 * near[cj + 1] + far[cj + 1])
+
+
+@kernel
+def _restrict(share: FloatArray, r: FloatArray, coarse: Any, out: FloatArray) -> None:
+    """Adjoint of `_prolong_add`."""
+    row = np.empty(r.shape[1])
+    for ci in range(PAD, out.shape[0] - PAD):
+        i = 2 * ci - PAD
+        row[:] = share[i] * r[i] * 3.0 + share[i + 1] * r[i + 1] * 3.0
+        row += share[i - 1] * r[i - 1] + share[i + 2] * r[i + 2]
+        for cj in range(PAD, out.shape[1] - PAD):
+            j = 2 * cj - PAD
+            out[ci, cj] = coarse[ci, cj] * (row[j - 1] + 3.0 * (row[j] + row[j + 1]) + row[j + 2])
+
+
+@kernel
+def _place(i: int, j: int, k: int) -> tuple[int, int, float, float]:
+    """Row and column of the k-th block around a pixel; where the pixel is from its centre, in blocks."""
+    row = PAD + (i - PAD) // 2 + (2 * (i % 2) - 1 if k > 1 else 0)
+    column = PAD + (j - PAD) // 2 + (2 * (j % 2) - 1 if k % 2 else 0)
+    return row, column, (i - PAD) / 2 - 0.25 - (row - PAD), (j - PAD) / 2 - 0.25 - (column - PAD)
+
+
+@kernel
+def _add_from(source: Any, target: Any, weight: FloatArray, a: FloatArray, out: FloatArray) -> None:
+    """Add weighted elements of one array to those of another."""
+    values, sums = a.ravel(), out.reshape(-1)
+    for k in range(weight.size):
+        sums[target[k]] += weight[k] * values[source[k]]
+
+
+@kernel
+def _fill_shares(active: Any, main: Any, blocks: Any, share: Any) -> int:
+    """Write the shares of pixels amid four blocks with nothing between; return the number of others."""
+    known, across, uncut = blocks
+    others = 0
+    for i in range(PAD - 1, known.shape[0] - PAD):
+        for j in range(PAD - 1, known.shape[1] - PAD):
+            together = known[i, j] and known[i, j + 1] and known[i + 1, j] and known[i + 1, j + 1]
+            together = together and across[0, i, j] == uncut[0, i, j] and across[1, i, j] == uncut[1, i, j]
+            together = together and across[0, i + 1, j] == uncut[0, i + 1, j]
+            together = together and across[1, i, j + 1] == uncut[1, i, j + 1]
+            for row in range(2 * i - PAD + 1, min(2 * i - PAD + 3, active.shape[0])):
+                for column in range(2 * j - PAD + 1, min(2 * j - PAD + 3, active.shape[1])):
+                    if active[row, column]:
+                        if together and main[row, column]:
+                            share[row, column] = 1 / 16
+                        else:
+                            others += 1
+    return others
+
+
+@kernel
+def _fill_strands(
+    active: Any, main: Any, link: Any, whole: Any, blocks: Any, share: Any, strands: Any
+) -> int:
+    """Write the strands to active pixels that have no share, or their shares; return how many strands."""
+    known, across, _ = blocks
+    pixel, block, weight = strands
+    count, wide = 0, known.shape[1]
+    for i in range(PAD, active.shape[0] - PAD):
+        for j in range(PAD, active.shape[1] - PAD):
+            if not active[i, j] or share[i, j] > 0:
+                continue
+            of_side = reached(main, link, whole, blocks, i, j)
+            if of_side[0] and of_side[1] and of_side[2] and of_side[3]:
+                share[i, j] = 1 / 16
+                continue
+            k = nearest(of_side)
+            if k == 4:
+                continue
+            row, column, down, right = _place(i, j, k)
+            own, here = 1.0, row * wide + column
+            for axis, aside, step in ((0, right, 1), (1, down, wide)):
+                ahead = 1 if aside > 0 else -1
+                for way in (ahead, -ahead):
+                    r, c = row + way * axis, column + way * (1 - axis)
+                    if across[axis, min(r, row), min(c, column)] and known[r, c]:
+                        pixel[count], block[count] = i * active.shape[1] + j, here + way * step
+                        weight[count] = aside * way
+                        own, count = own - aside * way, count + 1
+                        break
+            pixel[count], block[count], weight[count] = i * active.shape[1] + j, here, own
+            count += 1
+    return count
+
+
+class Interpolation(NamedTuple):
+    """Linear interpolation from blocks to the active pixels of a grid; places are flat indices."""
+
+    share: FloatArray  # 1/16 for pixels amid four blocks of their side, else 0
+    pixel: NDArray[np.int64]  # of each pair of another pixel and a block of its side
+    block: NDArray[np.int64]
+    weight: FloatArray
+
+    @classmethod
+    def to(cls, active: Any, main: Any, link: Any, whole: Any, blocks: Blocks) -> Interpolation:
+        """Find the way to the active pixels of a grid with these main parts and links."""
+        share = np.zeros(active.shape)
+        most = 3 * _fill_shares(active, main, tuple(blocks), share)
+        strands = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most)
+        count = _fill_strands(active, main, link, whole, tuple(blocks), share, strands)
+        return cls(share, *(one[:count] for one in strands))
+
+    def add(self, step: FloatArray, x: FloatArray) -> None:
+        """x += the blocks' step, interpolated."""
+        _prolong_add(self.share, step, x)
+        _add_from(self.block, self.pixel, self.weight, step, x)
+
+    def adjoint(self, r: FloatArray, active: Any, out: FloatArray) -> None:
+        """Write the adjoint of `add` to out, for blocks that are active."""
+        _restrict(self.share, r, active, out)
+        _add_from(self.pixel, self.block, self.weight, r, out)
+
+    @property
+    def at_rims(self) -> Any:
+        """Whether a pixel has its value from fewer than four blocks, padded."""
+        out = np.zeros(self.share.shape, np.bool_)
+        out.flat[self.pixel] = True
+        return out
