@@ -18,7 +18,7 @@ from endolab.batch.table import Row, measured, read_numbers, read_rows, write_ro
 from endolab.batch.workers import end_with
 from endolab.depth.problem import REGULARISERS
 from endolab.depth.result import Result
-from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, default_regulariser
+from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver
 from endolab.io.atomic import PathLike, as_json
 from endolab.io.images import read_frame
 from endolab.io.surfaces import read_depth
@@ -47,7 +47,7 @@ def sweep(
     *,
     lam: Iterable[float] = (1.0,),
     xi: Iterable[str] = ("1/d",),
-    regulariser: Iterable[str | None] = (None,),
+    regulariser: Iterable[str] = ("auto",),
     solver: str = DEFAULT_SOLVER,
     truth: Sequence[Truth] | None = None,
     table: PathLike = "sweep.csv",
@@ -66,7 +66,7 @@ def sweep(
     calibration : Endoscope
         Of all frames.
     lam, xi, regulariser : iterables
-        Values of these settings of `endolab.reconstruct`, each with each; None is the default regulariser.
+        Values of these settings of `endolab.reconstruct`, each with each.
     solver, **options
         The same for all, see `endolab.reconstruct`; the column `options` tells them.
     truth : sequence, optional
@@ -99,15 +99,12 @@ def sweep(
     checked_solver(solver, {})
     xi, regulariser = [check_xi(one) for one in xi], list(regulariser)
     for one in regulariser:
-        if one not in (None, *REGULARISERS):
+        if one not in ("auto", *REGULARISERS):
             raise unknown_name("regulariser", one, REGULARISERS)
     told = {name: value for name, value in sorted(options.items()) if value is not None}
     told = {"calibration": _checksum(calibration)} | told
     last = solver, " ".join(f"{name}={value}" for name, value in told.items())
-    each = itertools.product(xi, regulariser, map(float, lam))
-    settings = list(
-        dict.fromkeys((a, default_regulariser(solver, a) if b is None else b, c) for a, b, c in each)
-    )
+    settings = list(itertools.product(*map(dict.fromkeys, (xi, regulariser, map(float, lam)))))
     tasks = [
         (dict(zip(KEY, (name, *setting, *last), strict=True)), frame, known)
         for name, frame, known in _named(list(frames), truth)

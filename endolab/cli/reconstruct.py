@@ -201,9 +201,7 @@ def _sweep(arguments: argparse.Namespace) -> None:
 
     keywords = solving_keywords(arguments)
     for name, kind in (("lam", float), ("xi", str), ("regulariser", str)):
-        if keywords[name] is not None:
-            keywords[name] = listed(keywords[name], name, kind)
-    keywords["regulariser"] = keywords["regulariser"] or [None]
+        keywords[name] = listed(keywords[name], name, kind)
     if arguments.jobs < 1 and arguments.jobs != -1:
         raise ValueError(f"--jobs must be at least 1, or -1 for every core, got {arguments.jobs}")
     calibration = calibration_of(arguments)

@@ -31,8 +31,8 @@ SOLVERS: dict[str, Callable[..., Solver]] = {
 DEFAULT_SOLVER = "gauss_newton"
 
 
-def default_regulariser(solver: str, xi: str) -> str:
-    """Curvature, where there is one: of ξ = 1/d, and by the solvers that know it; else the second order."""
+def best_regulariser(solver: str, xi: str) -> str:
+    """Curvature, where it is known: of ξ = 1/d, by all but `primal_dual`; else the second order."""
     return "curvature" if xi == "1/d" and solver != "primal_dual" else "second"
 
 

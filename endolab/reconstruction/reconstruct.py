@@ -21,7 +21,7 @@ import numpy as np
 from endolab._deprecated import callable_as_before
 from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate, Observer, Result, Solver, run
-from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, default_regulariser, options_of, solve
+from endolab.depth.solvers import DEFAULT_SOLVER, best_regulariser, checked_solver, options_of, solve
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import told as said
@@ -42,6 +42,7 @@ PREPARING = (
     *("channel", "width", "smooth", "highlights"),
     *("xi", "regulariser", "lam", "epsilon", "threshold", "cuts"),
 )
+SETTLED = 5e-3  # of distances: a torn surface hangs together by little, and creeps long after that
 GREY = (
     "The picture is grey, so that light which came by way of other walls cannot be told from the lamp's: "
     "it was left in."
@@ -58,9 +59,9 @@ def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVE
     _check(frame, calibration, contours, start)
     checked_solver(solver, options if start is None else options | {"start": start})
     how["channel"] = channel_for(how.get("channel"), solver)
-    if how.get("regulariser") is None:
-        how["regulariser"] = default_regulariser(solver, how.get("xi", "1/d"))
     contours = _wanted(contours, how["channel"])
+    if how.get("regulariser", AUTO) == AUTO:
+        how["regulariser"] = best_regulariser(solver, how.get("xi", "1/d"))
     prepared = _prepared(frame, calibration, contours, **how)
     return _stages(prepared, contours, start, solver, options)
 
@@ -89,7 +90,12 @@ def _wanted(contours: bool | None, channel: str | None) -> bool | None:
 
 
 def _prepared(
-    frame: Frame, calibration: Endoscope, contours: bool | None, *, channel: str | None = None, **how: Any
+    frame: Frame,
+    calibration: Endoscope,
+    contours: bool | None,
+    *,
+    channel: str | None = None,
+    **how: Any,
 ) -> OneChannel | Colours:
     if channel == SEPARATED or (channel == AUTO and frame.image.ndim == 3):
         return Colours.of(frame, calibration, must=channel == SEPARATED, **how)
@@ -127,6 +133,8 @@ def _stages(
         begin = on_grid(before.iterate, problem)
     if begin is not None and "start" in options_of(solver):
         options = options | {"start": begin}
+    if problem.cuts is not None and "settled" in options_of(solver):
+        options = {"settled": SETTLED} | options
     return (yield from solve(noted(problem, **told), solver, **options))
 
 
@@ -136,7 +144,7 @@ def reconstruct(
     *,
     solver: str = DEFAULT_SOLVER,
     xi: str = "1/d",
-    regulariser: str | None = None,
+    regulariser: str = AUTO,
     lam: float = 1.0,
     channel: str | None = None,
     width: int | None = None,
@@ -166,10 +174,10 @@ def reconstruct(
         do not use the regulariser; it counts in the energy that is reported.
     xi : {"1/z", "d", "1/d"}
         The map that the regulariser sees.
-    regulariser : {"first", "second", "curvature"}, optional
+    regulariser : {"auto", "first", "second", "curvature"}
         Total variation of ξ, of its gradient, or, for ξ = 1/d, of how the surface bends: planes cost nothing
-        then, and what a sheet can be rolled into, as a tube, little. By default "curvature" where it is
-        known, and "second" for another ξ and by `primal_dual`.
+        then, and what a sheet can be rolled into, as a tube, little. `auto` is "curvature" where it is known,
+        and "second" for another ξ and by `primal_dual`.
     lam : float
         λ, the regulariser's weight; larger is smoother.
     channel : {"auto", "separated", "red", "green", "blue", "grey"}, optional
@@ -222,7 +230,7 @@ def reconstruct(
         If the problem is too large for this machine, before anything is computed.
     """
     _check(frame, calibration, contours, start)
-    regulariser = default_regulariser(solver, xi) if regulariser is None else regulariser
+    regulariser = best_regulariser(solver, xi) if regulariser == AUTO else regulariser
     of_problem: dict[str, Any] = {"xi": xi, "regulariser": regulariser, "lam": lam}
     of_problem |= {name: options.pop(name) for name in ("epsilon", "threshold", "cuts") if name in options}
     checked_solver(solver, options if start is None else options | {"start": start})
@@ -233,7 +241,8 @@ def reconstruct(
         options["max_iterations"], max_iterations = max_iterations, None  # the solver counts itself
     told = {"solver": solver, **of_problem, **lengths}
     told.pop("cuts", None)
-    channel, how = channel_for(channel, solver), {"width": width, "smooth": smooth, "highlights": highlights}
+    channel = channel_for(channel, solver)
+    how: dict[str, Any] = {"width": width, "smooth": smooth, "highlights": highlights}
     contours = _wanted(contours, channel)
     prepared = _prepared(frame, calibration, contours, channel=channel, **how, **of_problem)
 

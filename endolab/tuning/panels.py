@@ -25,7 +25,7 @@ NAMES = {"gauss_newton": "Gauss-Newton", "primal_dual": "primal-dual"}
 NAMES |= {"fast_marching": "fast marching", "facing": "facing"}
 SIGNS = {"scene": "scene", "epsilon": "ε", "k": "k", "gamma": "γ", "gain": "gain ×", "noise": "noise"}
 SIGNS |= {"xi": "ξ", "regulariser": "order", "solver": "solver", "channel": "channel", "width": "width"}
-UNSET = {"scene": "frame", "channel": "green or grey", "regulariser": "best"}  # else "as calibrated"
+UNSET = {"scene": "frame", "channel": "green or grey"}  # else "as calibrated"
 PANELS = 6
 SECTION_SHAPE = 314 / 204  # width by height of the axes of a section
 

@@ -42,7 +42,7 @@ class Settings:
     gamma: float | None = None
     gain: float = 1.0  # that the solver believes in, over the true one
     xi: str = "1/d"
-    regulariser: str | None = None
+    regulariser: str = "auto"
     lam: float = 1.0
     epsilon: float = 1e-3
     solver: str = "gauss_newton"

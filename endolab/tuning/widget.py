@@ -121,7 +121,7 @@ class TunerBox(w.VBox):
             "gamma": slider("γ", 2.2, 1, 3, 0.05, "response that the solver believes in"),
             "gain": log_slider("gain ×", 1.0, -1, 1, "gain that the solver believes in, over the true one"),
             "xi": choice("ξ", ["1/d", "1/z", "d"]),
-            "regulariser": choice("order", [("best", ""), *((name, name) for name in REGULARISERS)]),
+            "regulariser": choice("order", ["auto", *REGULARISERS]),
             "solver": choice("solver", [(called, name) for name, called in NAMES.items()]),
             "scene": choice("scene", self._scenes(), value="" if self._frame is not None else scene),
             "channel": choice("channel", channels),
@@ -163,8 +163,7 @@ class TunerBox(w.VBox):
         for name in ("k", "gamma"):
             if abs(values[name] - getattr(light, name)) < 1e-9:
                 values[name] = None
-        unset = ("scene", "channel", "regulariser")
-        return Settings(**values | {name: values[name] or None for name in unset})
+        return Settings(**values | {name: values[name] or None for name in ("scene", "channel")})
 
     def ask(self) -> None:
         """Ask the engine for what the knobs say; returns at once."""
