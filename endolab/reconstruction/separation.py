@@ -69,7 +69,7 @@ SAME = 0.01  # median difference of stored values, as a share, up to which two c
 STEPS, TORN_STEPS = (10, 5, 5), (10, 5)  # of each round's solve, without contours and then with them
 # The colours' misfit on a torn surface, as a share of that on a smooth one: below the first they speak for
 # it, above the second against it.
-BACKED, NO_WORSE = 0.9, 0.95
+BACKED, NO_WORSE = 0.87, 0.95
 
 
 @dataclass(frozen=True)
