@@ -247,7 +247,7 @@ def add_reconstruct_commands(commands: Any) -> None:
         "a frame or a video and a calibration in, surfaces out",
         "endolab reconstruct frame.png --calibration endoscope.json --out result",
         "endolab reconstruct frame.png --calibration paper --width 480 --out quick",
-        "endolab reconstruct frame.png --calibration c3vd --channel green --contours yes --out r",
+        "endolab reconstruct frame.png --calibration c3vd --channel green --out r",
         "endolab reconstruct video.mp4 --calibration paper --every 5 --out video",
     )
     option = command.add_argument
