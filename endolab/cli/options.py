@@ -89,7 +89,7 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
     add("--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name")
     add("--solver", metavar="NAME", help="facing, fast_marching, gauss_newton (default) or primal_dual")
     add("--xi", default="1/d", metavar="ξ", help=f"what the regulariser sees: 1/z, d or 1/d (default){more}")
-    forms = f"first, second, curvature or auto (default): curvature, or second where ξ is not 1/d{orders}"
+    forms = f"first, second, curvature or auto (default): curvature, or second if light bounced{orders}"
     add("--regulariser", default="auto", metavar="ORDER", help=forms)
     weight = f"its weight; larger is smoother (default 1){weights}"
     add("--lam", type=str if several else number, default=1.0, metavar="λ", help=weight)

@@ -31,9 +31,9 @@ SOLVERS: dict[str, Callable[..., Solver]] = {
 DEFAULT_SOLVER = "gauss_newton"
 
 
-def best_regulariser(solver: str, xi: str) -> str:
-    """Curvature, where it is known: of ξ = 1/d, by all but `primal_dual`; else the second order."""
-    return "curvature" if xi == "1/d" and solver != "primal_dual" else "second"
+def knows_curvature(solver: str, xi: str) -> bool:
+    """Whether the regulariser "curvature" can be had: of ξ = 1/d, by all but `primal_dual`."""
+    return xi == "1/d" and solver != "primal_dual"
 
 
 def checked_solver(name: str, options: Mapping[str, Any]) -> Callable[..., Solver]:

@@ -21,7 +21,6 @@ from endolab.preprocessing.highlights import check_highlights, find_highlights, 
 
 SEPARATED = "separated"  # the channel that is made of all three, bounced light taken out
 AUTO = "auto"  # the one that the frame's evidence allows
-SECOND = {"curvature": "second", "second": "second", "first": "first"}  # what coarse solves charge instead
 COARSE = 240  # px; light that has bounced is smooth, and contours are long: their surface need not be fine
 LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
 # Of a whole run of gauss_newton with its recording and its files, measured at 0.2 to 12 Mpx.
@@ -122,18 +121,13 @@ def two_sizes(
     highlights: str | None = None,
     **options: Any,
 ) -> tuple[list[Problem], list[Problem]]:
-    """Return the problem of each channel, in full and on as few pixels as what is smooth needs.
-
-    The latter with the second order in place of curvature, which a wall's texture misleads as long as it is
-    not known how much of the light bounced.
-    """
+    """Return the problem of each channel, in full and on as few pixels as what is smooth needs."""
     fine = make_problems(frame, calibration, channels, width, smooth, highlights, **options)
-    camera, coarse = fine[0].camera, fine
-    if camera.width > COARSE and round(camera.height * COARSE / camera.width) >= LEAST_SIDE:
-        options = options | {"cuts": None}
-        coarse = make_problems(frame, calibration, channels, COARSE, smooth, highlights, **options)
-    plain = [replace(one, regulariser=SECOND[one.regulariser]) for one in coarse]
-    return fine, plain
+    camera = fine[0].camera
+    if camera.width <= COARSE or round(camera.height * COARSE / camera.width) < LEAST_SIDE:
+        return fine, fine
+    options = options | {"cuts": None}
+    return fine, make_problems(frame, calibration, channels, COARSE, smooth, highlights, **options)
 
 
 def effort(width: int, height: int, channel: str | None = None) -> tuple[float, float]:

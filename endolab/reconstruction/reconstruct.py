@@ -21,7 +21,7 @@ import numpy as np
 from endolab._deprecated import callable_as_before
 from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate, Observer, Result, Solver, run
-from endolab.depth.solvers import DEFAULT_SOLVER, best_regulariser, checked_solver, options_of, solve
+from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, knows_curvature, options_of, solve
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import told as said
@@ -60,10 +60,9 @@ def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVE
     checked_solver(solver, options if start is None else options | {"start": start})
     how["channel"] = channel_for(how.get("channel"), solver)
     contours = _wanted(contours, how["channel"])
-    if how.get("regulariser", AUTO) == AUTO:
-        how["regulariser"] = best_regulariser(solver, how.get("xi", "1/d"))
+    best = how.setdefault("regulariser", AUTO) == AUTO
     prepared = _prepared(frame, calibration, contours, **how)
-    return _stages(prepared, contours, start, solver, options)
+    return _stages(prepared, contours, best, start, solver, options)
 
 
 def _check(frame: Any, calibration: Any, contours: Any, start: Any) -> None:
@@ -95,8 +94,10 @@ def _prepared(
     contours: bool | None,
     *,
     channel: str | None = None,
+    regulariser: str,
     **how: Any,
 ) -> OneChannel | Colours:
+    how["regulariser"] = "second" if regulariser == AUTO else regulariser
     if channel == SEPARATED or (channel == AUTO and frame.image.ndim == 3):
         return Colours.of(frame, calibration, must=channel == SEPARATED, **how)
     if channel != AUTO:
@@ -115,12 +116,17 @@ def _whole(prepared: OneChannel | Colours) -> Problem:
 def _stages(
     prepared: OneChannel | Colours,
     contours: bool | None,
+    best: bool,
     start: Result | FloatArray | None,
     solver: str,
     options: dict[str, Any],
     told: Mapping[str, object] = MappingProxyType({}),
 ) -> Solver:
-    """All that is solved; `told` is added to the settings of the problem whose answer counts."""
+    """All that is solved, at last with the `best` regulariser or with that of what was prepared.
+
+    `told` is added to the settings of the problem whose answer counts. On walls whose light bounced, which
+    have a texture as well, curvature is no better than the second order, and it is slower.
+    """
     before, begin = (start, None) if isinstance(start, Result) else (None, start)
     if before is not None:
         check_start(before, _whole(prepared))
@@ -133,8 +139,11 @@ def _stages(
         begin = on_grid(before.iterate, problem)
     if begin is not None and "start" in options_of(solver):
         options = options | {"start": begin}
+    if best and problem.origin.albedo is None and knows_curvature(solver, problem.xi):
+        problem = replace(problem, regulariser="curvature")
     if problem.cuts is not None and "settled" in options_of(solver):
         options = {"settled": SETTLED} | options
+    told = {**told, "regulariser": problem.regulariser}
     return (yield from solve(noted(problem, **told), solver, **options))
 
 
@@ -176,8 +185,8 @@ def reconstruct(
         The map that the regulariser sees.
     regulariser : {"auto", "first", "second", "curvature"}
         Total variation of ξ, of its gradient, or, for ξ = 1/d, of how the surface bends: planes cost nothing
-        then, and what a sheet can be rolled into, as a tube, little. `auto` is "curvature" where it is known,
-        and "second" for another ξ and by `primal_dual`.
+        then, and what a sheet can be rolled into, as a tube, little. `auto` is "curvature", and "second" if
+        bounced light was taken out, for another ξ and by `primal_dual`.
     lam : float
         λ, the regulariser's weight; larger is smoother.
     channel : {"auto", "separated", "red", "green", "blue", "grey"}, optional
@@ -230,7 +239,6 @@ def reconstruct(
         If the problem is too large for this machine, before anything is computed.
     """
     _check(frame, calibration, contours, start)
-    regulariser = best_regulariser(solver, xi) if regulariser == AUTO else regulariser
     of_problem: dict[str, Any] = {"xi": xi, "regulariser": regulariser, "lam": lam}
     of_problem |= {name: options.pop(name) for name in ("epsilon", "threshold", "cuts") if name in options}
     checked_solver(solver, options if start is None else options | {"start": start})
@@ -252,7 +260,7 @@ def reconstruct(
             answer = Iterate.of(whole, on_grid(answer, whole))
         return known_scale(answer, **lengths)
 
-    stages = _stages(prepared, contours, start, solver, options, told)
+    stages = _stages(prepared, contours, regulariser == AUTO, start, solver, options, told)
     return run(stages, observers, max_iterations, scaled)
 
 

@@ -239,9 +239,11 @@ def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -
         problem = replace(problem, cuts=found.cuts) if same else torn_at_contours(problem)
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T]
     note = found.light.told(given, np.array(medians))
-    albedo = tuple(float(one) for one in found.light.albedo)
-    problem = remarked(replace(problem, origin=replace(problem.origin, albedo=albedo)), note)
-    problem = noted(problem, channel=SEPARATED, contours=problem.cuts is not None, albedo=list(albedo))
+    problem = noted(problem, channel=SEPARATED, contours=problem.cuts is not None)
+    if found.inflation.any():
+        albedo = tuple(float(one) for one in found.light.albedo)
+        problem = noted(replace(problem, origin=replace(problem.origin, albedo=albedo)), albedo=list(albedo))
+    problem = remarked(problem, note)
     return in_units(remarked_on_contours(problem) if asked else problem)
 
 
