@@ -16,7 +16,7 @@ from endolab.depth.grid import ABOVE
 from endolab.depth.problem import Problem
 from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.numerics.derivatives import shifted
-from endolab.reconstruction.contours import torn_at
+from endolab.reconstruction.contours import torn_at_contours
 from endolab.reconstruction.problem_setup import make_problem
 from tests.tools.problems import (
     Shot,
@@ -137,7 +137,7 @@ def test_a_torn_path_traced_frame_takes_few_steps(name):
     sample = el.load_traced(name)
     problem = make_problem(sample.frame, sample.calibration, channel="green", highlights="ignore")
     smooth = solved(problem)
-    torn = solved(torn_at(problem, 0.07), start=smooth.iterate.log_distance)
+    torn = solved(torn_at_contours(problem), start=smooth.iterate.log_distance)
     assert torn.problem.cuts is not None
     assert torn.status is el.Status.CONVERGED
     assert torn.iterations <= 8

@@ -248,8 +248,9 @@ def test_an_earlier_result_is_a_good_start(small):
 
 @pytest.mark.parametrize("median_distance", [None, 42.0])
 def test_a_start_takes_the_scale_of_the_new_gain(small, median_distance):
-    first = small.reconstruct()
-    again = el.reconstruct(small.frame, small.up_to_scale, start=first, median_distance=median_distance)
+    first = small.reconstruct(channel="green")
+    how = {"channel": "green", "start": first, "median_distance": median_distance}
+    again = el.reconstruct(small.frame, small.up_to_scale, **how)
     assert (again.iterations <= 1, again.metric) == (True, median_distance is not None)
     ratio = (again.distance / first.distance)[first.mask]
     np.testing.assert_allclose(ratio, np.median(ratio), rtol=1e-3)
