@@ -21,7 +21,8 @@ TISSUE = el.Lambertian((0.75, 0.38, 0.30))
 WAYS = {
     "facing": {"solver": "facing"},
     "marched": {"solver": "fast_marching"},
-    "solved": {},
+    "solved": {"channel": "green"},
+    "automatic": {},
     "blue": {"channel": "blue"},
     "separated": {"channel": "separated"},
     "separated, marched": {"channel": "separated", "solver": "fast_marching"},

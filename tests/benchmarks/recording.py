@@ -16,7 +16,8 @@ from endolab import datasets
 from tests.benchmarks.report import table
 
 RUNS = {
-    "gauss_newton, cold": {},
+    "gauss_newton, cold": {"channel": "green"},
+    "automatic": {},
     "primal_dual, 100 steps": {"solver": "primal_dual", "max_iterations": 100},
     "primal_dual, 100 steps, each shown": {"solver": "primal_dual", "max_iterations": 100, "every": 1},
 }

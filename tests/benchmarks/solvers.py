@@ -68,6 +68,7 @@ def table_one() -> None:
         shot = shot_of(scene)
         for solver in ("primal_dual", "gauss_newton"):
             how = {"solver": solver, "xi": xi, "regulariser": order, "max_iterations": 20000}
+            how["channel"] = "grey"
             result = shot.reconstruct(**how)
             e = shot.errors(result)
             ours = ended(result), f"{result.seconds:.2f}", both(e, "percent"), both(e, "degrees", 3)
@@ -92,7 +93,7 @@ def colons() -> None:
             shot = shot_of(shape, seed=seed, **how)
             cuts = occlusion_cuts(shot.truth.distance)
             cells = [
-                both(shot.errors(shot.reconstruct(solver=solver, cuts=chosen)), "percent", 2)
+                both(shot.errors(shot.reconstruct(solver=solver, cuts=chosen, channel="grey")), "percent", 2)
                 for chosen, solver in product((None, cuts), ("fast_marching", "gauss_newton"))
             ]
             rows.append([name, f"8 % texture, 1.5 grey, seed {seed}" if how else "clean", *cells])
@@ -139,7 +140,8 @@ def sensitivity() -> None:
     for noise in (0.0, 3.0):
         shot = shot_of("tube", 160, noise=noise, **({"bits": 8} if noise else {}))
         for xi, order in product(("1/z", "d", "1/d"), ("first", "second")):
-            results = [shot.reconstruct(xi=xi, regulariser=order, lam=lam) for lam in LAMBDAS]
+            how = {"xi": xi, "regulariser": order, "channel": "grey"}
+            results = [shot.reconstruct(lam=lam, **how) for lam in LAMBDAS]
             cells = [f"{shot.errors(result).mean_percent:.2f}" for result in results]
             rows.append([f"{noise:g} grey", xi, order, *cells])
     heads = ("noise", "ξ", "order", *(f"λ {lam:g}" for lam in LAMBDAS))

@@ -25,7 +25,7 @@ def scenes() -> None:
         for name in el.SCENES:
             shot = Shot(name, datasets.load_calibration("simple"), **how)
             for solver in SOLVERS:
-                result = shot.reconstruct(solver=solver)
+                result = shot.reconstruct(solver=solver, channel="green")
                 e = shot.errors(result)
                 errors = both(e, "mm"), both(e, "percent"), both(e, "degrees", 3)
                 rows.append([name, kind, solver, ended(result), *errors])
