@@ -203,11 +203,10 @@ def _torn(
     before, after = (_bounced(colours, one.surface, belief)[1] for one in (whole, found))
     if before.factor == after.factor == 0:  # the picture is the model's own
         return found
-    agree = after.misfit / before.misfit
-    witness = not (before.refused or after.refused)
-    if witness and agree < BACKED:
-        return found
-    return found if paid and not (witness and agree > NO_WORSE) else whole
+    if before.refused or after.refused:  # they bear no witness
+        return found if paid else whole
+    most = NO_WORSE if paid else BACKED
+    return found if after.misfit < most * before.misfit else whole
 
 
 def continued(
