@@ -113,21 +113,15 @@ def make_problems(
 
 
 def two_sizes(
-    frame: Frame,
-    calibration: Endoscope,
-    channels: Sequence[str | None],
-    width: int | None = None,
-    smooth: float | None = None,
-    highlights: str | None = None,
-    **options: Any,
+    frame: Frame, calibration: Endoscope, channels: Sequence[str | None], **options: Any
 ) -> tuple[list[Problem], list[Problem]]:
-    """Return the problem of each channel, in full and on as few pixels as what is smooth needs."""
-    fine = make_problems(frame, calibration, channels, width, smooth, highlights, **options)
+    """Return what `make_problems` does, in full and on as few pixels as what is smooth needs."""
+    fine = make_problems(frame, calibration, channels, **options)
     camera = fine[0].camera
     if camera.width <= COARSE or round(camera.height * COARSE / camera.width) < LEAST_SIDE:
         return fine, fine
-    options = options | {"cuts": None}
-    return fine, make_problems(frame, calibration, channels, COARSE, smooth, highlights, **options)
+    options = options | {"width": COARSE, "cuts": None}
+    return fine, make_problems(frame, calibration, channels, **options)
 
 
 def effort(width: int, height: int, channel: str | None = None) -> tuple[float, float]:

@@ -81,16 +81,7 @@ class Colours:
     albedo: FloatArray | None  # of the wall: (3,), green's alone, (), or None, as the calibration tells
 
     @classmethod
-    def of(
-        cls,
-        frame: Frame,
-        calibration: Endoscope,
-        width: int | None = None,
-        smooth: float | None = None,
-        highlights: str | None = None,
-        must: bool = True,
-        **options: Any,
-    ) -> Colours:
+    def of(cls, frame: Frame, calibration: Endoscope, must: bool = True, **options: Any) -> Colours:
         """Prepare the three colours; see `make_problems`. Highlights are ignored by default.
 
         Given albedos of which no use can be made are an error, if they `must` be used.
@@ -98,8 +89,9 @@ class Colours:
         if frame.image.ndim == 2:
             raise ValueError(f"{frame.name} is grey, and channel='separated' needs its three colours")
         albedo = _albedos(calibration, must)
-        highlights = "ignore" if highlights is None else highlights
-        fine, coarse = two_sizes(frame, calibration, CHANNELS, width, smooth, highlights, **options)
+        if options.get("highlights") is None:
+            options["highlights"] = "ignore"
+        fine, coarse = two_sizes(frame, calibration, CHANNELS, **options)
         return cls(fine, coarse, albedo)
 
 

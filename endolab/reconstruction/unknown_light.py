@@ -212,7 +212,7 @@ Chain = Generator[Iterate, None, Iterate]
 
 def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, bounced light taken out each time."""
-    colours = Colours.of(frame, calibration, min(WIDTH, frame.width), SMOOTH)
+    colours = Colours.of(frame, calibration, width=min(WIDTH, frame.width), smooth=SMOOTH)
 
     def solve(k: float, before: Iterate | None) -> Chain:
         problems = [_under(one, k) for one in colours.fine]
