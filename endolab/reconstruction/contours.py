@@ -111,11 +111,10 @@ def judged(
 def remarked_on_contours(problem: Problem) -> Problem:
     """Say whether contours were found, and what became of them."""
     if problem.cuts is None:
-        sentence = "No contour was torn: a smooth surface explains the picture as well."
+        sentence = "No contour was torn: nothing in the picture speaks clearly for one."
     else:
         count = int(problem.cuts.sum())
         sentence = (
-            f"The surface is torn along {count} px of contours, where folds seem to hide what is behind "
-            "them: so it explains the picture better."
+            f"The surface is torn along {count} px of contours, where folds seem to hide what is behind them."
         )
     return noted(remarked(problem, sentence), contours=problem.cuts is not None)

@@ -205,8 +205,7 @@ def reconstruct(
         By default "ignore" with `auto` and `separated`, and "keep" otherwise.
     contours : bool, optional
         Whether to tear the surface at the occluding contours that are found in the picture. By default
-        with `auto` and `separated` if the energy says that it pays (`reconstruction.contours`), and not
-        otherwise.
+        with `auto` and `separated` if energy and colours speak for it (`separation`), and not otherwise.
     median_distance : float, optional
         Fix the scale so that the median distance is this, mm.
     known_distance : (mm, column, row), optional
