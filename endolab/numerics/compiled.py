@@ -8,7 +8,8 @@ from numba import njit
 
 from endolab.numerics.arrays import FloatArray
 
-kernel: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")
+COMPILED: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+kernel: Callable[..., Any] = njit(**COMPILED)
 PAD = 2
 
 
