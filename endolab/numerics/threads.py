@@ -4,8 +4,9 @@ A loop that `on_cores` compiles runs over bands of rows, always the same ones, a
 depend on which comes first. So its results are the same, bit for bit, on any number of threads.
 
 As many threads as this process has cores are used, or as `ENDOLAB_THREADS` says, or fewer inside
-`limited_threads`. Joblib tells its workers their share of the cores by `NUMBA_NUM_THREADS`. Where two threads of
-one process solve at once, one has the cores and the other goes on by itself; so does a forked process.
+`limited_threads`. Joblib tells its workers their share of the cores by `NUMBA_NUM_THREADS`. Where two
+threads of one process solve at once, one has the cores and the other goes on by itself; so does a forked
+process.
 """
 
 from __future__ import annotations
@@ -57,11 +58,12 @@ def cores() -> int:
 def threads() -> int:
     """How many threads compiled loops take; ValueError if `ENDOLAB_THREADS` is no such number."""
     limit, told = _limit.get(), os.environ.get(VARIABLE)
-    count = min(cores(), int(numba.config.NUMBA_NUM_THREADS))
+    most = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+    count = min(cores(), most)
     if told:
         if not (told.isascii() and told.isdigit() and int(told) > 0):
             raise ValueError(f"{VARIABLE} must be a positive number of threads, found {told!r}")
-        count = min(int(told), int(numba.config.NUMBA_NUM_THREADS))
+        count = min(int(told), most)
     return count if limit is None else min(count, limit)
 
 
