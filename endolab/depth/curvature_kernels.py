@@ -1,4 +1,4 @@
-"""What `curvature.py` says, compiled: a pixel's stencils, its two costs and their parabolas.
+"""What `curvature.py` says, compiled, row by row: the form, its two costs and their parabolas.
 
 The form at a pixel is linear in w at six: itself and the neighbours to the right, left, below, above and
 below right, in this order. `rays` are padded, (3, ...), as are the maps, see `numerics.compiled`.
@@ -7,123 +7,250 @@ below right, in this order. `rays` are padded, (3, ...), as are the maps, see `n
 from typing import Any
 
 import numpy as np
+from numba import prange
 
 from endolab.depth.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.compiled import kernel
+from endolab.numerics.compiled import PAD, copy_row, kernel
+from endolab.numerics.threads import band_rows, bands, on_cores
 
 ROWS, COLUMNS = (0, 0, 0, 1, -1, 1), (0, 1, -1, 0, 0, 1)  # of the six, from the pixel
 
 
+@on_cores
+def fill_shares(rays: FloatArray, link: Any, out: FloatArray) -> None:
+    """a, b and c, (3, ...), of uu, uv and vv, (3, ...): see `curvature`; 0 where one is not known.
+
+    a and b are of the sums of the differences to both sides, not of their means.
+    """
+    last_row, count = rays.shape[1] - PAD, rays.shape[2] - 2 * PAD
+    for band in prange(bands(last_row - PAD)):
+        first, last = band_rows(band, PAD, last_row)
+        across, along, known = np.empty((3, count)), np.empty((3, count)), np.empty((3, count))
+        second, plane = np.empty((3, 3, count)), np.empty((3, 3, count))
+        for i in range(first, last):
+            _know_row(link, i, known)
+            next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
+            for k in range(3):
+                row, up, down = rays[k, i], rays[k, i - 1], rays[k, i + 1]
+                for j in range(count):
+                    right, left, south, north = next_to[j + 2], next_to[j + 1], below[j + 2], above[j + 2]
+                    here = row[j + 2]
+                    ahead = float(right) * (row[j + 3] - here) + float(left) * (here - row[j + 1])
+                    across[k, j] = ahead * (1 - 0.5 * (float(right) * left))
+                    ahead = float(south) * (down[j + 2] - here) + float(north) * (here - up[j + 2])
+                    along[k, j] = ahead * (1 - 0.5 * (float(south) * north))
+                    second[0, k, j] = row[j + 3] - 2 * here + row[j + 1]
+                    second[1, k, j] = down[j + 3] - down[j + 2] - row[j + 3] + here
+                    second[2, k, j] = down[j + 2] - 2 * here + up[j + 2]
+            # Cramer's rule for a r_u + b r_v + c r
+            for j in range(count):
+                x, y, z = rays[0, i, PAD + j], rays[1, i, PAD + j], rays[2, i, PAD + j]
+                ux, uy, uz = across[0, j], across[1, j], across[2, j]
+                vx, vy, vz = along[0, j], along[1, j], along[2, j]
+                plane[0, 0, j], plane[0, 1, j], plane[0, 2, j] = (
+                    vy * z - vz * y,
+                    vz * x - vx * z,
+                    vx * y - vy * x,
+                )
+                plane[1, 0, j], plane[1, 1, j], plane[1, 2, j] = (
+                    y * uz - z * uy,
+                    z * ux - x * uz,
+                    x * uy - y * ux,
+                )
+                plane[2, 0, j], plane[2, 1, j] = uy * vz - uz * vy, uz * vx - ux * vz
+                plane[2, 2, j] = ux * vy - uy * vx
+            for k in range(3):
+                for n in range(3):
+                    share = out[k, n, i]
+                    for j in range(count):
+                        right, left, south, north = next_to[j + 2], next_to[j + 1], below[j + 2], above[j + 2]
+                        volume = across[0, j] * plane[0, 0, j] + across[1, j] * plane[0, 1, j]
+                        volume += across[2, j] * plane[0, 2, j]
+                        part = second[k, 0, j] * plane[n, 0, j] + second[k, 1, j] * plane[n, 1, j]
+                        part += second[k, 2, j] * plane[n, 2, j]
+                        mean = (
+                            1.0
+                            if n == 2
+                            else 1 - 0.5 * (float(right) * left if n == 0 else float(south) * north)
+                        )
+                        there = known[k, j] > 0
+                        share[j + 2] = mean * part / (volume if there else 1.0) if there else 0.0
+
+
 @kernel
-def form_stencils(rays: FloatArray, link: Any, i: int, j: int, t: Any) -> bool:
-    """Write weights of the six pixels for uu, uv and vv into t (3, 6), 0 if unknown; say if all are known."""
-    right, left, below, above = link[0, i, j], link[0, i, j - 1], link[1, i, j], link[1, i - 1, j]
-    t[:] = 0.0
-    across, along = max(right + left, 1), max(below + above, 1)
-    known_uu, known_vv = right * left * min(below + above, 1), below * above * min(right + left, 1)
-    known_uv = right * below * link[0, i + 1, j] * link[1, i, j + 1]
-    if known_uu:
-        t[0, 0], t[0, 1], t[0, 2] = -2.0, 1.0, 1.0
-    if known_uv:
-        t[1, 0], t[1, 1], t[1, 3], t[1, 5] = 1.0, -1.0, -1.0, 1.0
-    if known_vv:
-        t[2, 0], t[2, 3], t[2, 4] = -2.0, 1.0, 1.0
-    if not (known_uu or known_uv or known_vv):
-        return False
-    x, y, z = rays[0, i, j], rays[1, i, j], rays[2, i, j]
-    ux = (right * (rays[0, i, j + 1] - x) + left * (x - rays[0, i, j - 1])) / across
-    uy = (right * (rays[1, i, j + 1] - y) + left * (y - rays[1, i, j - 1])) / across
-    uz = (right * (rays[2, i, j + 1] - z) + left * (z - rays[2, i, j - 1])) / across
-    vx = (below * (rays[0, i + 1, j] - x) + above * (x - rays[0, i - 1, j])) / along
-    vy = (below * (rays[1, i + 1, j] - y) + above * (y - rays[1, i - 1, j])) / along
-    vz = (below * (rays[2, i + 1, j] - z) + above * (z - rays[2, i - 1, j])) / along
-    # Cramer's rule for a r_u + b r_v + c r
-    ax, ay, az = vy * z - vz * y, vz * x - vx * z, vx * y - vy * x
-    bx, by, bz = y * uz - z * uy, z * ux - x * uz, x * uy - y * ux
-    cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    volume = ux * ax + uy * ay + uz * az
+def _know_row(link: Any, i: int, known: Any) -> None:
+    """1 where uu, uv and vv have all their steps, and one on the other axis, 0 elsewhere; on a row."""
+    next_to, below, above, beneath = link[0, i], link[1, i], link[1, i - 1], link[0, i + 1]
+    for j in range(known.shape[1]):
+        right, left = float(next_to[j + 2]), float(next_to[j + 1])
+        south, north = float(below[j + 2]), float(above[j + 2])
+        known[0, j] = right * left * max(south, north)
+        known[1, j] = right * south * float(beneath[j + 2]) * float(below[j + 3])
+        known[2, j] = south * north * max(right, left)
+
+
+@kernel
+def bend_row(x: FloatArray, link: Any, shares: Any, i: int, form: Any) -> None:
+    """The form of a map on a row, see `curvature.second_form`; `shares` as `fill_shares` writes them."""
+    row, up, down = x[i], x[i - 1], x[i + 1]
+    next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
+    known = np.empty(form.shape)
+    _know_row(link, i, known)
+    uu, uv, vv = form[0], form[1], form[2]
+    for j in range(uu.size):
+        here = row[j + 2]
+        uu[j] = known[0, j] * (row[j + 3] - 2 * here + row[j + 1])
+        uv[j] = known[1, j] * (down[j + 3] - down[j + 2] - row[j + 3] + here)
+        vv[j] = known[2, j] * (down[j + 2] - 2 * here + up[j + 2])
     for k in range(3):
-        sx = t[k, 0] * x + t[k, 1] * rays[0, i, j + 1] + t[k, 2] * rays[0, i, j - 1]
-        sy = t[k, 0] * y + t[k, 1] * rays[1, i, j + 1] + t[k, 2] * rays[1, i, j - 1]
-        sz = t[k, 0] * z + t[k, 1] * rays[2, i, j + 1] + t[k, 2] * rays[2, i, j - 1]
-        sx += t[k, 3] * rays[0, i + 1, j] + t[k, 4] * rays[0, i - 1, j] + t[k, 5] * rays[0, i + 1, j + 1]
-        sy += t[k, 3] * rays[1, i + 1, j] + t[k, 4] * rays[1, i - 1, j] + t[k, 5] * rays[1, i + 1, j + 1]
-        sz += t[k, 3] * rays[2, i + 1, j] + t[k, 4] * rays[2, i - 1, j] + t[k, 5] * rays[2, i + 1, j + 1]
-        a = (sx * ax + sy * ay + sz * az) / volume / across
-        b = (sx * bx + sy * by + sz * bz) / volume / along
-        c = (sx * cx + sy * cy + sz * cz) / volume
-        t[k, 0] -= a * (left - right) + b * (above - below) + c
-        t[k, 1] -= a * right
-        t[k, 2] += a * left
-        t[k, 3] -= b * below
-        t[k, 4] += b * above
-    return known_uu and known_uv and known_vv
+        bend, a, b, c = form[k], shares[k, 0, i], shares[k, 1, i], shares[k, 2, i]
+        for j in range(bend.size):
+            here = row[j + 2]
+            u = float(next_to[j + 2]) * (row[j + 3] - here) + float(next_to[j + 1]) * (here - row[j + 1])
+            w = float(below[j + 2]) * (down[j + 2] - here) + float(above[j + 2]) * (here - up[j + 2])
+            bend[j] -= a[j + 2] * u + b[j + 2] * w + c[j + 2] * here
 
 
 @kernel
-def form_of(x: FloatArray, i: int, j: int, t: Any) -> tuple[float, float, float]:
-    """uu, uv and vv of a map by the stencils t."""
-    c, e, w = x[i, j], x[i, j + 1], x[i, j - 1]
-    s, n, d = x[i + 1, j], x[i - 1, j], x[i + 1, j + 1]
-    uu = t[0, 0] * c + t[0, 1] * e + t[0, 2] * w + t[0, 3] * s + t[0, 4] * n + t[0, 5] * d
-    uv = t[1, 0] * c + t[1, 1] * e + t[1, 2] * w + t[1, 3] * s + t[1, 4] * n + t[1, 5] * d
-    vv = t[2, 0] * c + t[2, 1] * e + t[2, 2] * w + t[2, 3] * s + t[2, 4] * n + t[2, 5] * d
-    return uu, uv, vv
+def add_unbent_row(form: Any, link: Any, shares: Any, i: int, out: FloatArray) -> None:
+    """Add the adjoint of `bend_row` to a map; `form` is 0 where it is not known."""
+    here, up, down = out[i], out[i - 1], out[i + 1]
+    next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
+    uu, uv, vv = form[0], form[1], form[2]
+    across = np.zeros(uu.size)
+    for j in range(uu.size):
+        a = shares[0, 0, i, PAD + j] * uu[j] + shares[1, 0, i, PAD + j] * uv[j]
+        a += shares[2, 0, i, PAD + j] * vv[j]
+        b = shares[0, 1, i, PAD + j] * uu[j] + shares[1, 1, i, PAD + j] * uv[j]
+        b += shares[2, 1, i, PAD + j] * vv[j]
+        c = shares[0, 2, i, PAD + j] * uu[j] + shares[1, 2, i, PAD + j] * uv[j]
+        c += shares[2, 2, i, PAD + j] * vv[j]
+        across[j] = a
+        right, left, south, north = next_to[j + 2], next_to[j + 1], below[j + 2], above[j + 2]
+        own = a * (float(left) - right) + b * (float(north) - south) + c
+        here[j + 2] += uv[j] - 2 * uu[j] - 2 * vv[j] - own
+        down[j + 2] += vv[j] - uv[j] - b * float(south)
+        up[j + 2] += vv[j] + b * float(north)
+    for j in range(uu.size):
+        here[j + 3] += uu[j] - uv[j] - across[j] * float(next_to[j + 2])
+    for j in range(uu.size):
+        here[j + 1] += uu[j] + across[j] * float(next_to[j + 1])
+    for j in range(uu.size):
+        down[j + 3] += uv[j]
 
 
 @kernel
-def _huber(size: float, epsilon: float) -> float:
-    small = min(abs(size), epsilon)
-    return small * (abs(size) - 0.5 * small) / epsilon
+def _measure_row(form: Any, metric: Any, link: Any, i: int, size: Any, twofold: Any) -> None:
+    """See `curvature.size_and_twofold`; the second is 0 where not all of the form is known."""
+    known = np.empty(form.shape)
+    _know_row(link, i, known)
+    p_row, q_row, r_row = metric[0, i], metric[1, i], metric[2, i]
+    for j in range(size.size):
+        uu, uv, vv = form[0, j], form[1, j], form[2, j]
+        p, q, r = p_row[j + 2], q_row[j + 2], r_row[j + 2]
+        here, there = uu * p + uv * q, uv * q + vv * r
+        square = here * here + 2 * (uu * q + uv * r) * (uv * p + vv * q) + there * there
+        size[j] = ANGLE**2 * np.sqrt(max(square, 0.0))
+        product = ANGLE**4 * (uu * vv - uv * uv) * (p * r - q * q)
+        all_known = known[0, j] * known[1, j] * known[2, j]
+        twofold[j] = all_known * product / np.sqrt(size[j] * size[j] + SLIGHT * SLIGHT)
 
 
 @kernel
-def _measures(form: Any, metric: Any, all_known: bool) -> tuple[float, float]:
-    """See `curvature.size_and_twofold`."""
-    (uu, uv, vv), (p, q, r) = form, metric
-    here, there = uu * p + uv * q, uv * q + vv * r
-    size = ANGLE**2 * np.sqrt(here * here + 2 * (uu * q + uv * r) * (uv * p + vv * q) + there * there)
-    product = ANGLE**4 * (uu * vv - uv * uv) * (p * r - q * q)
-    return size, product / np.sqrt(size * size + SLIGHT * SLIGHT) if all_known else 0.0
-
-
-@kernel
-def bending_cost(form: Any, metric: Any, all_known: bool, epsilon: float) -> float:
-    """What a pixel's bending costs, by Huber's penalty, without λ and g."""
-    size, twofold = _measures(form, metric, all_known)
+def add_bending_row(form: Any, metric: Any, link: Any, i: int, epsilon: float, weight: Any, out: Any) -> None:
+    """Add what a row's bending costs, by Huber's penalty and with these weights, but without λ."""
+    size, twofold = np.empty(out.size), np.empty(out.size)
+    _measure_row(form, metric, link, i, size, twofold)
     epsilon *= CREASE
-    return _huber(size, epsilon) + TWOFOLD * _huber(twofold, epsilon)
+    for j in range(out.size):
+        one, two = size[j], abs(twofold[j])
+        less, little = min(one, epsilon), min(two, epsilon)
+        cost = less * (one - 0.5 * less) + TWOFOLD * (little * (two - 0.5 * little))
+        out[j] += weight[j + 2] * cost / epsilon
 
 
 @kernel
-def bending_weights(
-    form: Any, metric: Any, all_known: bool, epsilon: float, weight: float, i: int, j: int, out: Any
+def weigh_bending_row(
+    form: Any, metric: Any, link: Any, i: int, epsilon: float, weight: Any, smoothness: Any
 ) -> None:
-    """Write Q, six numbers: the cost is about ½ formᵀ Q form, and its slope is Q form.
+    """Write Q, six maps: the cost is about ½ formᵀ Q form; the form becomes its slope, Q form.
 
     Parabolas touch both penalties; `twofold` is linearised: it is its slope times the form.
     """
-    (uu, uv, vv), (p, q, r) = form, metric
-    size, twofold = _measures(form, metric, all_known)
+    count = form.shape[1]
+    known, rows = np.empty(form.shape), np.empty((11, count))
+    size, twofold, one, two, a, b, c = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6]
+    falls, rises, q01, q12 = rows[7], rows[8], rows[9], rows[10]
+    p, q, r = metric[0, i, PAD:], metric[1, i, PAD:], metric[2, i, PAD:]
+    uu, uv, vv = form[0], form[1], form[2]
+    _measure_row(form, metric, link, i, size, twofold)
+    _know_row(link, i, known)
     epsilon *= CREASE
-    one = weight * ANGLE**4 / max(size, epsilon)
-    out[0, i, j], out[1, i, j], out[2, i, j] = one * p * p, one * 2 * p * q, one * q * q
-    out[3, i, j], out[4, i, j], out[5, i, j] = one * 2 * (p * r + q * q), one * 2 * q * r, one * r * r
-    if all_known:
-        softened = size * size + SLIGHT * SLIGHT
-        raised_u, raised_m, raised_l = p * uu + q * uv, p * uv + q * vv, q * uv + r * vv
-        cross = q * uu + r * uv
-        falls = ANGLE**4 * twofold / softened
-        rises = ANGLE**4 * (p * r - q * q) / np.sqrt(softened)
-        a = rises * vv - falls * (raised_u * p + raised_m * q)
-        b = -2 * rises * uv - 2 * falls * (raised_u * q + raised_m * r)
-        c = rises * uu - falls * (cross * q + raised_l * r)
-        # The form times the slope is `twofold` by this factor, 1 to 2.
-        two = weight * TWOFOLD / max(abs(twofold), epsilon) / (1 + SLIGHT * SLIGHT / softened)
-        out[0, i, j] += two * a * a
-        out[1, i, j] += two * a * b
-        out[2, i, j] += two * a * c
-        out[3, i, j] += two * b * b
-        out[4, i, j] += two * b * c
-        out[5, i, j] += two * c * c
+    # Loops are short: those that write and read many arrays are not made to take many pixels at once.
+    for j in range(count):
+        softened = size[j] * size[j] + SLIGHT * SLIGHT
+        falls[j] = ANGLE**4 * twofold[j] / softened
+        # The form times the slope is `twofold` by a factor, 1 to 2.
+        two[j] = weight[j] * TWOFOLD / (max(abs(twofold[j]), epsilon) * (1 + SLIGHT * SLIGHT / softened))
+    for j in range(count):
+        rises[j] = ANGLE**4 * (p[j] * r[j] - q[j] * q[j]) / np.sqrt(size[j] * size[j] + SLIGHT * SLIGHT)
+        one[j] = weight[j] * ANGLE**4 / max(size[j], epsilon)
+    for j in range(count):
+        two[j] *= known[0, j] * known[1, j] * known[2, j]
+    for j in range(count):
+        raised = p[j] * (p[j] * uu[j] + 2 * q[j] * uv[j]) + q[j] * q[j] * vv[j]
+        a[j] = rises[j] * vv[j] - falls[j] * raised
+    for j in range(count):
+        raised = p[j] * q[j] * uu[j] + (q[j] * q[j] + p[j] * r[j]) * uv[j] + q[j] * r[j] * vv[j]
+        b[j] = -2 * rises[j] * uv[j] - 2 * falls[j] * raised
+    for j in range(count):
+        raised = q[j] * q[j] * uu[j] + r[j] * (2 * q[j] * uv[j] + r[j] * vv[j])
+        c[j] = rises[j] * uu[j] - falls[j] * raised
+    q00, q02, q11, q22 = rows[7], size, twofold, rows[8]  # what was there is not needed any more
+    for j in range(count):
+        q00[j] = one[j] * p[j] * p[j] + two[j] * a[j] * a[j]
+    for j in range(count):
+        q01[j] = one[j] * 2 * p[j] * q[j] + two[j] * a[j] * b[j]
+    for j in range(count):
+        q02[j] = one[j] * q[j] * q[j] + two[j] * a[j] * c[j]
+    for j in range(count):
+        q11[j] = one[j] * 2 * (p[j] * r[j] + q[j] * q[j]) + two[j] * b[j] * b[j]
+    for j in range(count):
+        q12[j] = one[j] * 2 * q[j] * r[j] + two[j] * b[j] * c[j]
+    for j in range(count):
+        q22[j] = one[j] * r[j] * r[j] + two[j] * c[j] * c[j]
+    for j in range(count):
+        a[j] = known[0, j] * (q00[j] * uu[j] + q01[j] * uv[j] + q02[j] * vv[j])
+    for j in range(count):
+        b[j] = known[1, j] * (q01[j] * uu[j] + q11[j] * uv[j] + q12[j] * vv[j])
+    for j in range(count):
+        c[j] = known[2, j] * (q02[j] * uu[j] + q12[j] * uv[j] + q22[j] * vv[j])
+    for k, row in enumerate((a, b, c)):
+        copy_row(row, form[k])
+    for k, row in enumerate((q00, q01, q02, q11, q12, q22)):
+        copy_row(row, smoothness[k, i, PAD:])
+
+
+@kernel
+def stencils_row(link: Any, shares: Any, i: int, t: Any) -> None:
+    """Weights (3, 6, ...) of the six pixels for uu, uv and vv, on a row; 0 where one is not known."""
+    count = t.shape[2]
+    next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
+    known = np.empty((3, count))
+    _know_row(link, i, known)
+    for k in range(3):
+        a, b, c = shares[k, 0, i], shares[k, 1, i], shares[k, 2, i]
+        centre, side, mixed = (1.0, 0.0, 1.0) if k == 1 else (-2.0, 1.0, 0.0)
+        e, w = (-1.0, 0.0) if k == 1 else (side if k == 0 else 0.0, side if k == 0 else 0.0)
+        s, n = (-1.0, 0.0) if k == 1 else (side if k == 2 else 0.0, side if k == 2 else 0.0)
+        for j in range(count):
+            right, left = float(next_to[j + 2]), float(next_to[j + 1])
+            south, north = float(below[j + 2]), float(above[j + 2])
+            there, a_j, b_j = known[k, j], a[j + 2], b[j + 2]
+            t[k, 0, j] = there * centre - a_j * (left - right) - b_j * (north - south) - c[j + 2]
+            t[k, 1, j] = there * e - a_j * right
+            t[k, 2, j] = there * w + a_j * left
+            t[k, 3, j] = there * s - b_j * south
+            t[k, 4, j] = there * n + b_j * north
+            t[k, 5, j] = there * mixed

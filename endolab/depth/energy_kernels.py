@@ -1,26 +1,31 @@
 """The energy and its Gauss-Newton model, compiled.
 
 What is computed here is written readably in `energy.py`; the tests hold the two together. Arrays
-are padded, see `numerics.compiled`; what is meant by each is in `grid.Grid`.
+are padded, see `numerics.compiled`; what is meant by each is in `grid.Grid`. Loops are over rows without
+their padding, j, of arrays of their own with it, j + 2, so that they take many pixels at once.
 """
 
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import prange
 
-from endolab.depth.curvature_kernels import (
-    COLUMNS,
-    ROWS,
-    bending_cost,
-    bending_weights,
-    form_of,
-    form_stencils,
+from endolab.depth.curvature_kernels import add_bending_row, add_unbent_row, bend_row, weigh_bending_row
+from endolab.depth.normal_equations import (
+    BY_V,
+    CAUTION_U,
+    CAUTION_W,
+    SLOPE,
+    SMOOTHNESS,
+    WEIGHT,
 )
-from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, NONE, SECOND
+from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, FIRST, NONE
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.compiled import PAD, kernel
+from endolab.numerics.compiled import PAD, clear_row, copy_row, kernel
+from endolab.numerics.elementary import exp, log
+from endolab.numerics.threads import band_rows, bands, on_cores
 
 TABLE_SIZE = 4096
 
@@ -35,7 +40,7 @@ class Picture(NamedTuple):
     active: Any
     link: Any
     evidence: Any
-    rays: FloatArray
+    shares: FloatArray  # of `curvature_kernels`
 
 
 class Wall(NamedTuple):
@@ -56,72 +61,61 @@ class Penalties(NamedTuple):
 
 
 @kernel
-def _shading(t: float, table: Any, step: float) -> tuple[float, float]:
-    """log(cos θ f_r(θ)/f_r(0)) and its derivative by t = log(1 + tan²θ)."""
+def _shade_row(slant: Any, table: Any, step: float, shading: Any, slope: Any) -> None:
+    """log(cos θ f_r(θ)/f_r(0)) and its derivative by t = log(1 + tan²θ), on a row."""
+    for j in range(slant.size):
+        shading[j] = log(1 + slant[j])
     if table.shape[1] == 0:  # Lambertian
-        return -0.5 * t, -0.5
-    w = np.sqrt(t)
-    k = min(int(w / step), table.shape[1] - 2)
-    s = w / step - k
-    y0, y1, d0, d1 = table[0, k], table[0, k + 1], step * table[1, k], step * table[1, k + 1]
-    a, b = 2 * (y0 - y1) + d0 + d1, 3 * (y1 - y0) - 2 * d0 - d1  # Hermite's cubic
-    slope = (d0 + s * (2 * b + 3 * s * a)) / step
-    return y0 + s * (d0 + s * (b + s * a)), slope / max(2 * w, 1e-9)
+        for j in range(slant.size):
+            shading[j] *= -0.5
+            slope[j] = -0.5
+        return
+    for j in range(slant.size):
+        w = np.sqrt(shading[j])
+        k = min(int(w / step), table.shape[1] - 2)
+        s = w / step - k
+        y0, y1, d0, d1 = table[0, k], table[0, k + 1], step * table[1, k], step * table[1, k + 1]
+        a, b = 2 * (y0 - y1) + d0 + d1, 3 * (y1 - y0) - 2 * d0 - d1  # Hermite's cubic
+        slope[j] = (d0 + s * (2 * b + 3 * s * a)) / step / max(2 * w, 1e-9)
+        shading[j] = y0 + s * (d0 + s * (b + s * a))
 
 
 @kernel
+def slopes_row(v: Any, metric: Any, link: Any, i: int, raised_u: Any, raised_w: Any, slant: Any) -> None:
+    """G⁻¹ ∇v and tan²θ on a row, ∇v being the mean of the differences that there are."""
+    row, up, down = v[i], v[i - 1], v[i + 1]
+    across, below, above = link[0, i], link[1, i], link[1, i - 1]
+    guu, guv, gvv = metric[0, i], metric[1, i], metric[2, i]
+    for j in range(slant.size):
+        right, left, south, north = across[j + 2], across[j + 1], below[j + 2], above[j + 2]
+        both, along = 1 - 0.5 * (float(right) * left), 1 - 0.5 * (float(south) * north)
+        u = both * (float(right) * (row[j + 3] - row[j + 2]) + float(left) * (row[j + 2] - row[j + 1]))
+        w = along * (float(south) * (down[j + 2] - row[j + 2]) + float(north) * (row[j + 2] - up[j + 2]))
+        raised_u[j] = guu[j + 2] * u + guv[j + 2] * w
+        raised_w[j] = guv[j + 2] * u + gvv[j + 2] * w
+        slant[j] = raised_u[j] * u + raised_w[j] * w
+
+
+@on_cores
 def fill_xi(v: FloatArray, factor: FloatArray, active: Any, sign: float, xi: FloatArray) -> None:
     """ξ/ξ̃ where the mask is, 0 elsewhere."""
-    for i in range(v.shape[0]):
-        for j in range(v.shape[1]):
-            xi[i, j] = factor[i, j] * np.exp(sign * v[i, j]) if active[i, j] else 0.0
+    for band in prange(bands(v.shape[0])):
+        first, last = band_rows(band, 0, v.shape[0])
+        for i in range(first, last):
+            row, by, there, out = v[i], factor[i], active[i], xi[i]
+            for j in range(row.size):
+                out[j] = float(there[j]) * by[j] * exp(sign * row[j])
 
 
-@kernel
-def differences(v: FloatArray, link: Any, i: int, j: int) -> tuple[float, float]:
-    """∇v at a pixel: the mean of the differences that there are."""
-    right, left, below, above = link[0, i, j], link[0, i, j - 1], link[1, i, j], link[1, i - 1, j]
-    u = right * (v[i, j + 1] - v[i, j]) + left * (v[i, j] - v[i, j - 1])
-    w = below * (v[i + 1, j] - v[i, j]) + above * (v[i, j] - v[i - 1, j])
-    return u * (0.5 if right and left else 1.0), w * (0.5 if below and above else 1.0)
-
-
-@kernel
-def fill_slants(v: FloatArray, metric: FloatArray, active: Any, link: Any, out: FloatArray) -> None:
+@on_cores
+def fill_slants(v: FloatArray, metric: FloatArray, link: Any, out: FloatArray) -> None:
     """tan² of the angle between ray and normal where the mask is, 0 elsewhere."""
-    for i in range(PAD, v.shape[0] - PAD):
-        for j in range(PAD, v.shape[1] - PAD):
-            if active[i, j]:
-                u, w = differences(v, link, i, j)
-                out[i, j] = metric[0, i, j] * u * u + 2 * metric[1, i, j] * u * w + metric[2, i, j] * w * w
-
-
-@kernel
-def _second(x: FloatArray, link: Any, i: int, j: int) -> tuple[float, float, float]:
-    """The three second differences at a pixel (√2 on the mixed one), 0 where a step is missing."""
-    right, left, below, above = link[0, i, j], link[0, i, j - 1], link[1, i, j], link[1, i - 1, j]
-    uu = right * left * (x[i, j + 1] - 2 * x[i, j] + x[i, j - 1])
-    vv = below * above * (x[i + 1, j] - 2 * x[i, j] + x[i - 1, j])
-    square = right * below * link[0, i + 1, j] * link[1, i, j + 1]
-    uv = np.sqrt(2.0) * square * (x[i + 1, j + 1] - x[i + 1, j] - x[i, j + 1] + x[i, j])
-    return uu, uv, vv
-
-
-@kernel
-def _size(x: FloatArray, link: Any, second: bool, i: int, j: int) -> float:
-    """‖D x‖ at a pixel, per pixel or per pixel squared."""
-    if second:
-        uu, uv, vv = _second(x, link, i, j)
-        return np.sqrt(uu * uu + uv * uv + vv * vv)
-    u = link[0, i, j] * (x[i, j + 1] - x[i, j])
-    w = link[1, i, j] * (x[i + 1, j] - x[i, j])
-    return np.sqrt(u * u + w * w)
-
-
-@kernel
-def _counts(r: float, evidence: Any, i: int, j: int) -> bool:
-    """Whether a pixel's residual counts; no evidence stands for exact pixels."""
-    return evidence.size == 0 or evidence[i, j] == EXACT or (evidence[i, j] == AT_LEAST and r < 0)
+    last_row, count = v.shape[0] - PAD, v.shape[1] - 2 * PAD
+    for band in prange(bands(last_row - PAD)):
+        first, last = band_rows(band, PAD, last_row)
+        raised = np.empty((2, count))
+        for i in range(first, last):
+            slopes_row(v, metric, link, i, raised[0], raised[1], out[i, PAD:-PAD])
 
 
 @kernel
@@ -140,104 +134,242 @@ def listen(
 
 
 @kernel
-def sums(v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any) -> tuple[float, float]:
-    """Sums over the mask of the data's penalty and of the regulariser's without λ."""
-    image, log_scale, metric, edge, active, link, evidence, rays = picture
+def _predict_row(v: Any, picture: Any, wall: Any, i: int, rows: Any) -> None:
+    """On a row: the residual, how much it counts (0 or 1), the model, and what the last two come from."""
+    image, log_scale, metric, _, active, link, evidence, _ = picture
     gamma, table, step = wall
-    threshold, epsilon, scale, kind = penalties
-    stencils = np.empty((3, 6))
-    data, rough = 0.0, 0.0
-    for i in range(PAD, v.shape[0] - PAD):
-        for j in range(PAD, v.shape[1] - PAD):
-            if active[i, j]:
-                u, w = differences(v, link, i, j)
-                slant = metric[0, i, j] * u * u + 2 * metric[1, i, j] * u * w + metric[2, i, j] * w * w
-                shading = _shading(np.log(1 + slant), table, step)[0]
-                r = np.exp(log_scale[i, j] + (shading - 2 * v[i, j]) / gamma) - image[i, j]
-                if _counts(r, evidence, i, j):
-                    r = abs(r)
-                    small = min(r, threshold)
-                    data += small * (r - 0.5 * small)
-                if kind == CURVATURE:
-                    all_known = form_stencils(rays, link, i, j, stencils)
-                    around = (metric[0, i, j], metric[1, i, j], metric[2, i, j])
-                    cost = bending_cost(form_of(xi, i, j, stencils), around, all_known, epsilon)
-                    rough += edge[i, j] * cost
-                    continue
-                size = scale * _size(xi, link, kind == SECOND, i, j)
-                small = min(size, epsilon)
-                rough += edge[i, j] * small * (size - 0.5 * small) / epsilon
-    return data, rough
+    residual, counts, model, slope = rows[0], rows[1], rows[2], rows[3]
+    slant, raised_u, raised_w, shading = rows[4], rows[5], rows[6], rows[7]
+    slopes_row(v, metric, link, i, raised_u, raised_w, slant)
+    _shade_row(slant, table, step, shading, slope)
+    row, brightness, seen, there = v[i], log_scale[i], image[i], active[i]
+    for j in range(model.size):
+        model[j] = exp(brightness[j + 2] + (shading[j] - 2 * row[j + 2]) / gamma)
+    for j in range(model.size):
+        residual[j] = model[j] - seen[j + 2]
+        counts[j] = float(there[j + 2])
+    if evidence.size > 0:
+        said = evidence[i]
+        for j in range(model.size):
+            one_sided = said[j + 2] == AT_LEAST and residual[j] < 0
+            counts[j] = counts[j] if said[j + 2] == EXACT or one_sided else 0.0
 
 
 @kernel
+def _derive_row(x: Any, link: Any, kind: int, i: int, form: Any) -> None:
+    """D x on a row, per pixel or per pixel squared; 0 where a step is missing, √2 on the mixed difference."""
+    row, up, down = x[i], x[i - 1], x[i + 1]
+    across, below, above, next_across = link[0, i], link[1, i], link[1, i - 1], link[0, i + 1]
+    uu, uv, vv = form[0], form[1], form[2]
+    if kind == FIRST:
+        for j in range(uu.size):
+            uu[j] = float(across[j + 2]) * (row[j + 3] - row[j + 2])
+            uv[j] = 0.0
+            vv[j] = float(below[j + 2]) * (down[j + 2] - row[j + 2])
+        return
+    root2 = np.sqrt(2.0)
+    for j in range(uu.size):
+        right, left, south, north = across[j + 2], across[j + 1], below[j + 2], above[j + 2]
+        uu[j] = float(right) * float(left) * (row[j + 3] - 2 * row[j + 2] + row[j + 1])
+        vv[j] = float(south) * float(north) * (down[j + 2] - 2 * row[j + 2] + up[j + 2])
+        square = float(right) * float(south) * float(next_across[j + 2]) * float(below[j + 3])
+        uv[j] = root2 * square * (down[j + 3] - down[j + 2] - row[j + 3] + row[j + 2])
+
+
+@kernel
+def _add_adjoint_row(form: Any, link: Any, kind: int, i: int, out: Any) -> None:
+    """Add the adjoint of `_derive_row` to a map; `form` is 0 where a step is missing."""
+    uu, uv, vv = form[0], form[1], form[2]
+    here, up, down = out[i], out[i - 1], out[i + 1]
+    if kind == FIRST:
+        for j in range(uu.size):
+            here[j + 2] -= uu[j] + vv[j]
+            down[j + 2] += vv[j]
+        for j in range(uu.size):
+            here[j + 3] += uu[j]
+        return
+    root2 = np.sqrt(2.0)
+    for j in range(uu.size):
+        mixed = root2 * uv[j]
+        here[j + 2] += mixed - 2 * uu[j] - 2 * vv[j]
+        down[j + 2] += vv[j] - mixed
+        up[j + 2] += vv[j]
+    for j in range(uu.size):
+        here[j + 3] += uu[j] - root2 * uv[j]
+    for j in range(uu.size):
+        here[j + 1] += uu[j]
+    for j in range(uu.size):
+        down[j + 3] += root2 * uv[j]
+
+
+@on_cores
+def _fill_sums(v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any, out: Any) -> None:
+    """Each band's part of `sums`."""
+    metric, edge, link, shares = picture[2], picture[3], picture[5], picture[7]
+    threshold, epsilon, scale, kind = penalties
+    last_row, count = v.shape[0] - PAD, v.shape[1] - 2 * PAD
+    for band in prange(bands(last_row - PAD)):
+        first, last = band_rows(band, PAD, last_row)
+        rows, form, totals = np.empty((8, count)), np.empty((3, count)), np.zeros((2, count))
+        data, rough = totals[0], totals[1]
+        for i in range(first, last):
+            _predict_row(v, picture, wall, i, rows)
+            residual, counts = rows[0], rows[1]
+            for j in range(count):
+                r = abs(residual[j])
+                small = min(r, threshold)
+                data[j] += counts[j] * small * (r - 0.5 * small)
+            weight = edge[i]
+            if kind == CURVATURE:
+                bend_row(xi, link, shares, i, form)
+                add_bending_row(form, metric, link, i, epsilon, weight, rough)
+                continue
+            _derive_row(xi, link, kind, i, form)
+            for j in range(count):
+                uu, uv, vv = form[0, j], form[1, j], form[2, j]
+                size = scale * np.sqrt(uu * uu + uv * uv + vv * vv)
+                small = min(size, epsilon)
+                rough[j] += weight[j + 2] * small * (size - 0.5 * small) / epsilon
+        out[band, 0], out[band, 1] = data.sum(), rough.sum()
+
+
+def sums(v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any) -> tuple[float, float]:
+    """Sums over the mask of the data's penalty and of the regulariser's without λ."""
+    parts = np.zeros((bands(v.shape[0] - 2 * PAD), 2))
+    _fill_sums(v, xi, picture, wall, penalties, parts)
+    data, rough = parts.sum(axis=0)
+    return float(data), float(rough)
+
+
+@kernel
+def _pull_row(residual: Any, weight: Any, factors: Any, link: Any, i: int, out: Any) -> None:
+    """Subtract Jᵀ W r of a row from a map; `factors` are a and b of J, which it spoils."""
+    by_v, by_u, by_w = factors[0], factors[1], factors[2]
+    across, below, above = link[0, i], link[1, i], link[1, i - 1]
+    here, up, down = out[i], out[i - 1], out[i + 1]
+    for j in range(residual.size):
+        right, left, south, north = across[j + 2], across[j + 1], below[j + 2], above[j + 2]
+        forced = weight[j] * residual[j]
+        by_u[j] *= forced * (1 - 0.5 * (float(right) * left))
+        by_w[j] *= forced * (1 - 0.5 * (float(south) * north))
+        own = forced * by_v[j] + by_u[j] * (float(left) - right) + by_w[j] * (float(north) - south)
+        here[j + 2] -= own
+        down[j + 2] -= by_w[j] * float(south)
+        up[j + 2] += by_w[j] * float(north)
+    for j in range(residual.size):
+        here[j + 3] -= by_u[j] * float(across[j + 2])
+    for j in range(residual.size):
+        here[j + 1] += by_u[j] * float(across[j + 1])
+
+
+@kernel
+def _differentiate_row(rows: Any, gamma: float, threshold: float, factors: Any) -> None:
+    """a and b of J on a row, from what `_predict_row` wrote; the counts become the weights W."""
+    residual, counts, model, slope = rows[0], rows[1], rows[2], rows[3]
+    slant, raised_u, raised_w, by_slant = rows[4], rows[5], rows[6], rows[7]
+    by_v, by_u, by_w = factors[0], factors[1], factors[2]
+    for j in range(model.size):
+        by_v[j] = -2 * counts[j] * model[j] / gamma
+    for j in range(model.size):
+        by_slant[j] = -by_v[j] * slope[j] / (1 + slant[j])
+    for j in range(model.size):
+        by_u[j] = by_slant[j] * raised_u[j]
+        by_w[j] = by_slant[j] * raised_w[j]
+    for j in range(model.size):
+        counts[j] *= threshold / max(abs(residual[j]), threshold)
+
+
+@kernel
+def _weight_row(active: Any, edge: Any, lam: float, i: int, out: Any) -> None:
+    """λ g on a row, 0 outside the mask."""
+    there, g = active[i], edge[i]
+    for j in range(out.size):
+        out[j] = float(there[j + 2]) * lam * g[j + 2]
+
+
+@kernel
+def _weigh_row(form: Any, scale: float, epsilon: float, weight: Any) -> None:
+    """Weights become Q, of the parabola that touches the penalty of D ξ; the form becomes Q D ξ."""
+    uu, uv, vv = form[0], form[1], form[2]
+    for j in range(weight.size):
+        size = scale * np.sqrt(uu[j] * uu[j] + uv[j] * uv[j] + vv[j] * vv[j])
+        weight[j] *= scale * scale / max(size, epsilon)
+    for j in range(weight.size):
+        uu[j] *= weight[j]
+        uv[j] *= weight[j]
+        vv[j] *= weight[j]
+
+
+@on_cores
 def linearise(
     v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any, lam: float, out: Any
 ) -> None:
-    """Coefficients of the normal equations, -Jᵀ W r and Dᵀ Q D ξ."""
-    image, log_scale, metric, edge, active, link, evidence, rays = picture
-    gamma, table, step = wall
+    """Maps of `Coefficients` but for slope and caution, -Jᵀ W r and Dᵀ Q D ξ."""
+    metric, edge, active, link, shares = picture[2], picture[3], picture[4], picture[5], picture[7]
+    gamma = wall[0]
     threshold, epsilon, scale, kind = penalties
-    stencils = np.empty((3, 6))
-    by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth = out
-    for i in range(PAD, v.shape[0] - PAD):
-        for j in range(PAD, v.shape[1] - PAD):
-            if not active[i, j]:
-                continue
-            right, left, below, above = link[0, i, j], link[0, i, j - 1], link[1, i, j], link[1, i - 1, j]
-            u, w = differences(v, link, i, j)
-            up = metric[0, i, j] * u + metric[1, i, j] * w
-            wp = metric[1, i, j] * u + metric[2, i, j] * w
-            slant = up * u + wp * w
-            shading, slope = _shading(np.log(1 + slant), table, step)
-            intensity = np.exp(log_scale[i, j] + (shading - 2 * v[i, j]) / gamma)
-            r = intensity - image[i, j]
-            if _counts(r, evidence, i, j):
-                by_slant = 2 * intensity * slope / (gamma * (1 + slant))
-                a, b_u, b_v = -2 * intensity / gamma, by_slant * up, by_slant * wp
-                k = 1 / max(abs(r) / threshold, 1.0)
-                by_v[i, j], by_v_u[i, j], by_v_v[i, j], weight[i, j] = a, b_u, b_v, k
-                u, w = k * r * b_u / max(right + left, 1), k * r * b_v / max(below + above, 1)
-                descent[i, j] -= k * r * a + u * (left - right) + w * (above - below)
-                descent[i, j + 1] -= u * right
-                descent[i, j - 1] += u * left
-                descent[i + 1, j] -= w * below
-                descent[i - 1, j] += w * above
-            if kind == CURVATURE:
-                all_known = form_stencils(rays, link, i, j, stencils)
-                form, around = (
-                    form_of(xi, i, j, stencils),
-                    (metric[0, i, j], metric[1, i, j], metric[2, i, j]),
-                )
-                bending_weights(form, around, all_known, epsilon, lam * edge[i, j], i, j, smoothness)
-                q = smoothness[:, i, j]
-                uu = q[0] * form[0] + q[1] * form[1] + q[2] * form[2]
-                uv = q[1] * form[0] + q[3] * form[1] + q[4] * form[2]
-                vv = q[2] * form[0] + q[4] * form[1] + q[5] * form[2]
-                for k in range(6):
-                    pull = stencils[0, k] * uu + stencils[1, k] * uv + stencils[2, k] * vv
-                    smooth[i + ROWS[k], j + COLUMNS[k]] += pull
-                continue
-            if kind == SECOND:
-                uu, uv, vv = _second(xi, link, i, j)
-                size = np.sqrt(uu * uu + uv * uv + vv * vv)
-                q = lam * edge[i, j] * scale * scale / max(scale * size, epsilon)
-                uu, vv, uv = q * uu, q * vv, q * np.sqrt(2.0) * uv
-                smooth[i, j] += uv - 2 * uu - 2 * vv
-                smooth[i, j + 1] += uu - uv
-                smooth[i, j - 1] += uu
-                smooth[i + 1, j] += vv - uv
-                smooth[i - 1, j] += vv
-                smooth[i + 1, j + 1] += uv
-            else:
-                du = right * (xi[i, j + 1] - xi[i, j])
-                dw = below * (xi[i + 1, j] - xi[i, j])
-                size = np.sqrt(du * du + dw * dw)
-                q = lam * edge[i, j] * scale * scale / max(scale * size, epsilon)
-                smooth[i, j] -= q * (du + dw)
-                smooth[i, j + 1] += q * du
-                smooth[i + 1, j] += q * dw
-            smoothness[0, i, j] = q
+    parts, descent, smooth = out
+    last_row, count = v.shape[0] - PAD, v.shape[1] - 2 * PAD
+    many = bands(last_row - PAD)
+    for band in prange(bands(v.shape[0])):
+        first, last = band_rows(band, 0, v.shape[0])
+        for i in range(first, last):
+            clear_row(descent[i])
+            clear_row(smooth[i])
+    for odd in range(2):  # what a row adds to its neighbours' must not meet
+        for k in prange((many + 1 - odd) // 2):
+            first, last = band_rows(2 * k + odd, PAD, last_row)
+            rows, form, factors = np.empty((8, count)), np.empty((3, count)), np.empty((3, count))
+            for i in range(first, last):
+                _predict_row(v, picture, wall, i, rows)
+                _differentiate_row(rows, gamma, threshold, factors)
+                residual, trust = rows[0], rows[1]
+                copy_row(trust, parts[WEIGHT, i, PAD:])
+                for part in range(3):
+                    copy_row(factors[part], parts[BY_V + part, i, PAD:])
+                _pull_row(residual, trust, factors, link, i, descent)
+                _weight_row(active, edge, lam, i, trust)
+                if kind == CURVATURE:
+                    bend_row(xi, link, shares, i, form)
+                    weigh_bending_row(form, metric, link, i, epsilon, trust, parts[SMOOTHNESS:])
+                    add_unbent_row(form, link, shares, i, smooth)
+                    continue
+                _derive_row(xi, link, kind, i, form)
+                _weigh_row(form, scale, epsilon, trust)
+                copy_row(trust, parts[SMOOTHNESS, i, PAD:])
+                _add_adjoint_row(form, link, kind, i, smooth)
+
+
+@on_cores
+def finish(descent: Any, smooth: Any, xi: Any, sign: float, free: Any, parts: Any) -> None:
+    """Subtract X Dᵀ Q D ξ from -Jᵀ W r, for pixels that are free, and write X."""
+    for band in prange(bands(descent.shape[0])):
+        first, last = band_rows(band, 0, descent.shape[0])
+        for i in range(first, last):
+            down, rough, here, known, slope = descent[i], smooth[i], xi[i], free[i], parts[SLOPE, i]
+            for j in range(down.size):
+                slope[j] = sign * here[j]
+                down[j] = float(known[j]) * (down[j] - slope[j] * rough[j])
+
+
+@on_cores
+def be_cautious(parts: Any, v: Any, metric: Any, link: Any, slants: Any) -> None:
+    """Write what slopes of a step are charged for beforehand, see `grid.Grid.linearised`."""
+    last_row, count = v.shape[0] - PAD, v.shape[1] - 2 * PAD
+    for band in prange(bands(last_row - PAD)):
+        first, last = band_rows(band, PAD, last_row)
+        raised_u, raised_w, slant = np.empty(count), np.empty(count), np.empty(count)
+        for i in range(first, last):
+            slopes_row(v, metric, link, i, raised_u, raised_w, slant)
+            by_v, weight, likely = parts[BY_V, i], parts[WEIGHT, i], slants[i]
+            u, w, guu, gvv = parts[CAUTION_U, i], parts[CAUTION_W, i], metric[0, i], metric[2, i]
+            for j in range(count):
+                bend = by_v[j + 2] / (
+                    2 * (1 + slant[j])
+                )  # ∂²M by the slope, as of a Lambertian wall that faces
+                charged = 0.5 * weight[j + 2] * bend * bend * likely[j + 2]
+                u[j + 2] = charged * guu[j + 2]
+                w[j + 2] = charged * gvv[j + 2]
 
 
 def shading_table(photometry: Photometry, size: int = TABLE_SIZE) -> tuple[FloatArray, float]:

@@ -26,11 +26,13 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from endolab.depth.grid import Grid
 from endolab.depth.multigrid import Multigrid, dot
+from endolab.depth.normal_equations import Coefficients
 from endolab.depth.problem import Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.numerics.arrays import FloatArray
@@ -66,7 +68,8 @@ class _State:
     rate: float = RATE  # of a fall to the one before, lately
     steps: int = 0  # of the inner solver
     slants: FloatArray | None = None  # tan² of a likely step: its last ones' geometric mean
-    multigrid: Multigrid | None = None  # of the last step
+    coefficients: Coefficients | None = None  # of the last step, as is the multigrid
+    multigrid: Multigrid | None = None
 
     @classmethod
     def at(cls, grid: Grid, v: FloatArray, lam: float) -> _State:
@@ -92,10 +95,11 @@ class _State:
         tells of that rate too: the quadratic bends more than the energy then, as Huber's parabolas do, so
         that a share q of the error remains, and q² of the fall.
         """
-        coefficients, descent = self.grid.linearised(self.v, self.lam, self.slants)
+        coefficients, descent = self.grid.linearised(self.v, self.lam, self.slants, self.coefficients)
         multigrid = Multigrid(coefficients, DAMPING, self.multigrid)
         delta, steps, unsolved = multigrid.solve(descent, PRECISION, MOST)
-        promise = 0.5 * dot(descent, delta) / int(self.grid.active.sum())
+        room: dict[str, Any] = {"coefficients": coefficients, "multigrid": multigrid}
+        promise = 0.5 * dot(descent, delta) / self.grid.count
         left = promise * (1 + unsolved) if promise > 0 else 0.0
         slants = self.grid.slants(delta)
         if self.slants is not None:
@@ -111,7 +115,7 @@ class _State:
                 break
             share /= 2
         if best is self:
-            return replace(self, share=0.0, left=left, fall=0.0, rate=1.0, steps=steps, multigrid=multigrid)
+            return replace(self, share=0.0, left=left, fall=0.0, rate=1.0, steps=steps, **room)
         fall = self.energy - best.energy
         if best.share == 1:
             slants *= RELIEF
@@ -120,7 +124,7 @@ class _State:
         if best.share == 1 and fall > promise > 0:
             slow = max(rate, min(fall / promise - 1, SLOWEST) ** 2)
         left = max(left, fall * slow / (1 - slow))
-        return replace(best, left=left, fall=fall, rate=rate, steps=steps, multigrid=multigrid, slants=slants)
+        return replace(best, left=left, fall=fall, rate=rate, steps=steps, slants=slants, **room)
 
     def descended(self, tolerance: float) -> _State:
         """Take up to `STEPS` steps."""

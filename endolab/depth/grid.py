@@ -18,16 +18,25 @@ from endolab.depth.energy_kernels import (
     Penalties,
     Picture,
     Wall,
-    differences,
+    be_cautious,
     fill_slants,
     fill_xi,
+    finish,
     linearise,
     shading_table,
+    slopes_row,
     sums,
 )
 from endolab.depth.fast_marching import March
 from endolab.depth.interpolation import Interpolation
-from endolab.depth.normal_equations import Coefficients
+from endolab.depth.normal_equations import (
+    CAUTION_U,
+    CAUTION_W,
+    SMOOTHNESS,
+    Coefficients,
+    Structure,
+    shares_of,
+)
 from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, NONE, REGULARISERS, Problem
 from endolab.depth.tears import Blocks, coarser_links, main_parts
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -41,12 +50,13 @@ NEARLY = 0.008  # of log d below that ceiling, where a pixel is held that is dra
 @kernel
 def _enters(v: FloatArray, metric: Any, active: Any, link: Any, whole: Any, out: Any) -> None:
     """Mark the pixels that a march down to v enters over the mask's border or a cut; out is not padded."""
+    count = out.shape[1]
+    raised_u, raised_w, slant = np.empty(count), np.empty(count), np.empty(count)
     for row in range(out.shape[0]):
+        slopes_row(v, metric, link, PAD + row, raised_u, raised_w, slant)
         for column in range(out.shape[1]):
             i, j = PAD + row, PAD + column
-            u, w = differences(v, link, i, j)
-            up = metric[0, i, j] * u + metric[1, i, j] * w
-            wp = metric[1, i, j] * u + metric[2, i, j] * w
+            up, wp = raised_u[column], raised_w[column]
             right = not active[i, j + 1] or link[0, i, j] < whole[0, i, j]
             left = not active[i, j - 1] or link[0, i, j - 1] < whole[0, i, j - 1]
             below = not active[i + 1, j] or link[1, i, j] < whole[1, i, j]
@@ -224,51 +234,70 @@ class Grid:
         fill_xi(v, self.factor, self.active, 1.0 if self.problem.xi == "d" else -1.0, xi)
         return xi
 
+    @cached_property
+    def shares(self) -> FloatArray:
+        """Those of `curvature_kernels.fill_shares`."""
+        return shares_of(self.rays, self.link)
+
     def _energy(self) -> tuple[Picture, Wall, Penalties]:
         """What the compiled energy takes beside the map."""
         p = self.problem
         arrays = (self.image, self.log_scale, self.metric, self.edge, self.active, self.link, self.evidence)
         wall = Wall(p.photometry.gamma, self.table, self.step)
-        return Picture(*arrays, self.rays), wall, Penalties(p.threshold, p.epsilon, self.scale, self._kind)
+        return Picture(*arrays, self.shares), wall, Penalties(p.threshold, p.epsilon, self.scale, self._kind)
 
     def terms(self, v: FloatArray, lam: float) -> dict[str, float]:
         """The energy's terms, as `energy_terms` gives them, of the map v."""
         data, rough = sums(v, self._xi(v), *self._energy())
-        count = int(self.active.sum())
-        return {"data": data / count, "regulariser": lam * rough / count}
+        return {"data": data / self.count, "regulariser": lam * rough / self.count}
+
+    @cached_property
+    def count(self) -> int:
+        """How many pixels take part."""
+        return int(self.active.sum())
 
     def slants(self, v: FloatArray) -> FloatArray:
         """tan² of a map's slope, padded."""
         out = np.zeros_like(v)
-        fill_slants(v, self.metric, self.active, self.link, out)
+        fill_slants(v, self.metric, self.link, out)
         return out
 
+    def structure(self, free: Any, old: Structure | None = None) -> Structure:
+        """That of equations for pixels that are free: the old one, if it is of the same."""
+        if old is not None and old.link is self.link and np.array_equal(old.active, free):
+            return old
+        return Structure(free, self.link, self.whole, self.rays, self._kind)
+
     def linearised(
-        self, v: FloatArray, lam: float, slants: FloatArray | None = None
+        self, v: FloatArray, lam: float, slants: FloatArray | None = None, old: Coefficients | None = None
     ) -> tuple[Coefficients, FloatArray]:
         """Normal equations of a Gauss-Newton step, as of the sum over pixels: matrix, right-hand side.
 
         The model is far from linear in the slope of v where the wall faces the camera. A step whose own slope
         has tan² = S darkens it by ½ |∂²M| S beside what is linear; half the square of that, as it would be
         for `slants`, those of a likely step, is added: see `gauss_newton`. Pixels near the ceiling that
-        are drawn beyond it are held.
+        are drawn beyond it are held. The memory of `old` is used; it is spoilt.
         """
-        xi = self._xi(v)
-        by_v, by_v_u, by_v_v, weight, descent, smooth = np.zeros((6, *v.shape))
-        smoothness = np.zeros((6 if self._kind == CURVATURE else 1, *v.shape))
-        out = (by_v, by_v_u, by_v_v, weight, smoothness, descent, smooth)
-        linearise(v, xi, *self._energy(), lam, out)
-        slope = xi if self.problem.xi == "d" else -xi
-        descent -= slope * smooth
-        free = self.active * padded(np.isnan(self.inflow).astype(np.int8))
+        count = SMOOTHNESS + (6 if self._kind == CURVATURE else 1)
+        parts = np.zeros((count, *v.shape)) if old is None else old.parts
+        xi, descent, smooth = self._xi(v), np.empty_like(v), np.empty_like(v)
+        sign = 1.0 if self.problem.xi == "d" else -1.0
+        linearise(v, xi, *self._energy(), lam, (parts, descent, smooth))
+        free = self.free
         if self.is_torn:
-            free[(v > self.ceiling - NEARLY) & (descent > 0)] = 0
-        caution = np.zeros((2, *v.shape))
-        if slants is not None:
-            bend = by_v / (2 * (1 + self.slants(v)))  # ∂²M by the slope, as of a Lambertian wall that faces
-            caution += 0.5 * weight * bend**2 * slants * self.metric[::2]
-        fields = (by_v, by_v_u, by_v_v, weight, slope, smoothness, caution, self.link, self.whole, free)
-        return Coefficients(*fields, self.rays, self._kind), descent * free
+            slope = sign * xi
+            free = free * ~((v > self.ceiling - NEARLY) & (descent > slope * smooth))
+        finish(descent, smooth, xi, sign, free, parts)
+        if slants is None:
+            parts[CAUTION_U : CAUTION_W + 1] = 0.0
+        else:
+            be_cautious(parts, v, self.metric, self.link, slants)
+        return Coefficients(parts, self.structure(free, None if old is None else old.structure)), descent
+
+    @cached_property
+    def free(self) -> Any:
+        """Pixels that are unknown, int8."""
+        return self.active * padded(np.isnan(self.inflow).astype(np.int8))
 
 
 def _block_means(a: FloatArray, inside: Any) -> FloatArray:

@@ -11,38 +11,51 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import prange
 from numpy.typing import NDArray
 
 from endolab.depth.tears import Blocks, nearest, reached
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, kernel
+from endolab.numerics.threads import band_rows, bands, on_cores
 
 
-@kernel
-def _prolong_add(share: FloatArray, step: FloatArray, x: FloatArray) -> None:
+@on_cores
+def _prolong_add(x: Any, share: Any, step: Any) -> None:
     """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
-    width = step.shape[1]
-    for i in range(PAD, x.shape[0] - PAD):
-        ci, ni = PAD + (i - PAD) // 2, 1 if (i - PAD) % 2 else -1
-        near, far = step[ci], step[ci + ni]
-        for cj in range(PAD, width - PAD):
-            j = 2 * cj - PAD
-            middle = 9.0 * near[cj] + 3.0 * far[cj]
-            x[i, j] += share[i, j] * (middle + 3.0 * near[cj - 1] + far[cj - 1])
-            x[i, j + 1] += share[i, j + 1] * (middle + 3.0 * near[cj + 1] + far[cj + 1])
+    last_row = x.shape[0] - PAD
+    for band in prange(bands(last_row - PAD)):
+        first, last = band_rows(band, PAD, last_row)
+        between = np.empty(step.shape[1], step.dtype)
+        for i in range(first, last):
+            ci, ni = PAD + (i - PAD) // 2, 1 if (i - PAD) % 2 else -1
+            near, far = step[ci], step[ci + ni]
+            for cj in range(between.size):
+                between[cj] = 3 * near[cj] + far[cj]
+            row, part = x[i, PAD:], share[i, PAD:]
+            for cj in range(between.size - 2 * PAD):
+                row[2 * cj] += part[2 * cj] * (3 * between[cj + 2] + between[cj + 1])
+                row[2 * cj + 1] += part[2 * cj + 1] * (3 * between[cj + 2] + between[cj + 3])
 
 
-@kernel
-def _restrict(share: FloatArray, r: FloatArray, coarse: Any, out: FloatArray) -> None:
+@on_cores
+def _restrict(r: Any, share: Any, coarse: Any, out: Any) -> None:
     """Adjoint of `_prolong_add`."""
-    row = np.empty(r.shape[1])
-    for ci in range(PAD, out.shape[0] - PAD):
-        i = 2 * ci - PAD
-        row[:] = share[i] * r[i] * 3.0 + share[i + 1] * r[i + 1] * 3.0
-        row += share[i - 1] * r[i - 1] + share[i + 2] * r[i + 2]
-        for cj in range(PAD, out.shape[1] - PAD):
-            j = 2 * cj - PAD
-            out[ci, cj] = coarse[ci, cj] * (row[j - 1] + 3.0 * (row[j] + row[j + 1]) + row[j + 2])
+    last_row = out.shape[0] - PAD
+    for band in prange(bands(last_row - PAD)):
+        first, last = band_rows(band, PAD, last_row)
+        column = np.empty(r.shape[1], r.dtype)
+        for ci in range(first, last):
+            i = 2 * ci - PAD
+            up, near, below, down = r[i - 1], r[i], r[i + 1], r[i + 2]
+            up_s, near_s, below_s, down_s = share[i - 1], share[i], share[i + 1], share[i + 2]
+            for j in range(column.size):
+                amid = 3 * (near_s[j] * near[j] + below_s[j] * below[j])
+                column[j] = amid + up_s[j] * up[j] + down_s[j] * down[j]
+            row, known = out[ci, PAD:], coarse[ci, PAD:]
+            for cj in range(row.size - PAD):
+                amid = 3 * (column[2 * cj + 2] + column[2 * cj + 3])
+                row[cj] = known[cj] * (amid + column[2 * cj + 1] + column[2 * cj + 4])
 
 
 @kernel
@@ -120,7 +133,7 @@ def _fill_strands(
 class Interpolation(NamedTuple):
     """Linear interpolation from blocks to the active pixels of a grid; places are flat indices."""
 
-    share: FloatArray  # 1/16 for pixels amid four blocks of their side, else 0
+    share: NDArray[np.float32]  # 1/16 for pixels amid four blocks of their side, else 0
     pixel: NDArray[np.int64]  # of each pair of another pixel and a block of its side
     block: NDArray[np.int64]
     weight: FloatArray
@@ -128,7 +141,7 @@ class Interpolation(NamedTuple):
     @classmethod
     def to(cls, active: Any, main: Any, link: Any, whole: Any, blocks: Blocks) -> Interpolation:
         """Find the way to the active pixels of a grid with these main parts and links."""
-        share = np.zeros(active.shape)
+        share = np.zeros(active.shape, np.float32)
         most = 3 * _fill_shares(active, main, tuple(blocks), share)
         strands = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most)
         count = _fill_strands(active, main, link, whole, tuple(blocks), share, strands)
@@ -136,12 +149,12 @@ class Interpolation(NamedTuple):
 
     def add(self, step: FloatArray, x: FloatArray) -> None:
         """x += the blocks' step, interpolated."""
-        _prolong_add(self.share, step, x)
+        _prolong_add(x, self.share, step)
         _add_from(self.block, self.pixel, self.weight, step, x)
 
     def adjoint(self, r: FloatArray, active: Any, out: FloatArray) -> None:
         """Write the adjoint of `add` to out, for blocks that are active."""
-        _restrict(self.share, r, active, out)
+        _restrict(r, self.share, active, out)
         _add_from(self.pixel, self.block, self.weight, r, out)
 
     @property

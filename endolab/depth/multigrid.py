@@ -5,22 +5,28 @@ coarse correction, a sweep backwards. Coarse levels are the same equations writt
 of half the pixels, from averaged coefficients (Briggs, Henson, McCormick, "A multigrid
 tutorial", 2000, chapters 3 and 10).
 
+A cycle is in single precision: it is a guess that conjugate gradients, in double precision, put right.
+On a grid, every second band of rows is swept at once (`numerics.threads`), and then those between.
+
 Vectors are padded (see `numerics.compiled`) and zero outside the mask, as the matrices are.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
+from numba import prange
 from numpy.typing import NDArray
 
-from endolab.depth.interpolation import Interpolation
-from endolab.depth.normal_equations import CENTRE, EE, SE, SEE, SS, SSE, SW, Coefficients, E, S
-from endolab.depth.tears import Blocks, beside_cuts
+from endolab.depth.normal_equations import CENTRE, EE, SE, SEE, SS, SSE, SW, Coefficients, E, S, Structure
+from endolab.depth.tears import beside_cuts
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, kernel
+from endolab.numerics.threads import band_rows, bands, on_cores
+
+SingleArray: TypeAlias = NDArray[np.float32]
 
 COARSEST = 64  # pixels; there the equations are swept until they are solved
 SWEEPS = 20
@@ -28,176 +34,310 @@ BAND, MORE = 3, 3  # pixels on either side of a cut, and how many sweeps more th
 
 
 @kernel
-def _others(m: Any, x: FloatArray, i: int, j: int) -> float:
-    """Row of the matrix times x, but for the diagonal and the two pixels to the left."""
-    return (
-        m[E, i, j] * x[i, j + 1]
-        + m[EE, i, j] * x[i, j + 2]
-        + m[S, i, j] * x[i + 1, j]
-        + m[SS, i, j] * x[i + 2, j]
-        + m[SE, i, j] * x[i + 1, j + 1]
-        + m[SW, i, j] * x[i + 1, j - 1]
-        + m[S, i - 1, j] * x[i - 1, j]
-        + m[SS, i - 2, j] * x[i - 2, j]
-        + m[SE, i - 1, j - 1] * x[i - 1, j - 1]
-        + m[SW, i - 1, j + 1] * x[i - 1, j + 1]
-        + m[SEE, i, j] * x[i + 1, j + 2]
-        + m[SSE, i, j] * x[i + 2, j + 1]
-        + m[SEE, i - 1, j - 2] * x[i - 1, j - 2]
-        + m[SSE, i - 2, j - 1] * x[i - 2, j - 1]
-    )
+def _from_other_rows(m: Any, x: Any, i: int, out: Any) -> None:
+    """Row i of the matrix times x, but for what comes from row i; out[j] is of column PAD + j.
+
+    This and the following loops are over whole rows, each an array of its own: so they compile to
+    instructions that take many pixels at once.
+    """
+    above2, above, below, below2 = x[i - 2], x[i - 1], x[i + 1], x[i + 2]
+    s, ss, se, sw, see, sse = m[S, i], m[SS, i], m[SE, i], m[SW, i], m[SEE, i], m[SSE, i]
+    s_up, se_up, sw_up, see_up = m[S, i - 1], m[SE, i - 1], m[SW, i - 1], m[SEE, i - 1]
+    ss_up, sse_up = m[SS, i - 2], m[SSE, i - 2]
+    for j in range(x.shape[1] - 2 * PAD):
+        out[j] = (
+            s[j + 2] * below[j + 2]
+            + ss[j + 2] * below2[j + 2]
+            + se[j + 2] * below[j + 3]
+            + sw[j + 2] * below[j + 1]
+            + see[j + 2] * below[j + 4]
+            + sse[j + 2] * below2[j + 3]
+            + s_up[j + 2] * above[j + 2]
+            + ss_up[j + 2] * above2[j + 2]
+            + se_up[j + 1] * above[j + 1]
+            + sw_up[j + 3] * above[j + 3]
+            + see_up[j] * above[j]
+            + sse_up[j + 1] * above2[j + 1]
+        )
 
 
 @kernel
-def multiply(m: Any, x: FloatArray, out: FloatArray) -> None:
+def _row_times(m: Any, x: Any, i: int, out: Any) -> None:
+    """Row i of the matrix times x; out[j] is of column PAD + j."""
+    _from_other_rows(m, x, i, out)
+    centre, e, ee, here = m[CENTRE, i], m[E, i], m[EE, i], x[i]
+    for j in range(x.shape[1] - 2 * PAD):
+        right = centre[j + 2] * here[j + 2] + e[j + 2] * here[j + 3] + ee[j + 2] * here[j + 4]
+        out[j] += right + e[j + 1] * here[j + 1] + ee[j] * here[j]
+
+
+@kernel
+def _dot_of_rows(a: Any, b: Any) -> float:
+    """Scalar product of two rows, by four sums, which are added up while others wait for memory."""
+    one = two = three = four = 0.0
+    whole = a.size - a.size % 4
+    for j in range(0, whole, 4):
+        one += a[j] * b[j]
+        two += a[j + 1] * b[j + 1]
+        three += a[j + 2] * b[j + 2]
+        four += a[j + 3] * b[j + 3]
+    for j in range(whole, a.size):
+        one += a[j] * b[j]
+    return (one + two) + (three + four)
+
+
+@on_cores
+def _dots(a: Any, b: Any, out: FloatArray) -> None:
+    """Scalar products of the rows of two vectors."""
+    for band in prange(bands(a.shape[0])):
+        first, last = band_rows(band, 0, a.shape[0])
+        for i in range(first, last):
+            out[i] = _dot_of_rows(a[i], b[i])
+
+
+def dot(a: Any, b: Any) -> float:
+    """Scalar product of two vectors, the same on any number of threads."""
+    rows = np.empty(len(a))
+    _dots(a, b, rows)
+    return float(rows.sum())
+
+
+@on_cores
+def multiply(m: Any, x: Any, out: Any) -> None:
     """out = M x."""
-    for i in range(PAD, x.shape[0] - PAD):
-        for j in range(PAD, x.shape[1] - PAD):
-            left = m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
-            out[i, j] = m[CENTRE, i, j] * x[i, j] + left + _others(m, x, i, j)
+    last_row = x.shape[0] - PAD
+    for band in prange(bands(last_row - PAD)):
+        first, last = band_rows(band, PAD, last_row)
+        for i in range(first, last):
+            _row_times(m, x, i, out[i, PAD:])
 
 
-@kernel
-def dot(a: FloatArray, b: FloatArray) -> float:
-    """Scalar product of two vectors; of one thread, unlike NumPy's, whose threads wait in circles."""
-    total = 0.0
-    for i in range(PAD, a.shape[0] - PAD):
-        row = 0.0
-        for j in range(PAD, a.shape[1] - PAD):
-            row += a[i, j] * b[i, j]
-        total += row
-    return total
-
-
-@kernel
-def _conjugate(z: FloatArray, share: float, direction: FloatArray) -> None:
-    """direction = z + share · direction."""
-    for i in range(z.shape[0]):
-        for j in range(z.shape[1]):
-            direction[i, j] = z[i, j] + share * direction[i, j]
-
-
-@kernel
-def _proceed(length: float, direction: FloatArray, product: FloatArray, x: FloatArray, r: FloatArray) -> None:
-    """x += length · direction, r -= length · product."""
-    for i in range(x.shape[0]):
-        for j in range(x.shape[1]):
-            x[i, j] += length * direction[i, j]
-            r[i, j] -= length * product[i, j]
-
-
-@kernel
-def residual(m: Any, x: FloatArray, b: FloatArray, out: FloatArray) -> None:
+@on_cores
+def residual(m: Any, x: Any, b: Any, out: Any) -> None:
     """out = b - M x."""
-    for i in range(PAD, x.shape[0] - PAD):
-        for j in range(PAD, x.shape[1] - PAD):
-            left = m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
-            out[i, j] = b[i, j] - (m[CENTRE, i, j] * x[i, j] + left + _others(m, x, i, j))
+    last_row = x.shape[0] - PAD
+    for band in prange(bands(last_row - PAD)):
+        first, last = band_rows(band, PAD, last_row)
+        for i in range(first, last):
+            row, wanted = out[i, PAD:], b[i, PAD:]
+            _row_times(m, x, i, row)
+            for j in range(x.shape[1] - 2 * PAD):
+                row[j] = wanted[j] - row[j]
 
 
 @kernel
-def sweep_forwards(m: Any, inverse: FloatArray, x: FloatArray, b: FloatArray) -> None:
-    """One Gauss-Seidel sweep in reading order."""
-    row = np.empty(x.shape[1])
-    for i in range(PAD, x.shape[0] - PAD):
-        for j in range(PAD, x.shape[1] - PAD):
-            row[j] = b[i, j] - _others(m, x, i, j)
-        for j in range(PAD, x.shape[1] - PAD):
-            left = m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
-            x[i, j] = (row[j] - left) * inverse[i, j]
+def _sweep_rows(m: Any, inverse: Any, x: Any, b: Any, first: int, last: int, step: int) -> None:
+    """Gauss-Seidel on some rows in turn; in a row every third column at once: those know nothing of another.
+
+    `step` 1 goes down the rows and from left to right, -1 back: the adjoint.
+    """
+    count = x.shape[1] - 2 * PAD
+    rest, new = np.empty(count, x.dtype), np.empty(count, x.dtype)
+    chosen = np.zeros((3, count), x.dtype)
+    for column in range(3):
+        chosen[column, column::3] = 1
+    start, stop = (first, last) if step > 0 else (last - 1, first - 1)
+    for i in range(start, stop, step):
+        _from_other_rows(m, x, i, rest)
+        e, ee, here, wanted, divisor = m[E, i], m[EE, i], x[i], b[i], inverse[i]
+        for turn in range(3):
+            now = chosen[turn if step > 0 else 2 - turn]
+            for j in range(count):
+                beside = (
+                    e[j + 2] * here[j + 3]
+                    + ee[j + 2] * here[j + 4]
+                    + e[j + 1] * here[j + 1]
+                    + ee[j] * here[j]
+                )
+                solved = (wanted[j + 2] - rest[j] - beside) * divisor[j + 2]
+                new[j] = here[j + 2] + now[j] * (solved - here[j + 2])
+            for j in range(count):
+                here[j + 2] = new[j]
+
+
+@on_cores
+def _sweep(x: Any, m: Any, inverse: Any, b: Any, step: int) -> None:
+    """Sweep over every second band, and then over those between, which see what these have become."""
+    last_row = x.shape[0] - PAD
+    count = bands(last_row - PAD)
+    for turn in range(2):
+        odd = turn if step > 0 else 1 - turn
+        for k in prange((count + 1 - odd) // 2):
+            first, last = band_rows(2 * k + odd, PAD, last_row)
+            _sweep_rows(m, inverse, x, b, first, last, step)
+
+
+def sweep_forwards(m: Any, inverse: Any, x: Any, b: Any) -> None:
+    """One Gauss-Seidel sweep."""
+    _sweep(x, m, inverse, b, 1)
+
+
+def sweep_backwards(m: Any, inverse: Any, x: Any, b: Any) -> None:
+    """One Gauss-Seidel sweep in the opposite order: the adjoint of the other."""
+    _sweep(x, m, inverse, b, -1)
 
 
 @kernel
-def sweep_backwards(m: Any, inverse: FloatArray, x: FloatArray, b: FloatArray) -> None:
-    """One Gauss-Seidel sweep against reading order: the adjoint of the other."""
-    row = np.empty(x.shape[1])
-    for i in range(x.shape[0] - PAD - 1, PAD - 1, -1):
-        for j in range(PAD, x.shape[1] - PAD):
-            left = m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
-            right = m[E, i, j] * x[i, j + 1] + m[EE, i, j] * x[i, j + 2]
-            row[j] = b[i, j] - left - (_others(m, x, i, j) - right)
-        for j in range(x.shape[1] - PAD - 1, PAD - 1, -1):
-            right = m[E, i, j] * x[i, j + 1] + m[EE, i, j] * x[i, j + 2]
-            x[i, j] = (row[j] - right) * inverse[i, j]
+def _settle(m: Any, inverse: Any, x: Any, b: Any) -> None:
+    """Sweep until the coarsest grid is solved, as good as; forwards first, backwards last."""
+    for _ in range(SWEEPS):
+        _sweep_rows(m, inverse, x, b, PAD, x.shape[0] - PAD, 1)
+        _sweep_rows(m, inverse, x, b, PAD, x.shape[0] - PAD, -1)
 
 
 @kernel
-def sweep_some(m: Any, inverse: FloatArray, x: FloatArray, b: FloatArray, pixels: Any, step: int) -> None:
-    """`MORE` Gauss-Seidel sweeps over some pixels: as they are listed, step 1, or the other way, -1."""
-    for _ in range(MORE):
-        for i, j in pixels[::step]:
-            left = m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
-            x[i, j] = (b[i, j] - left - _others(m, x, i, j)) * inverse[i, j]
+def _relax(m: Any, inverse: Any, x: Any, b: Any, i: int, j: int) -> None:
+    """Solve a pixel's own equation."""
+    others = m[E, i, j] * x[i, j + 1] + m[EE, i, j] * x[i, j + 2]
+    others += m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
+    others += m[S, i, j] * x[i + 1, j] + m[SS, i, j] * x[i + 2, j]
+    others += m[S, i - 1, j] * x[i - 1, j] + m[SS, i - 2, j] * x[i - 2, j]
+    others += m[SE, i, j] * x[i + 1, j + 1] + m[SE, i - 1, j - 1] * x[i - 1, j - 1]
+    others += m[SW, i, j] * x[i + 1, j - 1] + m[SW, i - 1, j + 1] * x[i - 1, j + 1]
+    others += m[SEE, i, j] * x[i + 1, j + 2] + m[SEE, i - 1, j - 2] * x[i - 1, j - 2]
+    others += m[SSE, i, j] * x[i + 2, j + 1] + m[SSE, i - 2, j - 1] * x[i - 2, j - 1]
+    x[i, j] = (b[i, j] - others) * inverse[i, j]
+
+
+@on_cores
+def _sweep_some(x: Any, m: Any, inverse: Any, b: Any, columns: Any, starts: Any, step: int) -> None:
+    """`MORE` sweeps over some pixels of each band, bands as in `_sweep`; step 1, or the other way, -1.
+
+    `columns` are those of the pixels, row by row; `starts` says where each row's begin.
+    """
+    last_row = x.shape[0] - PAD
+    count = bands(last_row - PAD)
+    for turn in range(2):
+        odd = turn if step > 0 else 1 - turn
+        for k in prange((count + 1 - odd) // 2):
+            first, last = band_rows(2 * k + odd, PAD, last_row)
+            for _ in range(MORE):
+                if step > 0:
+                    for i in range(first, last):
+                        for n in range(starts[i], starts[i + 1]):
+                            _relax(m, inverse, x, b, i, columns[n])
+                else:
+                    for i in range(last - 1, first - 1, -1):
+                        for n in range(starts[i + 1] - 1, starts[i] - 1, -1):
+                            _relax(m, inverse, x, b, i, columns[n])
+
+
+@on_cores
+def _conjugate(z: Any, share: float, direction: FloatArray) -> None:
+    """direction = z + share · direction."""
+    for band in prange(bands(z.shape[0])):
+        first, last = band_rows(band, 0, z.shape[0])
+        for i in range(first, last):
+            row, towards = z[i], direction[i]
+            for j in range(row.size):
+                towards[j] = row[j] + share * towards[j]
+
+
+@on_cores
+def _proceed(direction: Any, length: float, product: Any, x: Any, r: Any, b: Any) -> None:
+    """x += length · direction, r -= length · product, and r once more, in b."""
+    for band in prange(bands(x.shape[0])):
+        first, last = band_rows(band, 0, x.shape[0])
+        for i in range(first, last):
+            towards, by, at, left, short = direction[i], product[i], x[i], r[i], b[i]
+            for j in range(at.size):
+                at[j] += length * towards[j]
+                left[j] -= length * by[j]
+            for j in range(at.size):
+                short[j] = left[j]
+
+
+@on_cores
+def _shorten(m: Any, active: Any, out: Any, inverse: Any) -> None:
+    """The matrix in single precision, and one over its diagonal, 0 where a pixel is held at 0."""
+    for band in prange(bands(m.shape[1])):
+        first, last = band_rows(band, 0, m.shape[1])
+        for i in range(first, last):
+            for k in range(9):
+                row, short = m[k, i], out[k, i]
+                for j in range(row.size):
+                    short[j] = row[j]
+            centre, held, over = m[CENTRE, i], active[i], inverse[i]
+            for j in range(centre.size):
+                over[j] = 1 / centre[j] if held[j] and centre[j] > 0 else 0.0
 
 
 @dataclass(frozen=True)
 class _Level:
-    """One grid: its matrix, and room for a right-hand side, a solution and a residual."""
+    """One grid in single precision: its matrix, and room for a right-hand side, a solution and a residual."""
 
-    matrix: FloatArray
-    inverse: FloatArray  # of the diagonal; 0 where a pixel is held at 0
-    active: Any
-    way: Interpolation | None  # from the next coarser grid, if there is one
-    band: NDArray[np.int64]  # (n, 2), pixels near cuts, where the way down and up is rough
-    x: FloatArray
-    b: FloatArray
-    r: FloatArray
+    structure: Structure
+    matrix: SingleArray
+    inverse: SingleArray  # of the diagonal; 0 where a pixel is held at 0
+    band: tuple[Any, Any]  # pixels near cuts, where the way down and up is rough: see `_sweep_some`
+    x: SingleArray
+    b: SingleArray
+    r: SingleArray
 
     @classmethod
-    def of(
-        cls, coefficients: Coefficients, damping: float, coarser: Coefficients | None, old: _Level | None
-    ) -> _Level:
-        active = coefficients.active
-        m = coefficients.matrix(damping, None if old is None else old.matrix)
-        inverse = 1 / np.where((active == 0) | (m[CENTRE] <= 0), np.inf, m[CENTRE])
-        if old is not None and np.array_equal(old.active, active):
-            return replace(old, inverse=inverse)
-        way = None
-        if coarser is not None:
-            blocks = Blocks(coarser.active, coarser.link, coarser.whole)
-            fine = (active, coefficients.main, coefficients.link, coefficients.whole)
-            way = Interpolation.to(*fine, blocks)
-        band = np.argwhere(active * beside_cuts(coefficients.link, coefficients.whole, BAND))
-        return cls(m, inverse, active, way, band, *np.zeros((3, *inverse.shape)))
+    def on(cls, structure: Structure) -> _Level:
+        """Make room."""
+        shape = structure.active.shape
+        near = beside_cuts(structure.link, structure.whole, BAND)
+        rows, columns = np.nonzero(structure.active * near)
+        band = columns, np.searchsorted(rows, np.arange(shape[0] + 1))
+        inverse, x, b, r = np.zeros((4, *shape), np.float32)
+        return cls(structure, np.empty((9, *shape), np.float32), inverse, band, x, b, r)
+
+    def sweep(self, step: int) -> None:
+        """Sweep, and more beside cuts: forwards, 1, or the adjoint, -1."""
+        if step > 0:
+            _sweep(self.x, self.matrix, self.inverse, self.b, step)
+        if self.band[0].size:
+            _sweep_some(self.x, self.matrix, self.inverse, self.b, *self.band, step)
+        if step < 0:
+            _sweep(self.x, self.matrix, self.inverse, self.b, step)
 
 
 class Multigrid:
     """V-cycles for one set of normal equations, whose `damping` is that of `Coefficients.matrix`.
 
-    `old` is a multigrid of other coefficients on the same grid, whose memory may be used; it is spoilt.
+    `old` is a multigrid of other coefficients on the same structure, whose memory is used; it is spoilt.
     """
 
     def __init__(
         self, coefficients: Coefficients, damping: float = 1e-3, old: Multigrid | None = None
     ) -> None:
-        grids = [coefficients]
-        while grids[-1].pixels > COARSEST:
-            grids.append(grids[-1].coarser())
-        olds: list[_Level | None] = [None] * len(grids) if old is None else [*old.levels]
-        self.levels: list[_Level] = [
-            _Level.of(grid, damping, coarser, spoilt)
-            for grid, coarser, spoilt in zip(grids, [*grids[1:], None], olds, strict=True)
-        ]
-        self.room: FloatArray = np.empty((3, *coefficients.by_v.shape)) if old is None else old.room
+        if old is not None and old.levels[0].structure is not coefficients.structure:
+            old = None
+        self.matrix: FloatArray = coefficients.matrix(damping, None if old is None else old.matrix)
+        self.room: FloatArray = np.empty((3, *coefficients.active.shape)) if old is None else old.room
+        self.levels: list[_Level] = [_Level.on(coefficients.structure)] if old is None else old.levels
+        self.coarse: list[tuple[FloatArray, FloatArray]] = [] if old is None else old.coarse
+        matrix, depth = self.matrix, 0
+        while True:
+            level = self.levels[depth]
+            _shorten(matrix, coefficients.active, level.matrix, level.inverse)
+            if coefficients.structure.pixels <= COARSEST:
+                break
+            if depth == len(self.coarse):
+                below = coefficients.structure.coarser
+                shape = below.active.shape
+                self.levels.append(_Level.on(below))
+                self.coarse.append((np.zeros((len(coefficients.parts), *shape)), np.empty((9, *shape))))
+            parts, room = self.coarse[depth]
+            coefficients, depth = coefficients.coarser(parts), depth + 1
+            matrix = coefficients.matrix(damping, room)
 
     def _cycle(self, depth: int = 0) -> None:
         """One V-cycle: x of a level from its right-hand side b, starting at nothing."""
         at = self.levels[depth]
         at.x[:] = 0.0
-        sweep_forwards(at.matrix, at.inverse, at.x, at.b)
-        sweep_some(at.matrix, at.inverse, at.x, at.b, at.band, 1)
-        if at.way is None:
-            for _ in range(SWEEPS):
-                sweep_backwards(at.matrix, at.inverse, at.x, at.b)
-                sweep_forwards(at.matrix, at.inverse, at.x, at.b)
-        else:
-            below = self.levels[depth + 1]
-            residual(at.matrix, at.x, at.b, at.r)
-            at.way.adjoint(at.r, below.active, below.b)
-            self._cycle(depth + 1)
-            at.way.add(below.x, at.x)
-        sweep_some(at.matrix, at.inverse, at.x, at.b, at.band, -1)
-        sweep_backwards(at.matrix, at.inverse, at.x, at.b)
+        if depth == len(self.levels) - 1:
+            _settle(at.matrix, at.inverse, at.x, at.b)
+            return
+        below = self.levels[depth + 1]
+        at.sweep(1)
+        residual(at.matrix, at.x, at.b, at.r)
+        at.structure.way.adjoint(at.r, below.structure.active, below.b)
+        self._cycle(depth + 1)
+        at.structure.way.add(below.x, at.x)
+        at.sweep(-1)
 
     def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:
         """Conjugate gradients on M x = b, until the preconditioned residual is `tolerance` of what it was.
@@ -210,8 +350,8 @@ class Multigrid:
         top = self.levels[0]
         x, direction, product = self.room
         self.room[:] = 0.0
-        r = top.b  # a cycle leaves its right-hand side alone
-        r[:] = b
+        r = b.copy()
+        top.b[:] = b
         start, last, done = 0.0, 1.0, 0.0
         for step in range(most + 1):
             self._cycle()
@@ -222,8 +362,8 @@ class Multigrid:
                 break
             _conjugate(top.x, now / last if step else 0.0, direction)
             last = now
-            multiply(top.matrix, direction, product)
+            multiply(self.matrix, direction, product)
             length = now / dot(direction, product)
             done += length * now
-            _proceed(length, direction, product, x, r)
+            _proceed(direction, length, product, x, r, top.b)
         return x, step, left

@@ -13,12 +13,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numba import prange
 
-from endolab.depth.curvature_kernels import COLUMNS, ROWS, form_stencils
-from endolab.depth.problem import CURVATURE, FIRST, SECOND
-from endolab.depth.tears import coarser_links, held, main_parts
+from endolab.depth.curvature_kernels import COLUMNS, ROWS, fill_shares, stencils_row
+from endolab.depth.interpolation import Interpolation
+from endolab.depth.problem import CURVATURE, FIRST
+from endolab.depth.tears import Blocks, coarser_links, held, main_parts
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.compiled import PAD, block_sums, halved, inner, kernel
+from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel
+from endolab.numerics.threads import band_rows, bands, on_cores
 
 CENTRE, E, EE, S, SS, SE, SW, SEE, SSE = range(9)  # a pixel's own entry and those towards later pixels
 # Of each pair of the six pixels of `curvature_kernels`, the entry, and which of the two holds it: that above
@@ -31,183 +34,281 @@ PAIRS = np.array(
         *((1, 3, SW), (4, 2, SW), (2, 5, SEE), (4, 5, SSE)),
     ]
 )
+# The maps of `Coefficients`: the last are the smoothness, one or, of a form, six.
+BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
+
+Q_ROWS = SMOOTHNESS + np.array([(0, 1, 2), (1, 3, 4), (2, 4, 5)])  # which of the six are where in Q
 
 
 @kernel
-def assemble(
-    by_v: FloatArray,
-    by_v_u: FloatArray,
-    by_v_v: FloatArray,
-    weight: FloatArray,
-    slope: FloatArray,
-    smoothness: FloatArray,
-    caution: FloatArray,
-    link: Any,
-    rays: FloatArray,
-    kind: int,
-    m: Any,
-) -> None:
-    """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; all arrays padded.
+def _add_products(left: Any, right: Any, i: int, m: Any) -> None:
+    """Add the products of the six pixels' four numbers to their entries of m."""
+    for n in range(len(PAIRS)):
+        k, other, entry = PAIRS[n]
+        row = m[entry, i + ROWS[k], PAD + COLUMNS[k] :]
+        a, b, c, d = left[0, k], left[1, k], left[2, k], left[3, k]
+        p, q, r, s = right[0, other], right[1, other], right[2, other], right[3, other]
+        for j in range(a.size):
+            row[j] += a[j] * p[j] + b[j] * q[j] + c[j] * r[j] + d[j] * s[j]
+
+
+@kernel
+def _mix_row(a: Any, b: Any, c: Any, x: Any, y: Any, z: Any, out: Any) -> None:
+    """out = a x + b y + c z, on a row."""
+    for j in range(out.size):
+        out[j] = a[j] * x[j] + b[j] * y[j] + c[j] * z[j]
+
+
+@kernel
+def _multiply_rows(a: Any, b: Any, out: Any) -> None:
+    """out = a b, on a row."""
+    for j in range(out.size):
+        out[j] = a[j] * b[j]
+
+
+@kernel
+def _data_row(parts: Any, link: Any, i: int, damping: float, t: Any, qt: Any, m: Any) -> None:
+    """Write J of a row and W J; add the damping, and the squared differences of the step itself."""
+    across, below, above = link[0, i], link[1, i], link[1, i - 1]
+    by_v, by_u, by_w, weight = parts[BY_V, i], parts[BY_U, i], parts[BY_W, i], parts[WEIGHT, i]
+    cautious_u, cautious_w = parts[CAUTION_U, i], parts[CAUTION_W, i]
+    for j in range(t.shape[1]):
+        right, left = float(across[j + 2]), float(across[j + 1])
+        south, north = float(below[j + 2]), float(above[j + 2])
+        u, w = by_u[j + 2] * (1 - 0.5 * right * left), by_w[j + 2] * (1 - 0.5 * south * north)
+        t[0, j] = by_v[j + 2] + u * (left - right) + w * (north - south)
+        t[1, j], t[2, j], t[3, j], t[4, j], t[5, j] = u * right, -u * left, w * south, -w * north, 0.0
+    for k in range(6):
+        _multiply_rows(weight[PAD:], t[k], qt[k])
+    centre, beneath, e, s = m[CENTRE, i], m[CENTRE, i + 1], m[E, i], m[S, i]
+    for j in range(t.shape[1]):
+        u, w = float(across[j + 2]) * cautious_u[j + 2], float(below[j + 2]) * cautious_w[j + 2]
+        centre[j + 2] += u + w + damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
+        beneath[j + 2] += w
+        e[j + 2] -= u
+        s[j + 2] -= w
+    for j in range(t.shape[1]):
+        centre[j + 3] += float(across[j + 2]) * cautious_u[j + 2]
+
+
+@kernel
+def _differences_row(link: Any, kind: int, i: int, t: Any) -> None:
+    """Weights (3, 6, ...) of the six pixels for the gradient or the Hessian, on a row."""
+    across, below, above, beneath = link[0, i], link[1, i], link[1, i - 1], link[0, i + 1]
+    for term in range(3):
+        for k in range(6):
+            clear_row(t[term, k])
+    root2 = np.sqrt(2.0)
+    for j in range(t.shape[2]):
+        right, left = float(across[j + 2]), float(across[j + 1])
+        south, north = float(below[j + 2]), float(above[j + 2])
+        square = root2 * right * south * float(beneath[j + 2]) * float(below[j + 3])
+        if kind == FIRST:
+            t[0, 0, j], t[0, 1, j], t[2, 0, j], t[2, 3, j] = -right, right, -south, south
+        else:
+            t[0, 0, j], t[0, 1, j], t[0, 2, j] = -2 * right * left, right * left, right * left
+            t[1, 0, j], t[1, 1, j], t[1, 3, j], t[1, 5, j] = square, -square, -square, square
+            t[2, 0, j], t[2, 3, j], t[2, 4, j] = -2 * south * north, south * north, south * north
+
+
+@kernel
+def _smooth_row(parts: Any, link: Any, shares: Any, kind: int, i: int, t: Any, qt: Any) -> None:
+    """Write D X of a row and Q D X."""
+    if kind == CURVATURE:
+        stencils_row(link, shares, i, t)
+    else:
+        _differences_row(link, kind, i, t)
+    for k in range(6):
+        slope = parts[SLOPE, i + ROWS[k], PAD + COLUMNS[k] :]
+        uu, uv, vv = t[0, k], t[1, k], t[2, k]
+        for j in range(uu.size):
+            uu[j] *= slope[j]
+            uv[j] *= slope[j]
+            vv[j] *= slope[j]
+        if kind == CURVATURE:
+            for term in range(3):  # the rows of Q
+                a, b, c = Q_ROWS[term]
+                row = parts[a, i, PAD:], parts[b, i, PAD:], parts[c, i, PAD:]
+                _mix_row(*row, uu, uv, vv, qt[term, k])
+        else:
+            q = parts[SMOOTHNESS, i, PAD:]
+            for term in range(3):
+                _multiply_rows(q, t[term, k], qt[term, k])
+
+
+@on_cores
+def assemble(m: Any, parts: Any, link: Any, shares: Any, kind: int, damping: float) -> None:
+    """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; `parts` are those of `Coefficients`.
 
     A pixel's row of J is a + b·∇ with the mean of the differences that `link` allows, D is the
     forward gradient, the Hessian or the form of `curvature`, X the slope of ξ. Squared differences of the
-    step itself come in with the weights `caution`.
+    step itself come in with the weights of caution, a² W once more by `damping`.
     """
-    m[:] = 0.0
-    t, y, qt = np.empty((3, 6)), np.empty(6), np.empty((3, 6))
-    root2 = np.sqrt(2.0)
-    for i in range(PAD, by_v.shape[0] - PAD):
-        for j in range(PAD, by_v.shape[1] - PAD):
-            right, left = link[0, i, j], link[0, i, j - 1]
-            below, above = link[1, i, j], link[1, i - 1, j]
-            w = weight[i, j]
-            if w > 0:
-                u = by_v_u[i, j] / max(right + left, 1)
-                v = by_v_v[i, j] / max(below + above, 1)
-                c = by_v[i, j] + u * (left - right) + v * (above - below)
-                e, we, s, n = u * right, -u * left, v * below, -v * above
-                m[CENTRE, i, j] += w * c * c
-                m[CENTRE, i, j + 1] += w * e * e
-                m[CENTRE, i, j - 1] += w * we * we
-                m[CENTRE, i + 1, j] += w * s * s
-                m[CENTRE, i - 1, j] += w * n * n
-                m[E, i, j] += w * c * e
-                m[E, i, j - 1] += w * c * we
-                m[EE, i, j - 1] += w * e * we
-                m[S, i, j] += w * c * s
-                m[S, i - 1, j] += w * c * n
-                m[SS, i - 1, j] += w * s * n
-                m[SE, i - 1, j] += w * n * e
-                m[SW, i - 1, j] += w * n * we
-                m[SE, i, j - 1] += w * we * s
-                m[SW, i, j + 1] += w * e * s
-            if right and caution[0, i, j] > 0:
-                m[CENTRE, i, j] += caution[0, i, j]
-                m[CENTRE, i, j + 1] += caution[0, i, j]
-                m[E, i, j] -= caution[0, i, j]
-            if below and caution[1, i, j] > 0:
-                m[CENTRE, i, j] += caution[1, i, j]
-                m[CENTRE, i + 1, j] += caution[1, i, j]
-                m[S, i, j] -= caution[1, i, j]
-            q = smoothness[0, i, j]
-            if kind == CURVATURE and q > 0:
-                form_stencils(rays, link, i, j, t)
-                for k in range(6):
-                    y[k] = slope[i + ROWS[k], j + COLUMNS[k]]
-                    a, b, c = t[0, k] * y[k], t[1, k] * y[k], t[2, k] * y[k]
-                    t[0, k], t[1, k], t[2, k] = a, b, c
-                    qt[0, k] = q * a + smoothness[1, i, j] * b + smoothness[2, i, j] * c
-                    qt[1, k] = smoothness[1, i, j] * a + smoothness[3, i, j] * b + smoothness[4, i, j] * c
-                    qt[2, k] = smoothness[2, i, j] * a + smoothness[4, i, j] * b + smoothness[5, i, j] * c
-                for n in range(PAIRS.shape[0]):
-                    k, other, entry = PAIRS[n]
-                    product = t[0, k] * qt[0, other] + t[1, k] * qt[1, other] + t[2, k] * qt[2, other]
-                    m[entry, i + ROWS[k], j + COLUMNS[k]] += product
-            elif q > 0:
-                x = slope[i, j]
-                if kind == SECOND:
-                    if right and left:
-                        e, we, c = slope[i, j + 1], slope[i, j - 1], -2 * x
-                        m[CENTRE, i, j] += q * c * c
-                        m[CENTRE, i, j + 1] += q * e * e
-                        m[CENTRE, i, j - 1] += q * we * we
-                        m[E, i, j] += q * c * e
-                        m[E, i, j - 1] += q * c * we
-                        m[EE, i, j - 1] += q * e * we
-                    if below and above:
-                        s, n, c = slope[i + 1, j], slope[i - 1, j], -2 * x
-                        m[CENTRE, i, j] += q * c * c
-                        m[CENTRE, i + 1, j] += q * s * s
-                        m[CENTRE, i - 1, j] += q * n * n
-                        m[S, i, j] += q * c * s
-                        m[S, i - 1, j] += q * c * n
-                        m[SS, i - 1, j] += q * s * n
-                    if right and below and link[0, i + 1, j] and link[1, i, j + 1]:
-                        c, e = root2 * x, -root2 * slope[i, j + 1]
-                        s, d = -root2 * slope[i + 1, j], root2 * slope[i + 1, j + 1]
-                        m[CENTRE, i, j] += q * c * c
-                        m[CENTRE, i, j + 1] += q * e * e
-                        m[CENTRE, i + 1, j] += q * s * s
-                        m[CENTRE, i + 1, j + 1] += q * d * d
-                        m[E, i, j] += q * c * e
-                        m[S, i, j] += q * c * s
-                        m[SE, i, j] += q * c * d
-                        m[SW, i, j + 1] += q * e * s
-                        m[S, i, j + 1] += q * e * d
-                        m[E, i + 1, j] += q * s * d
-                else:
-                    if right:
-                        e = slope[i, j + 1]
-                        m[CENTRE, i, j] += q * x * x
-                        m[CENTRE, i, j + 1] += q * e * e
-                        m[E, i, j] -= q * x * e
-                    if below:
-                        s = slope[i + 1, j]
-                        m[CENTRE, i, j] += q * x * x
-                        m[CENTRE, i + 1, j] += q * s * s
-                        m[S, i, j] -= q * x * s
+    rows, count = m.shape[1], m.shape[2] - 2 * PAD
+    for band in prange(bands(rows)):
+        first, last = band_rows(band, 0, rows)
+        for i in range(first, last):
+            for k in range(9):
+                clear_row(m[k, i])
+    many = bands(rows - 2 * PAD)
+    for odd in range(2):  # what a row adds to its neighbours' must not meet
+        for k in prange((many + 1 - odd) // 2):
+            first, last = band_rows(2 * k + odd, PAD, rows - PAD)
+            t, qt = np.empty((4, 6, count)), np.empty((4, 6, count))
+            for i in range(first, last):
+                _smooth_row(parts, link, shares, kind, i, t[:3], qt[:3])
+                _data_row(parts, link, i, damping, t[3], qt[3], m)
+                _add_products(t, qt, i, m)
+
+
+@kernel
+def _halve_row(above: Any, below: Any, kept: Any, kept_below: Any, out: Any) -> None:
+    """Sums over a row of 2×2 blocks, of the pixels that are kept."""
+    column = np.empty(2 * out.size)
+    for j in range(column.size):
+        column[j] = float(kept[j + 2]) * above[j + 2] + float(kept_below[j + 2]) * below[j + 2]
+    for j in range(out.size):
+        out[j] = column[2 * j] + column[2 * j + 1]
+
+
+@on_cores
+def _coarsen(parts: Any, kept: Any, kind: int, out: Any) -> None:
+    """Write the maps of `Coefficients` on half the pixels: a derivative there is twice one here."""
+    last_row, count = out.shape[1] - PAD, out.shape[2] - 2 * PAD
+    for band in prange(bands(last_row - PAD)):
+        first, last = band_rows(band, PAD, last_row)
+        said, known = np.empty(count), np.empty(count)
+        flags = np.empty((4, parts.shape[2]))
+        for ci in range(first, last):
+            i = 2 * ci - PAD
+            for below in range(2):
+                for j in range(parts.shape[2]):
+                    flags[below, j] = 1.0 if parts[WEIGHT, i + below, j] > 0 else 0.0
+                    flags[2 + below, j] = 1.0 if parts[SLOPE, i + below, j] != 0 else 0.0
+            _halve_row(flags[0], flags[1], kept[i], kept[i + 1], said)
+            _halve_row(flags[2], flags[3], kept[i], kept[i + 1], known)
+            for k in range(len(parts)):
+                row = out[k, ci, PAD:-PAD]
+                _halve_row(parts[k, i], parts[k, i + 1], kept[i], kept[i + 1], row)
+                if k <= BY_W:  # of the pixels that data speak for
+                    for j in range(count):
+                        row[j] /= max(said[j], 1.0) * (1 if k == BY_V else 2)
+                elif k == SLOPE:
+                    for j in range(count):
+                        row[j] /= max(known[j], 1.0)
+                elif k != WEIGHT:
+                    share = 1 / 16 if k >= SMOOTHNESS and kind != FIRST else 1 / 4
+                    for j in range(count):
+                        row[j] *= share
 
 
 @dataclass(frozen=True)
-class Coefficients:
-    """What the normal equations are made of; padded arrays, see `assemble`."""
+class Structure:
+    """What of normal equations depends on mask and cuts alone, here and on coarser grids; padded arrays."""
 
-    by_v: FloatArray
-    by_v_u: FloatArray
-    by_v_v: FloatArray
-    weight: FloatArray
-    slope: FloatArray
-    smoothness: FloatArray
-    caution: (
-        FloatArray  # (2, ...), of squared differences of the step itself to the right and below: see `Grid`
-    )
+    active: Any
     link: Any
     whole: Any  # the links that there would be without cuts: the same array where nothing is torn
-    active: Any
     rays: FloatArray  # see `grid.Grid`
     kind: int  # which of `problem.REGULARISERS`
 
     @property
     def pixels(self) -> int:
         """Rows times columns, without the padding."""
-        return inner(self.by_v).size
-
-    def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
-        """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
-        m = np.empty((9, *self.by_v.shape)) if out is None else out
-        first = (self.by_v, self.by_v_u, self.by_v_v, self.weight)
-        assemble(*first, self.slope, self.smoothness, self.caution, self.link, self.rays, self.kind, m)
-        m[CENTRE] += damping * self.weight * self.by_v**2
-        return m
+        return (self.active.shape[0] - 2 * PAD) * (self.active.shape[1] - 2 * PAD)
 
     @cached_property
     def main(self) -> Any:
         """Pixels for which the coarser grid's blocks stand, see `tears`; all, where nothing is torn."""
         return main_parts(self.active, self.link, self.whole)
 
-    def coarser(self) -> Coefficients:
-        """The same on half the pixels: a derivative per coarse pixel is twice one per fine pixel."""
-        kept = 1 if self.link is self.whole else self.main
-        weight, slope = self.weight * kept, self.slope * kept
-        count = np.maximum(block_sums(weight > 0), 1)  # of the pixels that data speak for
-        known = slope != 0
-        inside = np.maximum(block_sums(known), 1)
-        share = 1 / (4 if self.kind == FIRST else 16)
+    @cached_property
+    def shares(self) -> FloatArray:
+        """Those of `curvature_kernels.fill_shares`."""
+        return shares_of(self.rays, self.link)
+
+    @cached_property
+    def coarser(self) -> Structure:
+        """The same on half the pixels."""
         link, whole = coarser_links(self.main, self.link, self.whole)
         active = halved(self.main)
-        return Coefficients(
-            by_v=block_sums(self.by_v * kept) / count,
-            by_v_u=block_sums(self.by_v_u * kept) / (2 * count),
-            by_v_v=block_sums(self.by_v_v * kept) / (2 * count),
-            weight=block_sums(weight),
-            slope=block_sums(slope) / inside,
-            smoothness=np.stack([block_sums(one * kept) for one in self.smoothness]) * share,
-            caution=np.stack([block_sums(one * kept) for one in self.caution]) / 4,
-            link=link,
-            whole=whole,
-            active=active if link is whole else active & held(link, self.kind != FIRST),
-            rays=np.stack([block_sums(one * known) / inside for one in self.rays])
-            if self.rays.size
-            else self.rays,
-            kind=self.kind,
-        )
+        if link is not whole:
+            active = active & held(link, self.kind != FIRST)
+        rays = self.rays
+        if rays.size:
+            inside = np.maximum(block_sums(self.main), 1)
+            rays = np.stack([block_sums(one * self.main) / inside for one in rays])
+        return Structure(active, link, whole, rays, self.kind)
+
+    @cached_property
+    def way(self) -> Interpolation:
+        """Linear interpolation from the coarser grid."""
+        below = self.coarser
+        blocks = Blocks(below.active, below.link, below.whole)
+        return Interpolation.to(self.active, self.main, self.link, self.whole, blocks)
+
+
+def shares_of(rays: FloatArray, link: Any) -> FloatArray:
+    """What `fill_shares` writes; nothing where there are no rays."""
+    if rays.size == 0:
+        return np.empty((3, 3, 0, 0))
+    out = np.zeros((3, 3, *rays.shape[1:]))
+    fill_shares(rays, link, out)
+    return out
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """What the normal equations are made of: padded maps, (8 or 13, ...), and what they are on."""
+
+    parts: FloatArray
+    structure: Structure
+
+    @property
+    def active(self) -> Any:
+        """Pixels that the equations are of."""
+        return self.structure.active
+
+    @property
+    def by_v(self) -> FloatArray:
+        """a of J's rows a + b·∇."""
+        return self.parts[BY_V]
+
+    @property
+    def by_v_u(self) -> FloatArray:
+        """b of J, along rows."""
+        return self.parts[BY_U]
+
+    @property
+    def by_v_v(self) -> FloatArray:
+        """b of J, along columns."""
+        return self.parts[BY_W]
+
+    @property
+    def weight(self) -> FloatArray:
+        """W."""
+        return self.parts[WEIGHT]
+
+    @property
+    def slope(self) -> FloatArray:
+        """X."""
+        return self.parts[SLOPE]
+
+    @property
+    def smoothness(self) -> FloatArray:
+        """Q, (1 or 6, ...)."""
+        return self.parts[SMOOTHNESS:]
+
+    def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
+        """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
+        m = np.empty((9, *self.active.shape)) if out is None else out
+        on = self.structure
+        assemble(m, self.parts, on.link, on.shares, on.kind, damping)
+        return m
+
+    def coarser(self, out: FloatArray | None = None) -> Coefficients:
+        """The same on half the pixels."""
+        below = self.structure.coarser
+        parts = np.zeros((len(self.parts), *below.active.shape)) if out is None else out
+        _coarsen(self.parts, self.structure.main, self.structure.kind, parts)
+        return Coefficients(parts, below)

@@ -30,6 +30,10 @@ VARIABLE = "ENDOLAB_THREADS"
 ENOUGH = 12_000  # pixels; with fewer, waking other cores takes longer than what they would do
 ROWS = 16  # of a band
 
+# Turns, some microseconds, that a thread waits for the next loop before it sleeps. OpenMP's own choice,
+# milliseconds, takes the cores from other programs, and from the very threads that are waited for.
+os.environ.setdefault("GOMP_SPINCOUNT", "10000")
+
 _limit: ContextVar[int | None] = ContextVar("limit", default=None)
 _cores = threading.Lock()
 _forked = False

@@ -153,10 +153,12 @@ def test_no_straight_map_is_bent_on_the_way_up(where):
         problem = replace(problem, cuts=cuts)
     top, below = Multigrid(equations(problem, truth)[0]).levels[:2]
     straight = padded(1.0 + 0.2 * columns - 0.3 * rows)
-    rows, columns = np.indices(below.active.shape) - 2
+    rows, columns = np.indices(below.structure.active.shape) - 2
     up = np.zeros_like(straight)
-    top.way.add((1.0 + 0.2 * (2 * columns + 0.5) - 0.3 * (2 * rows + 0.5)) * below.active, up)
-    np.testing.assert_allclose(up[top.active > 0], straight[top.active > 0], atol=1e-12)
+    coarse = (1.0 + 0.2 * (2 * columns + 0.5) - 0.3 * (2 * rows + 0.5)) * below.structure.active
+    top.structure.way.add(coarse, up)
+    known = top.structure.active > 0
+    np.testing.assert_allclose(up[known], straight[known], atol=1e-12)
 
 
 @every_variant
@@ -173,11 +175,12 @@ def random_maps(rng, free, count):
 
 
 def test_sweeps_are_adjoint_to_one_another(system, rng):
-    top, free = system[0].levels[0], system[2]
+    matrix, free = system[0].matrix, system[2]
+    inverse = free / np.where(free, matrix[0], 1.0)
 
     def swept(sweep, b):
         x = np.zeros_like(b)
-        sweep(top.matrix, top.inverse, x, b)
+        sweep(matrix, inverse, x, b)
         return x
 
     a, b = random_maps(rng, free, 2)
@@ -187,6 +190,7 @@ def test_sweeps_are_adjoint_to_one_another(system, rng):
 
 def test_prolongation_is_the_adjoint_of_restriction(system, rng):
     top, below = system[0].levels[:2]
+    top, below = top.structure, below.structure
     (fine,), (coarse,) = random_maps(rng, top.active > 0, 1), random_maps(rng, below.active > 0, 1)
     down, up = np.zeros_like(coarse), np.zeros_like(fine)
     top.way.adjoint(fine, below.active, down)
@@ -197,6 +201,7 @@ def test_prolongation_is_the_adjoint_of_restriction(system, rng):
 
 
 def test_a_cycle_is_symmetric_and_positive_definite(system, rng):
+    """In single precision."""
     solver, _, free = system
 
     def cycled(b):
@@ -206,7 +211,7 @@ def test_a_cycle_is_symmetric_and_positive_definite(system, rng):
 
     vectors = random_maps(rng, free, 5)
     products = np.array([[np.vdot(a, cycled(b)) for a in vectors] for b in vectors])
-    np.testing.assert_allclose(products, products.T, rtol=0, atol=1e-11 * np.abs(products).max())
+    np.testing.assert_allclose(products, products.T, rtol=0, atol=1e-5 * np.abs(products).max())
     assert np.linalg.eigvalsh((products + products.T) / 2).min() > 0
 
 
@@ -226,7 +231,7 @@ def as_sparse(matrix):
 def test_it_agrees_with_a_direct_solver_and_holds_what_is_given(system):
     solver, b, free = system
     kept = np.flatnonzero(free)
-    matrix = as_sparse(solver.levels[0].matrix)[kept][:, kept].tocsc()
+    matrix = as_sparse(solver.matrix)[kept][:, kept].tocsc()
     for right in (b, np.where(free, b, 7.0)):  # whatever is asked of pixels that are held
         x, steps, remaining = solver.solve(right, 1e-12, 300)
         assert steps < 200  # measured 42 and 127 for equations as rough as these
