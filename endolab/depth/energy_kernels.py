@@ -108,6 +108,21 @@ def fill_xi(v: FloatArray, factor: FloatArray, active: Any, sign: float, xi: Flo
 
 
 @on_cores
+def advance(v: FloatArray, delta: FloatArray, share: float, longest: float, ceiling: Any, out: Any) -> None:
+    """Go a share of a step of which nothing is longer than `longest`, no higher than a ceiling, if any."""
+    for band in prange(bands(v.shape[0])):
+        first, last = band_rows(band, 0, v.shape[0])
+        for i in range(first, last):
+            row, step, there = v[i], delta[i], out[i]
+            for j in range(row.size):
+                there[j] = row[j] + share * min(max(step[j], -longest), longest)
+            if ceiling.size > 0:
+                most = ceiling[i]
+                for j in range(row.size):
+                    there[j] = min(there[j], most[j])
+
+
+@on_cores
 def fill_slants(v: FloatArray, metric: FloatArray, link: Any, out: FloatArray) -> None:
     """tan² of the angle between ray and normal where the mask is, 0 elsewhere."""
     last_row, count = v.shape[0] - PAD, v.shape[1] - 2 * PAD

@@ -30,6 +30,7 @@ from typing import Any
 
 import numpy as np
 
+from endolab.depth.energy_kernels import advance
 from endolab.depth.grid import Grid
 from endolab.depth.multigrid import Multigrid, dot
 from endolab.depth.normal_equations import Coefficients
@@ -45,8 +46,9 @@ RELIEF = 0.25  # of what is charged for slopes beforehand, after a step that was
 SHORTEST = 2.0**-6  # share of a step below which the search along it gives up
 ROUNDING = 1e-24  # an energy as small as that of residuals of 1e-12
 DAMPING = 1e-3  # added to the diagonal, as a share of what the data put there without slant
+HELD = 1.0  # the same where no share of a step lowers the energy
 PRECISION, MOST = 0.1, 20  # of the inner solver: residual left, steps
-RATE, SLOWEST = 0.5, 0.95  # of a fall, how much is taken to follow: at first, at most
+RATE, SLOWEST = 0.65, 0.95  # of a fall, how much is taken to follow: at first, at most
 COARSEST = 24  # rows and columns of the coarsest grid, at least
 CONTINUATION = (10.0, 3.0, 1.0)  # multiples of λ on the coarsest grid
 STEPS = 4  # on each of the coarser grids
@@ -67,13 +69,14 @@ class _State:
     fall: float = np.nan  # of the energy, by the last step
     rate: float = RATE  # of a fall to the one before, lately
     steps: int = 0  # of the inner solver
+    damping: float = DAMPING
     slants: FloatArray | None = None  # tan² of a likely step: its last ones' geometric mean
     coefficients: Coefficients | None = None  # of the last step, as is the multigrid
     multigrid: Multigrid | None = None
 
     @classmethod
     def at(cls, grid: Grid, v: FloatArray, lam: float) -> _State:
-        v = np.minimum(v, grid.ceiling)
+        v = np.minimum(v, grid.ceiling) if grid.is_torn else v
         return cls(grid, v, lam, grid.terms(v, lam))
 
     @property
@@ -82,7 +85,7 @@ class _State:
 
     @property
     def scalars(self) -> dict[str, float]:
-        return {"step": self.share, "damping": DAMPING, "inner": float(self.steps)}
+        return {"step": self.share, "damping": self.damping, "inner": float(self.steps)}
 
     def has_converged(self, tolerance: float) -> bool:
         return self.left <= tolerance * self.energy + ROUNDING
@@ -96,35 +99,49 @@ class _State:
         that a share q of the error remains, and q² of the fall.
         """
         coefficients, descent = self.grid.linearised(self.v, self.lam, self.slants, self.coefficients)
-        multigrid = Multigrid(coefficients, DAMPING, self.multigrid)
-        delta, steps, unsolved = multigrid.solve(descent, PRECISION, MOST)
+        multigrid = self.multigrid
+        for damping in (DAMPING, HELD):
+            multigrid = Multigrid(coefficients, damping, multigrid)
+            delta, steps, unsolved = multigrid.solve(descent, PRECISION, MOST)
+            promise = max(0.5 * dot(descent, delta) / self.grid.count, 0.0)
+            slants = self.grid.slants(delta)
+            best = self._along(delta, promise)
+            if best is not self:
+                break
         room: dict[str, Any] = {"coefficients": coefficients, "multigrid": multigrid}
-        promise = 0.5 * dot(descent, delta) / self.grid.count
-        left = promise * (1 + unsolved) if promise > 0 else 0.0
-        slants = self.grid.slants(delta)
+        room |= {"steps": steps, "damping": damping}
+        left = promise * (1 + unsolved)
+        if best is self:
+            return replace(self, share=0.0, left=left, fall=0.0, rate=1.0, **room)
         if self.slants is not None:
             slants = np.sqrt(slants * self.slants)
-        np.clip(delta, -LONGEST, LONGEST, out=delta)
-        share, best = 1.0, self
-        while share >= SHORTEST:
-            there = np.minimum(self.v + share * delta, self.grid.ceiling)
-            tried = replace(best, v=there, terms=self.grid.terms(there, self.lam), share=share)
-            if tried.energy < best.energy:
-                best = tried
-            elif best is not self:
-                break
-            share /= 2
-        if best is self:
-            return replace(self, share=0.0, left=left, fall=0.0, rate=1.0, steps=steps, **room)
-        fall = self.energy - best.energy
         if best.share == 1:
             slants *= RELIEF
+        fall = self.energy - best.energy
         before = self.rate if np.isnan(self.fall) else min(fall / self.fall, SLOWEST)
         slow = rate = (self.rate + before) / 2
         if best.share == 1 and fall > promise > 0:
             slow = max(rate, min(fall / promise - 1, SLOWEST) ** 2)
         left = max(left, fall * slow / (1 - slow))
-        return replace(best, left=left, fall=fall, rate=rate, steps=steps, slants=slants, **room)
+        return replace(best, left=left, fall=fall, rate=rate, slants=slants, **room)
+
+    def _along(self, delta: FloatArray, promise: float) -> _State:
+        """Go the share of a step that lowers the energy most, of 1, 1/2, 1/4, ...; nowhere if none does.
+
+        Half a step is promised 3/4 of what the whole is: no need to try it where the whole kept more.
+        """
+        best, share, there = self, 1.0, np.empty_like(self.v)
+        while share >= SHORTEST:
+            advance(self.v, delta, share, LONGEST, self.grid.ceiling, there)
+            tried = replace(self, v=there, terms=self.grid.terms(there, self.lam), share=share)
+            if tried.energy < best.energy:
+                best, there = tried, np.empty_like(self.v)
+            elif best is not self:
+                break
+            if self.energy - best.energy > 0.75 * promise:
+                break
+            share /= 2
+        return best
 
     def descended(self, tolerance: float) -> _State:
         """Take up to `STEPS` steps."""

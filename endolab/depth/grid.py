@@ -199,10 +199,10 @@ class Grid:
         return np.where(self.mask, 0.5 * gamma * (inner(self.log_scale) - dark), 0.0)
 
     @cached_property
-    def ceiling(self) -> Any:
-        """What a map may not exceed, padded: d₀ and a little where cuts leave islands, else infinity."""
+    def ceiling(self) -> FloatArray:
+        """What a map may not exceed, padded: d₀ and a little where cuts leave islands; (0, 0) if none are."""
         if not self.is_torn:
-            return np.inf
+            return np.empty((0, 0))
         silent = inner(self.evidence) == NONE if self.evidence.size else ~self.mask
         return padded(np.where(silent, np.inf, self.log_facing + ABOVE))
 

@@ -147,12 +147,12 @@ class Interpolation(NamedTuple):
         count = _fill_strands(active, main, link, whole, tuple(blocks), share, strands)
         return cls(share, *(one[:count] for one in strands))
 
-    def add(self, step: FloatArray, x: FloatArray) -> None:
+    def add(self, step: Any, x: Any) -> None:
         """x += the blocks' step, interpolated."""
         _prolong_add(x, self.share, step)
         _add_from(self.block, self.pixel, self.weight, step, x)
 
-    def adjoint(self, r: FloatArray, active: Any, out: FloatArray) -> None:
+    def adjoint(self, r: Any, active: Any, out: Any) -> None:
         """Write the adjoint of `add` to out, for blocks that are active."""
         _restrict(r, self.share, active, out)
         _add_from(self.pixel, self.block, self.weight, r, out)

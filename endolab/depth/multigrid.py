@@ -1,7 +1,7 @@
 """Solving the normal equations of a Gauss-Newton step in a time proportional to the pixels.
 
-Conjugate gradients solve them, preconditioned by one V-cycle: a Gauss-Seidel sweep forwards, a
-coarse correction, a sweep backwards. Coarse levels are the same equations written down on a grid
+Conjugate gradients solve them, preconditioned by one V-cycle: Gauss-Seidel sweeps forwards, a
+coarse correction, sweeps backwards. Coarse levels are the same equations written down on a grid
 of half the pixels, from averaged coefficients (Briggs, Henson, McCormick, "A multigrid
 tutorial", 2000, chapters 3 and 10).
 
@@ -21,7 +21,6 @@ from numba import prange
 from numpy.typing import NDArray
 
 from endolab.depth.normal_equations import CENTRE, EE, SE, SEE, SS, SSE, SW, Coefficients, E, S, Structure
-from endolab.depth.tears import beside_cuts
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, kernel
 from endolab.numerics.threads import band_rows, bands, on_cores
@@ -29,8 +28,8 @@ from endolab.numerics.threads import band_rows, bands, on_cores
 SingleArray: TypeAlias = NDArray[np.float32]
 
 COARSEST = 64  # pixels; there the equations are swept until they are solved
-SWEEPS = 20
-BAND, MORE = 3, 3  # pixels on either side of a cut, and how many sweeps more they have
+SETTLING = 20  # sweeps down and up
+SWEEPS = 2  # on finer grids, before and after the coarser one; with one, torn surfaces take twice the steps
 
 
 @kernel
@@ -157,69 +156,33 @@ def _sweep_rows(m: Any, inverse: Any, x: Any, b: Any, first: int, last: int, ste
 
 @on_cores
 def _sweep(x: Any, m: Any, inverse: Any, b: Any, step: int) -> None:
-    """Sweep over every second band, and then over those between, which see what these have become."""
+    """`SWEEPS` sweeps over every second band, then over those between, which see what these have become."""
     last_row = x.shape[0] - PAD
     count = bands(last_row - PAD)
     for turn in range(2):
         odd = turn if step > 0 else 1 - turn
         for k in prange((count + 1 - odd) // 2):
             first, last = band_rows(2 * k + odd, PAD, last_row)
-            _sweep_rows(m, inverse, x, b, first, last, step)
+            for _ in range(SWEEPS):  # while the band's part of the matrix is near the core
+                _sweep_rows(m, inverse, x, b, first, last, step)
 
 
 def sweep_forwards(m: Any, inverse: Any, x: Any, b: Any) -> None:
-    """One Gauss-Seidel sweep."""
+    """Gauss-Seidel sweeps."""
     _sweep(x, m, inverse, b, 1)
 
 
 def sweep_backwards(m: Any, inverse: Any, x: Any, b: Any) -> None:
-    """One Gauss-Seidel sweep in the opposite order: the adjoint of the other."""
+    """Gauss-Seidel sweeps in the opposite order: the adjoint of the others."""
     _sweep(x, m, inverse, b, -1)
 
 
 @kernel
 def _settle(m: Any, inverse: Any, x: Any, b: Any) -> None:
     """Sweep until the coarsest grid is solved, as good as; forwards first, backwards last."""
-    for _ in range(SWEEPS):
+    for _ in range(SETTLING):
         _sweep_rows(m, inverse, x, b, PAD, x.shape[0] - PAD, 1)
         _sweep_rows(m, inverse, x, b, PAD, x.shape[0] - PAD, -1)
-
-
-@kernel
-def _relax(m: Any, inverse: Any, x: Any, b: Any, i: int, j: int) -> None:
-    """Solve a pixel's own equation."""
-    others = m[E, i, j] * x[i, j + 1] + m[EE, i, j] * x[i, j + 2]
-    others += m[E, i, j - 1] * x[i, j - 1] + m[EE, i, j - 2] * x[i, j - 2]
-    others += m[S, i, j] * x[i + 1, j] + m[SS, i, j] * x[i + 2, j]
-    others += m[S, i - 1, j] * x[i - 1, j] + m[SS, i - 2, j] * x[i - 2, j]
-    others += m[SE, i, j] * x[i + 1, j + 1] + m[SE, i - 1, j - 1] * x[i - 1, j - 1]
-    others += m[SW, i, j] * x[i + 1, j - 1] + m[SW, i - 1, j + 1] * x[i - 1, j + 1]
-    others += m[SEE, i, j] * x[i + 1, j + 2] + m[SEE, i - 1, j - 2] * x[i - 1, j - 2]
-    others += m[SSE, i, j] * x[i + 2, j + 1] + m[SSE, i - 2, j - 1] * x[i - 2, j - 1]
-    x[i, j] = (b[i, j] - others) * inverse[i, j]
-
-
-@on_cores
-def _sweep_some(x: Any, m: Any, inverse: Any, b: Any, columns: Any, starts: Any, step: int) -> None:
-    """`MORE` sweeps over some pixels of each band, bands as in `_sweep`; step 1, or the other way, -1.
-
-    `columns` are those of the pixels, row by row; `starts` says where each row's begin.
-    """
-    last_row = x.shape[0] - PAD
-    count = bands(last_row - PAD)
-    for turn in range(2):
-        odd = turn if step > 0 else 1 - turn
-        for k in prange((count + 1 - odd) // 2):
-            first, last = band_rows(2 * k + odd, PAD, last_row)
-            for _ in range(MORE):
-                if step > 0:
-                    for i in range(first, last):
-                        for n in range(starts[i], starts[i + 1]):
-                            _relax(m, inverse, x, b, i, columns[n])
-                else:
-                    for i in range(last - 1, first - 1, -1):
-                        for n in range(starts[i + 1] - 1, starts[i] - 1, -1):
-                            _relax(m, inverse, x, b, i, columns[n])
 
 
 @on_cores
@@ -269,7 +232,6 @@ class _Level:
     structure: Structure
     matrix: SingleArray
     inverse: SingleArray  # of the diagonal; 0 where a pixel is held at 0
-    band: tuple[Any, Any]  # pixels near cuts, where the way down and up is rough: see `_sweep_some`
     x: SingleArray
     b: SingleArray
     r: SingleArray
@@ -278,20 +240,8 @@ class _Level:
     def on(cls, structure: Structure) -> _Level:
         """Make room."""
         shape = structure.active.shape
-        near = beside_cuts(structure.link, structure.whole, BAND)
-        rows, columns = np.nonzero(structure.active * near)
-        band = columns, np.searchsorted(rows, np.arange(shape[0] + 1))
         inverse, x, b, r = np.zeros((4, *shape), np.float32)
-        return cls(structure, np.empty((9, *shape), np.float32), inverse, band, x, b, r)
-
-    def sweep(self, step: int) -> None:
-        """Sweep, and more beside cuts: forwards, 1, or the adjoint, -1."""
-        if step > 0:
-            _sweep(self.x, self.matrix, self.inverse, self.b, step)
-        if self.band[0].size:
-            _sweep_some(self.x, self.matrix, self.inverse, self.b, *self.band, step)
-        if step < 0:
-            _sweep(self.x, self.matrix, self.inverse, self.b, step)
+        return cls(structure, np.empty((9, *shape), np.float32), inverse, x, b, r)
 
 
 class Multigrid:
@@ -332,12 +282,12 @@ class Multigrid:
             _settle(at.matrix, at.inverse, at.x, at.b)
             return
         below = self.levels[depth + 1]
-        at.sweep(1)
+        sweep_forwards(at.matrix, at.inverse, at.x, at.b)
         residual(at.matrix, at.x, at.b, at.r)
         at.structure.way.adjoint(at.r, below.structure.active, below.b)
         self._cycle(depth + 1)
         at.structure.way.add(below.x, at.x)
-        at.sweep(-1)
+        sweep_backwards(at.matrix, at.inverse, at.x, at.b)
 
     def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:
         """Conjugate gradients on M x = b, until the preconditioned residual is `tolerance` of what it was.
@@ -363,7 +313,10 @@ class Multigrid:
             _conjugate(top.x, now / last if step else 0.0, direction)
             last = now
             multiply(self.matrix, direction, product)
-            length = now / dot(direction, product)
+            curved = dot(direction, product)
+            if curved <= 0:  # nothing is left but rounding
+                break
+            length = now / curved
             done += length * now
             _proceed(direction, length, product, x, r, top.b)
         return x, step, left

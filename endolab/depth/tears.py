@@ -77,19 +77,6 @@ def held(link: Any, second: bool) -> Any:
     return out
 
 
-def beside_cuts(link: Any, whole: Any, width: int) -> Any:
-    """Pixels that are at most so many steps away from a cut, one for those that it divides, int8."""
-    out = np.zeros_like(link[0])
-    if link is whole:
-        return out
-    for cut, axis in ((whole[0] - link[0], 1), (whole[1] - link[1], 0)):
-        out |= cut | shifted(cut, -1, axis, 0)
-    for _ in range(width - 1):
-        for axis in (0, 1):
-            out = out | shifted(out, 1, axis, 0) | shifted(out, -1, axis, 0)
-    return out
-
-
 class Blocks(NamedTuple):
     """A grid of half the pixels: which of its pixels take part, and its links; padded."""
 

@@ -18,16 +18,18 @@ ONE_BITS, FRACTION_BITS, WHOLE_BITS = 0x3FF0000000000000, 0x000FFFFFFFFFFFFF, 0x
 SQRT2 = 1.4142135623730951
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _bits(_: Any, x: Any) -> Any:
+def _bits_of(_: Any, x: Any) -> Any:
     """The 64 bits of a float64, as an integer."""
     return types.int64(types.float64), lambda _c, b, _s, given: b.bitcast(given[0], ir.IntType(64))
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _float(_: Any, n: Any) -> Any:
+def _float_of(_: Any, n: Any) -> Any:
     """The float64 of these 64 bits."""
     return types.float64(types.int64), lambda _c, b, _s, given: b.bitcast(given[0], ir.DoubleType())
+
+
+_bits: Any = intrinsic(_bits_of)
+_float: Any = intrinsic(_float_of)
 
 
 @njit(**COMPILED, forceinline=True)

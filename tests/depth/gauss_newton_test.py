@@ -315,7 +315,7 @@ def test_distances_scale_with_the_root_of_the_gain(xi):
     problem, _ = problem_of("tube", 96, xi=xi)
     brighter = replace(problem, photometry=replace(problem.photometry, gain=4 * problem.photometry.gain))
     ratio = solved(brighter).distance / solved(problem).distance
-    np.testing.assert_allclose(ratio[problem.mask], 2.0, rtol=1e-9)
+    np.testing.assert_allclose(ratio[problem.mask], 2.0, rtol=1e-6)  # a cycle is in single precision
 
 
 def test_what_lies_outside_the_mask_is_not_read():
