@@ -24,6 +24,10 @@ Vũ's for a primal-dual step, 1/τ_p + 1/θ - σ‖K‖² ≥ ½ (1 + s²) c/(1 
 every pixel's θ is limited to a share of it. News then travels 2/s pixels a step: hence the paper's
 thousands of iterations. Normals of a patch (Hinterstoisser et al., ICCV 2011) make s smaller: the
 mean of n slopes in a row, taken twice so that it hides no ripple, passes 1.5/n of one at most.
+
+**Precision.** Memory is what a step waits for, so that maps are of single precision: results differ from
+double's by some 1e-6. Only ξ, a sum of steps that may each be too small for its last digit, keeps a rest of
+what is lost, or it would stand still before it has converged; and sums down a column, which run, are double.
 """
 
 from __future__ import annotations
@@ -60,8 +64,8 @@ STRIP = 128  # columns that are averaged together, at least
 TABLE_SIZE = 4096  # of a BRDF
 
 
-# Pictures have a frame of one pixel that no step leads to, and outside the mask ξ = ξ₀ = I = 1. Loops begin at
-# 0, no index is a difference and there are no branches: so that compilers use vectors.
+# Pictures have a frame of one pixel that no step leads to, and outside the mask ξ = ξ₀ = I = 1. Compilers use
+# vectors where no index of a column may be negative, some are unsigned therefore, and nothing is branched on.
 @kernel
 def _artanh(z: Any) -> Any:
     """Artanh of a number between -½ and ½."""
@@ -145,6 +149,13 @@ def _along_columns(
 
 
 @kernel
+def _strip(number: int, several: int, width: int) -> tuple[int, int, int]:
+    """Which slope and which columns, from the first to before the last, are those of a strip."""
+    half = several // 2
+    return number % 2, number // 2 * width // half, (number // 2 + 1) * width // half
+
+
+@kernel
 def _dual(q: Any, x: Any, regulariser: Any, i: int) -> None:
     """Dual ascent on a row; `whole` is where a difference has all its steps."""
     sigma, whole, shrink, bound, _, first = regulariser
@@ -202,7 +213,7 @@ def _primal(i: int, theta: Any, state: Any, rows: Any, metric: Any, share: Any, 
     """Data update and primal descent on a row."""
     x, rest, ahead, _, limit, p, _ = state
     pull, dark, turn = rows
-    image, evidence, unit, pace = data
+    image, unit, pace, evidence = data
     away, gamma, threshold, safety = how  # `away`: whether ξ grows with d
     per_gamma, per_theta, lift = ONE / gamma, ONE / theta, HALF / safety
     sign = -TWO / gamma if away else TWO / gamma
@@ -242,12 +253,12 @@ def _primal(i: int, theta: Any, state: Any, rows: Any, metric: Any, share: Any, 
 
 @on_cores
 def _advance(
-    mask: Any,
+    xi: Any,
     count: int,
     theta: float,
     decay: float,
-    radius: int,
     state: Any,
+    radius: int,
     slopes: Any,
     along: Any,
     down: Any,
@@ -261,7 +272,7 @@ def _advance(
     x, _, ahead, q, _, p, other = state
     sign, steps, offsets, metric = slopes
     rows, lines, line_sums, running, sums = work
-    height, width = mask.shape
+    height, width = xi.shape
     several, strips = bands(height - 2), 2 * max(width // STRIP, 1)
     for _ in range(count):
         for band in prange(several):
@@ -274,7 +285,7 @@ def _advance(
                         _along_row(p, k, i, radius, along, lines[band], line_sums[band])
         if radius > 0:
             for strip in prange(strips):
-                k, begin, end = strip % 2, strip // 2 * 2 * width // strips, (strip // 2 + 1) * 2 * width // strips
+                k, begin, end = _strip(strip, strips, width)
                 _along_columns(other, p, k, begin, end, radius, down, running, sums)
             for band in prange(several):
                 begin, end = band_rows(band, 1, height - 1)
@@ -282,7 +293,7 @@ def _advance(
                     for k in range(2):
                         _along_row(other, k, i, radius, along, lines[band], line_sums[band])
             for strip in prange(strips):
-                k, begin, end = strip % 2, strip // 2 * 2 * width // strips, (strip // 2 + 1) * 2 * width // strips
+                k, begin, end = _strip(strip, strips, width)
                 _along_columns(p, other, k, begin, end, radius, down, running, sums)
         current = SINGLE(theta)
         for band in prange(several):
@@ -299,8 +310,9 @@ def _advance(
 def _windows(joined: BoolArray, mask: BoolArray, radius: int) -> tuple[FloatArray, Any, Any]:
     """Patches along rows: as far as steps lead, at most `radius` pixels.
 
-    Returns 1/length of each, 0 outside the mask; those that end at a cut or a hole with more of the mask within
-    the radius beyond, as place, first and one after the last; how many of them there are before each row.
+    Returns 1/length of each, 0 outside the mask; those that end at a cut or a hole with more of the mask
+    within the radius beyond it, as place, first and one after the last; and how many of them come before
+    each row.
     """
     place, size = np.arange(mask.shape[1]), mask.shape[1]
     starts = np.where(np.roll(joined, 1, axis=1), 0, place)
@@ -308,14 +320,14 @@ def _windows(joined: BoolArray, mask: BoolArray, radius: int) -> tuple[FloatArra
     first = np.maximum(np.maximum.accumulate(starts, axis=1), place - radius)
     after = np.minimum(np.minimum.accumulate(stops, axis=1)[:, ::-1], place + radius) + 1
     before = np.pad(np.cumsum(mask, axis=1), ((0, 0), (1, 0)))
-    around = before[:, np.minimum(place + radius + 1, size)] - before[:, np.maximum(place - radius, 0)]
+    around: Any = before[:, np.minimum(place + radius + 1, size)] - before[:, np.maximum(place - radius, 0)]
     row, column = np.nonzero(mask & (around > after - first))
     odd = np.stack([column, first[row, column], after[row, column]], axis=-1)
     return mask / (after - first), odd, np.searchsorted(row, np.arange(mask.shape[0] + 1))
 
 
 def _brdf_table(photometry: Photometry) -> Any:
-    """What a BRDF makes of C² and of -∂(log C)/∂P: factors, (2, n), at equal steps of √(1 - cos θ); or (2, 0)."""
+    """Factors of C² and -∂(log C)/∂P, (2, n) at equal steps of √(1 - cos θ); (2, 0) if Lambertian."""
     if photometry.slant_table() is None:
         return np.empty((2, 0), SINGLE)
     cosine = np.maximum(1 - np.linspace(0, 1, TABLE_SIZE) ** 2, np.cos(np.deg2rad(89.9)))
@@ -333,8 +345,8 @@ class _Path:
     """The state of the scheme and what its steps need, framed by one pixel."""
 
     problem: Problem
-    state: tuple[Any, ...]  # x and its rest, ξ̄, q, 1/θc, slopes
-    rest: tuple[Any, ...]
+    state: tuple[Any, ...]  # ξ and its rest, ξ̄, q, the least 1/θc, slopes and their averages
+    given: tuple[Any, ...]
 
     @classmethod
     def at(cls, problem: Problem, start: FloatArray, radius: int, safety: float) -> _Path:
@@ -349,7 +361,7 @@ class _Path:
         joined = links(mask, problem.cuts)
         steps, inside = np.pad(joined, ((0, 0), (1, 1), (1, 1))), np.pad(mask, 1)
         along, (share, *down) = _windows(steps[0], inside, radius), _windows(steps[1].T, inside.T, radius)
-        shares = np.stack([along[0], share.T])
+        (shares,) = _single(np.stack([along[0], share.T]))
         offsets = np.empty((2, 0, 0))
         if problem.xi == "1/z":
             beside = -np.log(np.where(mask, cosine, 1.0))
@@ -370,37 +382,27 @@ class _Path:
 
         (height, width), several = x.shape, bands(x.shape[0] - 2)
         slopes = np.zeros((2, 2, height, width), SINGLE)
-        single = x.astype(SINGLE)
-        state = (
-            single,
-            (x - single).astype(SINGLE),
-            x.astype(SINGLE),
-            np.zeros((3, height, width), SINGLE),
-            np.zeros((height, width), SINGLE),
-            slopes[0],
-            slopes[1],
-        )
+        resting, limit = np.zeros((3, height, width), SINGLE), np.zeros((height, width), SINGLE)
+        state = *_single(x, x - x.astype(SINGLE), x), resting, limit, *slopes
         numbers = problem.photometry.gamma, problem.threshold, safety
         return cls(
             problem,
             state,
             (
                 radius,
-                state,
                 (SINGLE(1 if away else -1), steps.astype(np.int8), *_single(offsets, metric)),
-                (*_single(shares), *along[1:]),
-                (*_single(shares), *down),
+                (shares, *along[1:]),
+                (shares, *down),
                 (
-                    SINGLE(1) * (sigma * scale).astype(SINGLE),
+                    *_single(sigma * scale),
                     np.pad(whole, ((0, 0), (1, 1), (1, 1))).astype(np.int8),
                     *_single(shrink, bound),
                     SINGLE(scale),
                     first,
                 ),
                 (
-                    image.astype(SINGLE),
+                    *_single(image, 1 / framed_xi(problem.log_facing), 1 / tau_p),
                     np.pad(evidence, 1),
-                    *_single(1 / framed_xi(problem.log_facing), 1 / tau_p),
                 ),
                 (away, *map(SINGLE, numbers)),
                 _brdf_table(problem.photometry),
@@ -416,7 +418,9 @@ class _Path:
 
     def advance(self, count: int, theta: float, decay: float) -> float:
         """Take steps with θ, in units of 1/c at the start; return θ after them."""
-        return BALANCE * _advance(self.state[0], count, theta / BALANCE, float(decay), *self.rest)
+        return BALANCE * _advance(
+            self.state[0], count, theta / BALANCE, float(decay), self.state, *self.given
+        )
 
     @property
     def x(self) -> FloatArray:
