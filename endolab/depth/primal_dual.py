@@ -24,6 +24,10 @@ Vũ's for a primal-dual step, 1/τ_p + 1/θ - σ‖K‖² ≥ ½ (1 + s²) c/(1 
 every pixel's θ is limited to a share of it. News then travels 2/s pixels a step: hence the paper's
 thousands of iterations. Normals of a patch (Hinterstoisser et al., ICCV 2011) make s smaller: the
 mean of n slopes in a row, taken twice so that it hides no ripple, passes 1.5/n of one at most.
+
+**Precision.** Memory is what a step waits for, so that maps are of single precision: results differ from
+double's by some 1e-6. Only ξ, a sum of steps that may each be too small for its last digit, keeps a rest of
+what is lost, or it would stand still before it has converged; and sums down a column, which run, are double.
 """
 
 from __future__ import annotations
@@ -32,229 +36,308 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numba import prange
 
-from endolab.depth.energy_kernels import listen
 from endolab.depth.grid import Grid
-from endolab.depth.problem import Problem, check_maps
+from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem, check_maps
 from endolab.depth.result import Iterate, Solver
+from endolab.model.photometry import Photometry
 from endolab.model.surface import from_xi, to_xi
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, whole
 from endolab.numerics.compiled import framed, kernel, padded
 from endolab.numerics.derivatives import REFERENCE_WIDTH, gradient, hessian_stencils, links
 from endolab.numerics.iteration import Status
+from endolab.numerics.threads import band_rows, bands, on_cores
 
 BALANCE, LEAST = 0.1, 1e-3  # τ_p and the least θ in units of 1/c at the start
 RANGES = {"coupling": (LEAST, 1e6), "decay": (0, 1), "safety": (1e-3, 1), "patch": (0, 32)}
 
 
-# The loops below each write one row and read few: so compilers can tell that they may use vectors.
-# Pictures have a frame of one pixel that no step leads to, and outside the mask ξ = ξ₀ = I = 1.
-@kernel
-def _slope(p: Any, low: Any, x: Any, high: Any, to_low: Any, to_high: Any, share: Any, offset: Any) -> None:
-    """Central difference of v = ± log ξ by 2 artanh((b - a)/(b + a)) = log b/a; `share` is ±1/steps."""
-    for j in range(p.size):
-        a = x[j] + to_low[j] * (low[j] - x[j])
-        b = x[j] + to_high[j] * (high[j] - x[j])
-        z = (b - a) / (b + a)
-        s = z * z
-        odd = 1 + s * (1 / 3 + s * (1 / 5 + s * (1 / 7 + s * (1 / 9 + s / 11))))
-        p[j] = 2 * share[j] * z * odd + offset[j]
+# Numbers of single precision keep a loop's so.
+SINGLE, INDEX = np.float32, np.uint64
+HALF, ONE, TWO, THREE, ROOT = SINGLE(0.5), SINGLE(1), SINGLE(2), SINGLE(3), SINGLE(np.sqrt(2))
+ODD = tuple(SINGLE(1 / k) for k in (3, 5, 7, 9, 11, 13))  # artanh z = z (1 + z²/3 + z⁴/5 ...)
+PASSES = SINGLE(1.5)  # what a patch of n pixels passes of a ripple's slope, times n
+FREE, TINY = SINGLE(1 / 999), SINGLE(1e-30)  # 1/θc of pixels that nothing limits; a size above 0
+STRIP = 128  # columns that are averaged together, at least
+TABLE_SIZE = 4096  # of a BRDF
 
 
+# Pictures have a frame of one pixel that no step leads to, and outside the mask ξ = ξ₀ = I = 1. Compilers use
+# vectors where no index of a column may be negative, some are unsigned therefore, and nothing is branched on.
 @kernel
-def _slopes(x: Any, steps: Any, shares: Any, offsets: Any, p: Any) -> None:
-    """Gradient of v, into p (2, ...)."""
-    for i in range(1, x.shape[0] - 1):
-        out, share, offset = p[0, i, 1:-1], shares[0, i, 1:-1], offsets[0, i, 1:-1]
-        left, right = steps[0, i, :-2], steps[0, i, 1:-1]
-        _slope(out, x[i, :-2], x[i, 1:-1], x[i, 2:], left, right, share, offset)
-        out, share, offset = p[1, i], shares[1, i], offsets[1, i]
-        _slope(out, x[i - 1], x[i], x[i + 1], steps[1, i - 1], steps[1, i], share, offset)
+def _artanh(z: Any) -> Any:
+    """Artanh of a number between -½ and ½."""
+    s = z * z
+    return z * (ONE + s * (ODD[0] + s * (ODD[1] + s * (ODD[2] + s * (ODD[3] + s * (ODD[4] + s * ODD[5]))))))
 
 
 @kernel
-def _average(p: Any, reach: Any, work: Any, sums: Any) -> None:
-    """Mean of a map, in place, over the rows and then the columns that `reach` allows."""
-    height, width = p.shape
-    line = np.zeros(width + 1)
-    for i in range(height):
+def _slopes(p: Any, x: Any, steps: Any, offsets: Any, sign: Any, i: int) -> None:
+    """Gradient of v = ± log ξ on a row, into p (2, ...), by central differences."""
+    for j in range(x.shape[1] - 2):  # log b/a = 2 artanh((b - a)/(b + a)), over the number of steps
+        here = x[i, j + 1]
+        back, on = SINGLE(steps[0, i, j]), SINGLE(steps[0, i, j + 1])
+        a, b = here + back * (x[i, j] - here), here + on * (x[i, j + 2] - here)
+        p[0, i, j + 1] = sign * (THREE - back - on) * _artanh((b - a) / (b + a))
+        back, on = SINGLE(steps[1, i - 1, j + 1]), SINGLE(steps[1, i, j + 1])
+        a, b = here + back * (x[i - 1, j + 1] - here), here + on * (x[i + 1, j + 1] - here)
+        p[1, i, j + 1] = sign * (THREE - back - on) * _artanh((b - a) / (b + a))
+    if offsets.size > 0:
+        for j in range(x.shape[1]):
+            p[0, i, j] += offsets[0, i, j]
+            p[1, i, j] += offsets[1, i, j]
+
+
+@kernel
+def _along_row(p: Any, k: int, i: int, radius: int, windows: Any, lines: Any, sums: Any) -> None:
+    """Means of a slope along a row, in place: a window's sum is that of some of 2, 4, 8... pixels."""
+    share, odd, ends = windows
+    width, reach, at = INDEX(p.shape[2]), INDEX(radius), 0
+    span, done, length = INDEX(1), INDEX(1), width + reach + reach
+    for j in range(width):
+        lines[0, j + reach] = p[k, i, j]
+    for j in range(width):
+        lines[3, j] = lines[0, j]
+    while span <= reach:
+        to = 2 if at == 1 else 1
+        length -= span
+        for j in range(length):
+            lines[to, j] = lines[at, j] + lines[at, j + span]
+        span, at = span + span, to
+        if (reach + reach) & span:
+            for j in range(width):
+                lines[3, j] += lines[at, j + done]
+            done += span
+    for j in range(width):
+        p[k, i, j] = share[0, i, j] * lines[3, j]
+    if ends[i + 1] > ends[i]:
         for j in range(width):
-            line[j + 1] = line[j] + p[i, j]
-        for j in range(width):
-            first, last = j - reach[0, i, j], j + reach[1, i, j] + 1
-            work[i, j] = (line[last] - line[first]) / (last - first)
-        for j in range(width):
-            sums[i + 1, j] = sums[i, j] + work[i, j]
-    for i in range(height):
-        for j in range(width):
-            first, last = i - reach[2, i, j], i + reach[3, i, j] + 1
-            p[i, j] = (sums[last, j] - sums[first, j]) / (last - first)
+            sums[j + INDEX(1)] = sums[j] + lines[0, j + reach]
+        for one in range(ends[i], ends[i + 1]):
+            j = odd[one, 0]
+            p[k, i, j] = share[0, i, j] * (sums[odd[one, 2]] - sums[odd[one, 1]])
 
 
 @kernel
-def _ascend(q: Any, a: Any, b: Any, c: Any, d: Any, weight: Any, shrink: Any) -> None:
-    """q ← shrink (q + weight (a - b - c + d)) on a row."""
-    for j in range(q.size):
-        q[j] = shrink[j] * (q[j] + weight[j] * ((a[j] - b[j]) - (c[j] - d[j])))
-
-
-@kernel
-def _project(q: Any, i: int, bound: Any, factor: Any) -> None:
-    """Bring |q| ≤ bound on a row."""
-    q0, q1, q2 = q[0, i], q[1, i], q[2, i]
-    for j in range(factor.size):
-        size = np.sqrt(q0[j] * q0[j] + q1[j] * q1[j] + q2[j] * q2[j])
-        factor[j] = min(1.0, bound[j] / max(size, 1e-300))
-    for k in range(3):
-        row = q[k, i]
-        for j in range(factor.size):
-            row[j] *= factor[j]
-
-
-@kernel
-def _dual(q: Any, x: Any, weight: Any, shrink: Any, bound: Any, first: bool, factor: Any) -> None:
-    """Dual ascent on all rows; `weight` is that of the differences, 0 where one has not all its steps."""
-    for i in range(1, x.shape[0] - 1):
-        above, here, below, s = x[i - 1, 1:-1], x[i, 1:-1], x[i + 1, 1:-1], shrink[i, 1:-1]
-        q0, q1, q2 = q[0, i, 1:-1], q[1, i, 1:-1], q[2, i, 1:-1]
-        w0, w1, w2 = weight[0, i, 1:-1], weight[1, i, 1:-1], weight[2, i, 1:-1]
-        if first:
-            _ascend(q0, x[i, 2:], here, here, here, w0, s)
-            _ascend(q1, below, here, here, here, w1, s)
-        else:
-            _ascend(q0, x[i, 2:], here, here, x[i, :-2], w0, s)
-            _ascend(q1, x[i + 1, 2:], below, x[i, 2:], here, w1, s)
-            _ascend(q2, below, here, here, above, w2, s)
-        _project(q, i, bound[i], factor)
-
-
-@kernel
-def _pull(pull: Any, q: Any, i: int, scale: float, first: bool) -> None:
-    """Kᵀq on a row; q is 0 where a difference has not all its steps."""
-    q0, q1, q2, above1 = q[0, i], q[1, i], q[2, i], q[1, i - 1]
-    last = pull.size - 1
-    if first:
-        for j in range(1, last):
-            pull[j] = scale * (q0[j - 1] - q0[j] + above1[j] - q1[j])
-        return
-    above2, below2, mixed = q[2, i - 1], q[2, i + 1], np.sqrt(2) * scale
-    for j in range(1, last):
-        pull[j] = scale * (q0[j - 1] - 2 * q0[j] + q0[j + 1] + above2[j] - 2 * q2[j] + below2[j])
-    for j in range(1, last):
-        pull[j] += mixed * (q1[j] - q1[j - 1] - above1[j] + above1[j - 1])
-
-
-@kernel
-def _tilt(dark: Any, turn: Any, p: Any, metric: Any, i: int, log_c: Any, log_p: Any) -> None:
-    """C² and -∂(log C)/∂P on a row: for a Lambertian surface 1/(1 + P) and half of it."""
-    p_u, p_v, guu, guv, gvv = p[0, i], p[1, i], metric[0, i], metric[1, i], metric[2, i]
-    for j in range(dark.size):
-        raised_u, raised_v = guu[j] * p_u[j] + guv[j] * p_v[j], guv[j] * p_u[j] + gvv[j] * p_v[j]
-        dark[j] = 1 / (1 + raised_u * p_u[j] + raised_v * p_v[j])
-    for j in range(dark.size):
-        turn[j] = 0.5 * dark[j]
-    if log_c.size > 0:
-        for j in range(dark.size):
-            wanted = -np.log(dark[j])  # the table of log(1 + P) falls
-            k = min(max(log_p.size - np.searchsorted(log_p[::-1], wanted), 1), log_p.size - 1)
-            slope = (log_c[k] - log_c[k - 1]) / (log_p[k] - log_p[k - 1])
-            turn[j] = -slope * dark[j]
-            dark[j] = np.exp(2 * (log_c[k] + slope * (wanted - log_p[k])))
-
-
-@kernel
-def _limit(limit: Any, turn: Any, p: Any, metric: Any, passes: Any, i: int, safety: float) -> None:
-    """Largest τ on a row: `safety` times 2/(1 + s²), less than 1."""
-    p_u, p_v, guu, guv, gvv = p[0, i], p[1, i], metric[0, i], metric[1, i], metric[2, i]
-    pass_u, pass_v = passes[0, i], passes[1, i]
-    for j in range(limit.size):
-        along_u = abs(guu[j] * p_u[j] + guv[j] * p_v[j]) * pass_u[j]
-        along_v = abs(guv[j] * p_u[j] + gvv[j] * p_v[j]) * pass_v[j]
-        s = turn[j] * (along_u + along_v)
-        limit[j] = min(2 * safety / (1 + s * s), 0.999)
-
-
-@kernel
-def _predict(model: Any, x: Any, unit: Any, image: Any, dark: Any, sign: float, gamma: float) -> None:
-    """I_model on a row; `sign` is d log ξ/dv, `unit` is 1/ξ₀."""
-    for j in range(model.size):
-        # I_model/I = w^(1/γ), w = (d₀/d)² C, by u = w^(1/4), log u = 2 artanh z and exp(8 y) = exp(y)⁸
-        near = x[j] * unit[j]
-        near = 1 / near if sign > 0 else near
-        u = np.sqrt(near * np.sqrt(np.sqrt(dark[j])))
-        z = (u - 1) / (u + 1)
-        s = z * z
-        y = z * (1 + s * (1 / 3 + s * (1 / 5 + s * (1 / 7 + s * (1 / 9 + s / 11))))) / gamma
-        even, odd = 120 + 12 * y * y, y * (60 + y * y)
-        e = (even + odd) / (even - odd)
-        e = (e * e) * (e * e)
-        model[j] = image[j] * e * e
-
-
-@kernel
-def _descend(
-    new: Any, x: Any, image: Any, limit: Any, pull: Any, tau_p: Any, theta: float, numbers: Any
+def _along_columns(
+    out: Any, p: Any, k: int, first: int, last: int, radius: int, windows: Any, running: Any, sums: Any
 ) -> None:
-    """Data update and primal descent of a row, from the model image to the new ξ."""
-    sign, gamma, threshold, _, _ = numbers
-    for j in range(new.size):
-        residual, slope = new[j] - image[j], -2 * sign / gamma * new[j] / x[j]
-        weight = threshold / max(threshold, abs(residual))
-        c = max(weight * slope * slope, 1e-300)
-        th = min(theta * tau_p[j], limit[j] / ((1 - limit[j]) * c))
-        force = weight * residual * slope / (1 + th * c)  # (ξ - a)/θ
-        step = tau_p[j] * th / (th + tau_p[j]) * (pull[j] + force)
-        new[j] = x[j] - max(min(step, 0.5 * x[j]), -x[j])
+    """Means of a slope along columns, from the first to before the last."""
+    share, odd, ends = windows
+    begin, end, height = INDEX(first), INDEX(last), p.shape[1]
+    for j in range(begin, end):
+        running[k, j] = 0.0
+    for i in range(radius + 1):
+        for j in range(begin, end):
+            running[k, j] += p[k, min(i, height - 1), j]
+    for i in range(1, height - 1):
+        above, below = max(i - radius - 1, 0), min(i + radius, height - 1)  # both ends are 0
+        for j in range(begin, end):
+            total = running[k, j] + (p[k, below, j] - p[k, above, j])
+            running[k, j] = total
+            out[k, i, j] = share[1, i, j] * SINGLE(total)
+    if odd.size > 0:
+        for i in range(height):
+            for j in range(begin, end):
+                sums[k, i + 1, j] = sums[k, i, j] + p[k, i, j]
+        for j in range(first, last):
+            for one in range(ends[j], ends[j + 1]):
+                i, above, below = odd[one, 0], odd[one, 1], odd[one, 2]
+                out[k, i, j] = share[1, i, j] * (sums[k, below, j] - sums[k, above, j])
 
 
 @kernel
+def _strip(number: int, several: int, width: int) -> tuple[int, int, int]:
+    """Which slope and which columns, from the first to before the last, are those of a strip."""
+    half = several // 2
+    return number % 2, number // 2 * width // half, (number // 2 + 1) * width // half
+
+
+@kernel
+def _dual(q: Any, x: Any, regulariser: Any, i: int) -> None:
+    """Dual ascent on a row; `whole` is where a difference has all its steps."""
+    sigma, whole, shrink, bound, _, first = regulariser
+    for j in range(x.shape[1] - 2):
+        here, right, below = x[i, j + 1], x[i, j + 2], x[i + 1, j + 1]
+        if first:
+            by_0, by_1, by_2 = right - here, below - here, here - here
+        else:
+            by_0 = (right - here) - (here - x[i, j])
+            by_1 = ROOT * ((x[i + 1, j + 2] - below) - (right - here))
+            by_2 = (below - here) - (here - x[i - 1, j + 1])
+        rate, less = sigma[i, j + 1], shrink[i, j + 1]
+        q0 = less * (q[0, i, j + 1] + rate * SINGLE(whole[0, i, j + 1]) * by_0)
+        q1 = less * (q[1, i, j + 1] + rate * SINGLE(whole[1, i, j + 1]) * by_1)
+        q2 = less * (q[2, i, j + 1] + rate * SINGLE(whole[2, i, j + 1]) * by_2)
+        factor = min(ONE, bound[i, j + 1] / max(np.sqrt(q0 * q0 + q1 * q1 + q2 * q2), TINY))
+        q[0, i, j + 1], q[1, i, j + 1], q[2, i, j + 1] = factor * q0, factor * q1, factor * q2
+
+
+@kernel
+def _pull(pull: Any, q: Any, regulariser: Any, i: int) -> None:
+    """Kᵀq on a row; q is 0 where a difference has not all its steps."""
+    _, _, _, _, scale, first = regulariser
+    if first:
+        for j in range(pull.size - 2):
+            along = q[0, i, j] - q[0, i, j + 1]
+            pull[j + 1] = scale * (along + q[1, i - 1, j + 1] - q[1, i, j + 1])
+        return
+    for j in range(pull.size - 2):
+        along = q[0, i, j] - TWO * q[0, i, j + 1] + q[0, i, j + 2]
+        down = q[2, i - 1, j + 1] - TWO * q[2, i, j + 1] + q[2, i + 1, j + 1]
+        mixed = q[1, i, j + 1] - q[1, i, j] - q[1, i - 1, j + 1] + q[1, i - 1, j]
+        pull[j + 1] = scale * (along + down + ROOT * mixed)
+
+
+@kernel
+def _tilt(dark: Any, turn: Any, p: Any, metric: Any, table: Any, i: int) -> None:
+    """C² and -∂(log C)/∂P on a row: for a Lambertian surface 1/(1 + P) and half of it."""
+    for j in range(dark.size):
+        p_u, p_v = p[0, i, j], p[1, i, j]
+        slant = metric[0, i, j] * p_u * p_u + TWO * metric[1, i, j] * p_u * p_v + metric[2, i, j] * p_v * p_v
+        dark[j] = ONE / (ONE + slant)
+        turn[j] = HALF * dark[j]
+    if table.size > 0:
+        for j in range(dark.size):
+            place = SINGLE(TABLE_SIZE - 1) * np.sqrt(max(ONE - np.sqrt(dark[j]), TINY))
+            k = min(int(place), TABLE_SIZE - 2)
+            part = place - SINGLE(k)
+            dark[j] *= table[0, k] + part * (table[0, k + 1] - table[0, k])
+            turn[j] *= table[1, k] + part * (table[1, k + 1] - table[1, k])
+
+
+@kernel
+def _primal(i: int, theta: Any, state: Any, rows: Any, metric: Any, share: Any, data: Any, how: Any) -> None:
+    """Data update and primal descent on a row."""
+    x, rest, ahead, _, limit, p, _ = state
+    pull, dark, turn = rows
+    image, unit, pace, evidence = data
+    away, gamma, threshold, safety = how  # `away`: whether ξ grows with d
+    per_gamma, per_theta, lift = ONE / gamma, ONE / theta, HALF / safety
+    sign = -TWO / gamma if away else TWO / gamma
+    for j in range(pull.size):
+        # 1/θc = 1/τ - 1 at least, of τ = `safety` times 2/(1 + s²), less than 1
+        p_u, p_v = p[0, i, j], p[1, i, j]
+        along_u = abs(metric[0, i, j] * p_u + metric[1, i, j] * p_v) * min(ONE, PASSES * share[0, i, j])
+        along_v = abs(metric[1, i, j] * p_u + metric[2, i, j] * p_v) * min(ONE, PASSES * share[1, i, j])
+        s = turn[j] * (along_u + along_v)
+        least = max((ONE + s * s) * lift - ONE, FREE)
+        # I_model/I = w^(1/γ), w = (d₀/d)² C = u², log u = 2 artanh z, exp(4 y) = exp(y)⁴
+        here, wanted = x[i, j], image[i, j]
+        ratio, fourth = here * unit[i, j], np.sqrt(np.sqrt(dark[j]))
+        over, under = (fourth, ratio) if away else (fourth * ratio, ONE)
+        y = _artanh((over - under) / (over + under)) * per_gamma
+        even, odd = SINGLE(120) + SINGLE(12) * y * y, y * (SINGLE(60) + y * y)
+        e = (even + odd) / (even - odd)
+        model = wanted * (e * e) * (e * e)
+        # What the picture wants is the model's own value where no residual counts.
+        silent = (evidence[i, j] == NONE) | ((evidence[i, j] == AT_LEAST) & (model > wanted))
+        wanted = model if silent else wanted
+        least = FREE if silent else least
+        limit[i, j] = least
+        # The slope is that by log ξ, and what is per ξ² is times ξ²: c, 1/τ_p and 1/θ.
+        residual, slope, own = model - wanted, sign * model, pace[i, j] * here * here
+        weight = threshold / max(threshold, abs(residual))
+        c = weight * slope * slope
+        stiff = max(own * per_theta, least * c)
+        force = weight * residual * slope * stiff  # (ξ - a)/θ, times 1/θ + c
+        step = here * (pull[j] * here * (stiff + c) + force) / ((stiff + c) * (own + stiff))
+        step = max(min(step, HALF * here), -here)
+        # ξ is x and a rest too small for it.
+        less = rest[i, j] - step
+        new = here + less
+        x[i, j], rest[i, j], ahead[i, j] = new, less - (new - here), new - step
+
+
+@on_cores
 def _advance(
-    count: int, theta: float, decay: float, state: Any, grid: Any, regulariser: Any, data: Any, numbers: Any
+    xi: Any,
+    count: int,
+    theta: float,
+    decay: float,
+    state: Any,
+    radius: int,
+    slopes: Any,
+    along: Any,
+    down: Any,
+    regulariser: Any,
+    data: Any,
+    how: Any,
+    table: Any,
+    work: Any,
 ) -> float:
     """Take `count` steps, in place; return θ (in units of τ_p) after them."""
-    x, ahead, q, limit, p, work, sums = state
-    steps, shares, offsets, reach, passes, metric = grid
-    weight, shrink, bound, scale, first = regulariser
-    image, evidence, unit, tau_p, log_c, log_p = data
-    sign, gamma, _, safety, radius = numbers
-    rows = np.zeros((6, x.shape[1]))
-    factor, pull, dark, turn, new, wanted = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
+    x, _, ahead, q, _, p, other = state
+    sign, steps, offsets, metric = slopes
+    rows, lines, line_sums, running, sums = work
+    height, width = xi.shape
+    several, strips = bands(height - 2), 2 * max(width // STRIP, 1)
     for _ in range(count):
-        _slopes(x, steps, shares, offsets, p)
+        for band in prange(several):
+            begin, end = band_rows(band, 1, height - 1)
+            for i in range(begin, end):
+                _slopes(p, x, steps, offsets, sign, i)
+                _dual(q, ahead, regulariser, i)
+                if radius > 0:
+                    for k in range(2):
+                        _along_row(p, k, i, radius, along, lines[band], line_sums[band])
         if radius > 0:
-            for k in (0, 0, 1, 1):
-                _average(p[k], reach, work, sums)
-        _dual(q, ahead, weight, shrink, bound, first, factor)
-        for i in range(1, x.shape[0] - 1):
-            row = x[i]
-            _pull(pull, q, i, scale, first)
-            _tilt(dark, turn, p, metric, i, log_c, log_p)
-            _limit(limit[i], turn, p, metric, passes, i, safety)
-            _predict(new, row, unit[i], image[i], dark, sign, gamma)
-            if evidence.size > 0:
-                listen(new, image[i], evidence[i], wanted, limit[i])
-                _descend(new, row, wanted, limit[i], pull, tau_p[i], theta, numbers)
-            else:
-                _descend(new, row, image[i], limit[i], pull, tau_p[i], theta, numbers)
-            for j in range(new.size):
-                ahead[i, j] = 2 * new[j] - row[j]
-                row[j] = new[j]
+            for strip in prange(strips):
+                k, begin, end = _strip(strip, strips, width)
+                _along_columns(other, p, k, begin, end, radius, down, running, sums)
+            for band in prange(several):
+                begin, end = band_rows(band, 1, height - 1)
+                for i in range(begin, end):
+                    for k in range(2):
+                        _along_row(other, k, i, radius, along, lines[band], line_sums[band])
+            for strip in prange(strips):
+                k, begin, end = _strip(strip, strips, width)
+                _along_columns(p, other, k, begin, end, radius, down, running, sums)
+        current = SINGLE(theta)
+        for band in prange(several):
+            begin, end = band_rows(band, 1, height - 1)
+            pull, dark, turn = rows[band, 0], rows[band, 1], rows[band, 2]
+            for i in range(begin, end):
+                _pull(pull, q, regulariser, i)
+                _tilt(dark, turn, p, metric, table, i)
+                _primal(i, current, state, (pull, dark, turn), metric, along[0], data, how)
         theta = max(decay * theta, LEAST / BALANCE)
     return theta
 
 
-def _reach(steps: FloatArray, radius: int) -> Any:
-    """How far each pixel's patch extends to the left, right, up and down before a step is missing."""
-    out = np.zeros((4, *steps.shape[1:]), dtype=np.int32)
-    for axis, joined, (backward, forward) in ((1, steps[0], out[:2]), (0, steps[1], out[2:])):
-        ahead = behind = np.ones(joined.shape, dtype=bool)
-        for k in range(radius):  # the frame has no steps, so nothing comes round from the other side
-            ahead = ahead & (np.roll(joined, -k, axis) > 0)
-            behind = behind & (np.roll(joined, k + 1, axis) > 0)
-            forward += ahead
-            backward += behind
-    return out
+def _windows(joined: BoolArray, mask: BoolArray, radius: int) -> tuple[FloatArray, Any, Any]:
+    """Patches along rows: as far as steps lead, at most `radius` pixels.
+
+    Returns 1/length of each, 0 outside the mask; those that end at a cut or a hole with more of the mask
+    within the radius beyond it, as place, first and one after the last; and how many of them come before
+    each row.
+    """
+    place, size = np.arange(mask.shape[1]), mask.shape[1]
+    starts = np.where(np.roll(joined, 1, axis=1), 0, place)
+    stops = np.where(joined, size - 1, place)[:, ::-1]
+    first = np.maximum(np.maximum.accumulate(starts, axis=1), place - radius)
+    after = np.minimum(np.minimum.accumulate(stops, axis=1)[:, ::-1], place + radius) + 1
+    before = np.pad(np.cumsum(mask, axis=1), ((0, 0), (1, 0)))
+    around: Any = before[:, np.minimum(place + radius + 1, size)] - before[:, np.maximum(place - radius, 0)]
+    row, column = np.nonzero(mask & (around > after - first))
+    odd = np.stack([column, first[row, column], after[row, column]], axis=-1)
+    return mask / (after - first), odd, np.searchsorted(row, np.arange(mask.shape[0] + 1))
+
+
+def _brdf_table(photometry: Photometry) -> Any:
+    """Factors of C² and -∂(log C)/∂P, (2, n) at equal steps of √(1 - cos θ); (2, 0) if Lambertian."""
+    if photometry.slant_table() is None:
+        return np.empty((2, 0), SINGLE)
+    cosine = np.maximum(1 - np.linspace(0, 1, TABLE_SIZE) ** 2, np.cos(np.deg2rad(89.9)))
+    f, slope = photometry.brdf.value(cosine, cosine), sum(photometry.brdf.derivative(cosine, cosine))
+    return np.stack([(f / f[0]) ** 2, 1 + cosine * slope / f]).astype(SINGLE)
+
+
+def _single(*arrays: FloatArray) -> tuple[Any, ...]:
+    """Copies in single precision."""
+    return tuple(one.astype(SINGLE) for one in arrays)
 
 
 @dataclass
@@ -262,27 +345,27 @@ class _Path:
     """The state of the scheme and what its steps need, framed by one pixel."""
 
     problem: Problem
-    state: tuple[FloatArray, ...]
-    rest: tuple[Any, ...]
+    state: tuple[Any, ...]  # ξ and its rest, ξ̄, q, the least 1/θc, slopes and their averages
+    given: tuple[Any, ...]
 
     @classmethod
     def at(cls, problem: Problem, start: FloatArray, radius: int, safety: float) -> _Path:
         """Begin at a depth map, the dual at rest."""
         mask, cosine, scale = problem.mask, problem.field.cos_alpha, problem.derivative_scale
-        first, sign = problem.regulariser == "first", 1.0 if problem.xi == "d" else -1.0
+        first, away = problem.regulariser == "first", problem.xi == "d"
 
         def framed_xi(v: FloatArray) -> FloatArray:
             xi = to_xi(np.where(mask, v, 0.0), problem.xi, cosine) / problem.xi_median
             return framed(np.where(mask, xi, 1.0), 1.0)
 
         joined = links(mask, problem.cuts)
-        steps = framed(joined)
-        reach = _reach(steps, radius)
-        passes = np.minimum(1.0, 1.5 / (1 + np.stack([reach[0] + reach[1], reach[2] + reach[3]])))
-        count = steps + np.stack([np.roll(steps[0], 1, 1), np.roll(steps[1], 1, 0)])
-        shares = sign / np.maximum(count, 1)
-        beside = -np.log(np.where(mask & (problem.xi == "1/z"), cosine, 1.0))
-        offsets = np.nan_to_num(framed(np.stack(gradient(beside, mask, problem.cuts, edge_order=1))))
+        steps, inside = np.pad(joined, ((0, 0), (1, 1), (1, 1))), np.pad(mask, 1)
+        along, (share, *down) = _windows(steps[0], inside, radius), _windows(steps[1].T, inside.T, radius)
+        (shares,) = _single(np.stack([along[0], share.T]))
+        offsets = np.empty((2, 0, 0))
+        if problem.xi == "1/z":
+            beside = -np.log(np.where(mask, cosine, 1.0))
+            offsets = np.nan_to_num(framed(np.stack(gradient(beside, mask, problem.cuts, edge_order=1))))
         metric = framed(np.where(mask, np.moveaxis(problem.field.inverse_metric, -1, 0), 0.0))
 
         x, image = framed_xi(start), framed(np.where(mask, problem.image, 1.0), 1.0)
@@ -294,38 +377,67 @@ class _Path:
         sigma = 1 / ((8 if first else 64) * scale**2 * np.where(widest > 0, widest, 1.0))
         bound = framed(np.where(mask, problem.lam * problem.edge_weight, 0.0))
         shrink = np.where(bound > 0, bound / (bound + sigma * problem.epsilon), 0.0)
-        weight = np.stack([*steps, 0 * steps[0]]) if first else framed(np.stack(hessian_stencils(joined)))
-        weight[1] *= 1 if first else np.sqrt(2)
+        whole = np.stack([*joined, 0 * joined[0]] if first else hessian_stencils(joined))
+        evidence = np.full(mask.shape, EXACT, np.int8) if problem.evidence is None else problem.evidence
 
-        evidence = np.empty((0, 0)) if problem.evidence is None else framed(problem.evidence)
-        table = problem.photometry.slant_table() or (np.empty(0), np.empty(0))
-        shapes = (3, *x.shape), x.shape, (2, *x.shape), x.shape, (x.shape[0] + 1, x.shape[1])
+        (height, width), several = x.shape, bands(x.shape[0] - 2)
+        slopes = np.zeros((2, 2, height, width), SINGLE)
+        resting, limit = np.zeros((3, height, width), SINGLE), np.zeros((height, width), SINGLE)
+        state = *_single(x, x - x.astype(SINGLE), x), resting, limit, *slopes
+        numbers = problem.photometry.gamma, problem.threshold, safety
         return cls(
             problem,
-            (x, x.copy(), *map(np.zeros, shapes)),
+            state,
             (
-                (steps, shares, offsets, reach, passes, metric),
-                (sigma * scale * weight, shrink, bound, scale, first),
-                (image, evidence, 1 / framed_xi(problem.log_facing), tau_p, *table),
-                (sign, problem.photometry.gamma, problem.threshold, safety, radius),
+                radius,
+                (SINGLE(1 if away else -1), steps.astype(np.int8), *_single(offsets, metric)),
+                (shares, *along[1:]),
+                (shares, *down),
+                (
+                    *_single(sigma * scale),
+                    np.pad(whole, ((0, 0), (1, 1), (1, 1))).astype(np.int8),
+                    *_single(shrink, bound),
+                    SINGLE(scale),
+                    first,
+                ),
+                (
+                    *_single(image, 1 / framed_xi(problem.log_facing), 1 / tau_p),
+                    np.pad(evidence, 1),
+                ),
+                (away, *map(SINGLE, numbers)),
+                _brdf_table(problem.photometry),
+                (
+                    np.zeros((several, 3, width), SINGLE),
+                    np.zeros((several, 4, width + 2 * radius), SINGLE),
+                    np.zeros((several, width + 1)),
+                    np.zeros((2, width)),
+                    np.zeros((2, height + 1, width) if down[0].size else (2, 0, 0)),
+                ),
             ),
         )
 
     def advance(self, count: int, theta: float, decay: float) -> float:
         """Take steps with θ, in units of 1/c at the start; return θ after them."""
-        return BALANCE * _advance(count, theta / BALANCE, float(decay), self.state, *self.rest)
+        return BALANCE * _advance(
+            self.state[0], count, theta / BALANCE, float(decay), self.state, *self.given
+        )
+
+    @property
+    def x(self) -> FloatArray:
+        """ξ in units of its median, framed."""
+        return self.state[0].astype(np.float64) + self.state[1]
 
     @property
     def log_distance(self) -> FloatArray:
         """v = log d, (H, W)."""
         problem = self.problem
-        xi = np.where(problem.mask, self.state[0][1:-1, 1:-1] * problem.xi_median, 1.0)
+        xi = np.where(problem.mask, self.x[1:-1, 1:-1] * problem.xi_median, 1.0)
         return from_xi(xi, problem.xi, np.where(problem.mask, problem.field.cos_alpha, 1.0))
 
     def share(self, theta: float) -> float:
         """Part of the way to its data that a pixel went in the last step, on average, c as at first."""
-        limit = self.state[3][1:-1, 1:-1][self.problem.mask]
-        t = np.minimum(limit / (1 - limit), theta)  # θc
+        limit = self.state[4][1:-1, 1:-1][self.problem.mask].astype(np.float64)
+        t = np.minimum(1 / limit, theta)  # θc
         return float(np.mean(t / (1 + t) * BALANCE / (BALANCE + t)))
 
 

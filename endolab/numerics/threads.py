@@ -14,10 +14,9 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, update_wrapper
-from pathlib import Path
 from types import FunctionType
 from typing import Any
 
@@ -32,7 +31,7 @@ ROWS = 16  # of a band
 
 # Turns, some microseconds, that a thread waits for the next loop before it sleeps. OpenMP's own choice,
 # milliseconds, takes the cores from other programs, and from the very threads that are waited for.
-os.environ.setdefault("GOMP_SPINCOUNT", "10000")
+os.environ.setdefault("GOMP_SPINCOUNT", "100")
 
 _limit: ContextVar[int | None] = ContextVar("limit", default=None)
 _cores = threading.Lock()
@@ -52,11 +51,9 @@ if hasattr(os, "register_at_fork"):
 @cache
 def cores() -> int:
     """How many cores this process may keep busy, by its affinity and its container's share of time."""
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    with suppress(OSError, ValueError):
-        quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
-        count = min(count, -(-int(quota) // int(period)))  # "max" is no number: no limit
-    return max(count, 1)
+    from joblib import cpu_count  # half a second that only what solves need wait for
+
+    return int(cpu_count())
 
 
 def threads() -> int:

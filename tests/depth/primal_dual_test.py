@@ -8,12 +8,13 @@ from scipy import ndimage
 
 import endolab as el
 from endolab.depth.energy import energy_terms, model_image
-from endolab.depth.primal_dual import _average, _Path, primal_dual
+from endolab.depth.primal_dual import _along_columns, _along_row, _Path, _windows, primal_dual
 from endolab.depth.problem import Problem
 from endolab.model.surface import slant
-from endolab.numerics.derivatives import gradient
-from tests.depth.primal_dual_model import PrimalDualModel
-from tests.tools.problems import energies, errors_of, papers_regulariser, papers_variant, problem_of
+from endolab.numerics.derivatives import gradient, links
+from endolab.numerics.threads import limited_threads
+from tests.depth.primal_dual_model import PrimalDualModel, patch_means
+from tests.tools.problems import SHEET, energies, errors_of, papers_regulariser, papers_variant, problem_of
 
 CAMERA = el.Pinhole(19, 15, 9.0, 10.4, 8.8, 7.1)
 
@@ -45,20 +46,51 @@ def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius)
         assert path.advance(1, theta, 0.9) == pytest.approx(0.9 * theta)
         twin.step(theta)
     inside = problem.mask
-    np.testing.assert_allclose(path.log_distance[inside], twin.v[inside], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(path.log_distance[inside], twin.v[inside], rtol=0, atol=3e-6)
     assert np.abs(twin.v - v)[inside].max() > 1e-3
-    np.testing.assert_allclose(path.state[3][1:-1, 1:-1][inside], twin.limit[inside], rtol=1e-8)
-    np.testing.assert_allclose(path.state[2][: len(twin.q), 1:-1, 1:-1], twin.q, rtol=0, atol=1e-10)
+    limit = 1 / (1 + path.state[4][1:-1, 1:-1][inside])
+    np.testing.assert_allclose(limit, twin.limit[inside], rtol=1e-4)
+    np.testing.assert_allclose(path.state[3][: len(twin.q), 1:-1, 1:-1], twin.q, rtol=0, atol=1e-6)
 
 
-def test_another_brdf_than_a_lambertian_one(rng):
-    problem, v = holed(rng, el.Glossy(0.5, 0.02, 8.0), lam=0.3)
+@pytest.mark.parametrize(("brdf", "off"), [(el.Glossy(0.5, 0.02, 8.0), 3e-6), (SHEET, 1e-3)])
+def test_another_brdf_than_a_lambertian_one(rng, brdf, off):
+    problem, v = holed(rng, brdf, lam=0.3)
     path, twin = _Path.at(problem, v, 1, 0.8), PrimalDualModel(problem, v, 1, 0.8)
     for _ in range(3):
         path.advance(1, 1.0, 1.0)
         twin.step(1.0)
-    inside = problem.mask  # its table is interpolated
-    np.testing.assert_allclose(path.log_distance[inside], twin.v[inside], rtol=0, atol=1e-4)
+    differs = np.abs(path.log_distance - twin.v)[problem.mask]
+    assert np.median(differs) < 1e-6
+    assert differs.max() < off  # the slope of a sheet's BRDF jumps within a cell of the table
+
+
+def test_steps_less_than_the_last_digit_add_up():
+    problem, _ = problem_of("plane", 40, lam=1e-9)
+    apart = np.zeros_like(problem.mask)
+    apart[2::9, 2::9] = True
+    problem = replace(problem, mask=problem.mask & apart)
+    start = problem.log_facing + 1e-5  # a step goes a thousandth of this
+    path, twin = _Path.at(problem, start, 0, 0.7), PrimalDualModel(problem, start, 0, 0.7)
+    path.advance(100, 1e-3, 1.0)
+    for _ in range(100):
+        twin.step(1e-3)
+    gone, expected = ((v - start)[problem.mask] for v in (path.log_distance, twin.v))
+    assert np.median(expected) < -5e-7
+    np.testing.assert_allclose(np.mean(gone), np.mean(expected), rtol=0.05)
+
+
+@papers_regulariser
+def test_steps_are_the_same_bit_for_bit_on_any_number_of_threads(rng, regulariser):
+    problem, _ = problem_of("colon", xi="1/z", regulariser=regulariser, lam=0.1)
+    problem = replace(problem, cuts=rng.random((2, *problem.mask.shape)) < 0.02)
+    paths = [_Path.at(problem, problem.log_facing, 4, 0.7) for _ in range(2)]
+    for path, count in zip(paths, (1, 2), strict=True):
+        with limited_threads(count):
+            path.advance(20, 1.0, 1.0)
+    for one, other in zip(paths[0].state, paths[1].state, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert np.abs(paths[0].log_distance - problem.log_facing)[problem.mask].max() > 0.01
 
 
 def test_the_gain_is_that_of_the_picard_map(rng):
@@ -86,23 +118,45 @@ def test_the_gain_is_that_of_the_picard_map(rng):
     assert all(rate(picard, v, rng.uniform(-1, 1, v.shape)) < gain for _ in range(20))
 
 
+def averaged(slope, mask, cuts, radius):
+    """Means of a framed map over patches, by the compiled loops."""
+    joined, inside = np.pad(links(mask, cuts), ((0, 0), (1, 1), (1, 1))), np.pad(mask, 1)
+    along, (share, *down) = _windows(joined[0], inside, radius), _windows(joined[1].T, inside.T, radius)
+    height, width = inside.shape
+    shares = np.stack([along[0], share.T]).astype(np.float32)
+    lines, sums = np.zeros((4, width + 2 * radius), np.float32), np.zeros((1, height + 1, width))
+    p, out = slope[None].astype(np.float32), np.zeros((1, height, width), np.float32)
+    for i in range(1, height - 1):
+        _along_row(p, 0, i, radius, (shares, *along[1:]), lines, np.zeros(width + 1))
+    for first, last in ((0, width // 3), (width // 3, width)):
+        _along_columns(out, p, 0, first, last, radius, (shares, *down), np.zeros((1, width)), sums)
+    return out[0]
+
+
+@pytest.mark.parametrize("radius", [1, 2, 5, 7, 16, 50])
+def test_patches_end_where_a_step_is_missing(rng, radius):
+    problem, _ = holed(rng)
+    slope = np.where(problem.mask, rng.normal(size=problem.mask.shape), 0)
+    found = averaged(np.pad(slope, 1), problem.mask, problem.cuts, radius)[1:-1, 1:-1]
+    expected = patch_means(slope, problem, radius)
+    np.testing.assert_allclose(found[problem.mask], expected[problem.mask], rtol=0, atol=2e-6)
+    assert not found[~problem.mask].any()
+
+
 @pytest.mark.parametrize("radius", [1, 2, 5, 16])
 def test_a_patch_passes_no_more_of_any_ripple_than_said(radius):
-    width, height = 160, 3
-    reach = np.zeros((4, height, width), dtype=np.int32)
-    reach[0] = np.minimum(np.arange(width), radius)
-    reach[1] = reach[0, :, ::-1]
+    width, mask = 160, np.ones((3, 160), dtype=bool)
     n = 2 * radius + 1
     for wave in np.linspace(0.01, np.pi, 300):
         passed = np.empty((2, width))
         for phase in (0, 1):
             ripple = np.sin(wave * np.arange(-1, width + 1) + phase * np.pi / 2)
-            slope = np.repeat(0.5 * (ripple[2:] - ripple[:-2])[None], height, axis=0)
+            slope = np.pad(np.repeat(0.5 * (ripple[2:] - ripple[:-2])[None], 3, axis=0), 1)
             for _ in range(2):
-                _average(slope, reach, np.empty(slope.shape), np.zeros((height + 1, width + 1)))
-            passed[phase] = slope[1]
+                slope = averaged(slope, mask, None, radius)
+            passed[phase] = slope[2, 1:-1]
         inner = np.hypot(*passed)[2 * radius : width - 2 * radius]
-        assert inner.max() <= min(1, 1.5 / n) + 1e-12
+        assert inner.max() <= min(1, 1.5 / n) + 1e-6
 
 
 @pytest.mark.parametrize(("safety", "stays"), [(0.9, True), (6.0, False)])
