@@ -10,12 +10,12 @@ no paler than the tissue elsewhere.
 
 import cv2
 import numpy as np
-from scipy.ndimage import percentile_filter
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.ranks import window_percentile
 from endolab.preprocessing.frame import QUIET, noise_level
 
 # Sizes are shares of the width of what the endoscope shows, amounts are mirrored light over the tissue's.
@@ -66,7 +66,7 @@ def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
     small = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
     ratio = small / np.maximum(small[..., :1], 1e-4)
     width = _odd(AROUND * wide / step)
-    pale = np.stack([percentile_filter(ratio[..., c], 75, size=width, mode="nearest") for c in range(3)], -1)
+    pale = np.stack([window_percentile(ratio[..., c], 75, width) for c in range(3)], axis=-1)
     return np.asarray(cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR), dtype=np.float64)
 
 
