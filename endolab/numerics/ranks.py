@@ -23,6 +23,20 @@ def sorted_places(values: FloatArray) -> IntArray:
     return places
 
 
+def nth_lowest(values: FloatArray, nth: int) -> float:
+    """The value that sorting would put at `nth`, from 0."""
+    return float(np.partition(values, nth)[nth])
+
+
+def median(values: FloatArray) -> float:
+    """Median of values (n,), as NumPy's, which asks for both in the middle at once, more slowly."""
+    middle = values.size // 2
+    parted = np.partition(values, middle)
+    if values.size % 2:
+        return float(parted[middle])
+    return float((parted[:middle].max() + parted[middle]) / 2)
+
+
 @kernel
 def _select(a: FloatArray, first: int, last: int, nth: int) -> float:
     """Put the value that sorting would at `nth` there, of `a` from `first` to before `last` (Hoare)."""

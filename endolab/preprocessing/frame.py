@@ -12,6 +12,7 @@ from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import mask_array, owned, real_array
+from endolab.numerics.ranks import nth_lowest
 
 DARK = 4 / 255  # below this rounding and noise say more than the surface does
 MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
@@ -128,8 +129,8 @@ class Frame:
 
         share, masked = shrunk(self.mask), self.mask if self.image.ndim == 2 else self.mask[..., None]
         light = shrunk(np.where(masked, self.image, 0.0) ** gamma)
-        plain = shrunk(np.clip(np.nan_to_num(self.image), 0, 1) ** gamma)
         kept = (share >= 0.5) if light.ndim == 2 else (share >= 0.5)[..., None]
+        plain = light if kept.all() else shrunk(np.clip(np.nan_to_num(self.image), 0, 1) ** gamma)
         whole = share if light.ndim == 2 else share[..., None]
         mean = np.where(kept, light / np.where(kept, whole, 1.0), plain)
         silent = None if self.silent is None else shrunk(self.silent) > 0
@@ -171,6 +172,9 @@ def field_of_view(image: FloatArray) -> BoolArray:
     All True if there is no such frame. Else two pixels narrower than the bright part, since lenses and
     codecs blur its edge, and without bright islands (text) in the frame.
     """
+    border = (image[0], image[-1], image[:, 0], image[:, -1])
+    if not any((side < FRAME).any() for side in border):
+        return np.ones(image.shape, dtype=bool)
     rim = np.pad(image < FRAME, 1, constant_values=True)
     labels = cv2.connectedComponents(rim.astype(np.uint8), connectivity=4)[1]
     frame = (labels == labels[0, 0])[1:-1, 1:-1]
@@ -198,7 +202,7 @@ def noise_level(image: FloatArray, mask: BoolArray) -> float:
     if not inside.any():
         return 0.0
     size = np.abs(cv2.filter2D(np.where(mask, image, 0.0), -1, kernel)[inside])
-    return float(size[size <= np.quantile(size, 0.8)].mean() / 0.5586)
+    return float(size[size <= nth_lowest(size, int(0.8 * (size.size - 1)))].mean() / 0.5586)
 
 
 def looks_like_depth(image: FloatArray) -> bool:

@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import kernel
-from endolab.numerics.ranks import window_percentile
+from endolab.numerics.ranks import median, window_percentile
 from endolab.preprocessing.frame import QUIET, noise_level
 
 # Sizes are shares of the width of what the endoscope shows, amounts are mirrored light over the tissue's.
@@ -190,7 +190,7 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
     if image.ndim == 3:
         colour = _palest_colour(calm.astype(np.float64), wide)
         least = np.minimum(np.minimum(colour[..., 0], colour[..., 1]), colour[..., 2])
-        coloured = float(np.median(least[mask])) < COLOURLESS
+        coloured = median(least[mask]) < COLOURLESS
         if coloured:
             _split(white, doubt, light, colour, spread)
         # Blue and green differ most between lamp and tissue; red may be saturated.

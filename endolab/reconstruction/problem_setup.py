@@ -16,6 +16,7 @@ from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, whole
 from endolab.numerics.memory import check_memory
+from endolab.numerics.ranks import median
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
 from endolab.preprocessing.highlights import check_highlights, find_highlights, inpaint
 
@@ -82,9 +83,10 @@ def make_problems(
     if found.any():
         picture = inpaint(picture, found, known)
     silent = found if highlights == "ignore" else silent
+    treated = replace(frame, image=picture)
     problems = []
     for wanted in channels:
-        name, image = replace(frame, image=picture).channel(wanted)
+        name, image = treated.channel(wanted)
         one = photometry.simplified().channel(name)
         seen = frame.seen(image) & camera.field.valid
         clipped = image >= BRIGHT
@@ -152,7 +154,7 @@ def in_units(problem: Problem) -> Problem:
     """Choose the gain, if it is not known, that makes the median of d₀ one unit."""
     if problem.metric:
         return problem
-    factor = 1 / float(np.median(np.exp(problem.log_facing[problem.mask])))
+    factor = 1 / median(np.exp(problem.log_facing[problem.mask]))
     gain = (problem.photometry.gain or 1.0) * factor**2
     return replace(problem, photometry=replace(problem.photometry, gain=gain))
 

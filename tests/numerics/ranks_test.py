@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy import ndimage
 
-from endolab.numerics.ranks import medians, sorted_places, window_percentile
+from endolab.numerics.ranks import median, medians, nth_lowest, sorted_places, window_percentile
 
 
 @pytest.mark.parametrize("different", [2, 100, 10**9])
@@ -17,6 +17,13 @@ def test_sorted_places_are_those_of_a_stable_sort(rng, different):
 def test_places_of_few():
     assert_array_equal(sorted_places(np.array([])), [])
     assert_array_equal(sorted_places(np.array([3.0])), [0])
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 1000])
+def test_a_median_and_the_nth_lowest_are_numpys(rng, count):
+    values = rng.normal(size=count)
+    assert median(values) == np.median(values)
+    assert [nth_lowest(values, nth) for nth in range(count)] == np.sort(values).tolist()
 
 
 @pytest.mark.parametrize("different", [3, 10**9])
