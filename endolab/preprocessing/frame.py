@@ -13,6 +13,7 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import mask_array, owned, real_array
 from endolab.numerics.ranks import nth_lowest
+from endolab.numerics.side_by_side import by_rows
 
 DARK = 4 / 255  # below this rounding and noise say more than the surface does
 MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
@@ -128,7 +129,7 @@ class Frame:
             return np.asarray(resized, dtype=np.float64)
 
         share, masked = shrunk(self.mask), self.mask if self.image.ndim == 2 else self.mask[..., None]
-        light = shrunk(np.where(masked, self.image, 0.0) ** gamma)
+        light = shrunk(power(np.where(masked, self.image, 0.0), gamma))
         kept = (share >= 0.5) if light.ndim == 2 else (share >= 0.5)[..., None]
         plain = light if kept.all() else shrunk(np.clip(np.nan_to_num(self.image), 0, 1) ** gamma)
         whole = share if light.ndim == 2 else share[..., None]
@@ -224,8 +225,22 @@ def smooth_light(image: FloatArray, mask: BoolArray, gamma: float, sigma: float)
     """
     if sigma <= 0:
         return image
-    light = cv2.GaussianBlur(
-        np.where(mask, image, 0.0) ** gamma, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT
-    )
+    light = power(np.where(mask, image, 0.0), gamma)
+    light = cv2.GaussianBlur(light, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
     share = cv2.GaussianBlur(mask.astype(np.float64), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-    return np.where(mask, np.maximum(light / np.where(mask, share, 1.0), 0.0) ** (1 / gamma), image)
+    out = np.empty(image.shape)
+
+    def stored(rows: slice) -> None:
+        inside = mask[rows]
+        mean = np.maximum(light[rows] / np.where(inside, share[rows], 1.0), 0.0)
+        out[rows] = np.where(inside, mean ** (1 / gamma), image[rows])
+
+    by_rows(stored, mask.shape)
+    return out
+
+
+def power(a: FloatArray, exponent: float) -> FloatArray:
+    """Return a picture's values (H, W) or (H, W, 3) to a power."""
+    out = np.empty(a.shape)
+    by_rows(lambda rows: np.power(a[rows], exponent, out=out[rows]), a.shape)
+    return out

@@ -19,7 +19,7 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import kernel
 from endolab.numerics.ranks import median, window_percentile
-from endolab.preprocessing.frame import QUIET, noise_level
+from endolab.preprocessing.frame import QUIET, noise_level, power
 
 # Sizes are shares of the width of what the endoscope shows, amounts are mirrored light over the tissue's.
 SMALL, LARGE = 1 / 100, 1 / 30  # half the width of highlights: most, and the largest
@@ -181,10 +181,10 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
         return np.zeros(mask.shape, dtype=bool)
     wide = float(np.ptp(np.nonzero(mask.any(axis=0))[0]) + 1)
     filled = extended(np.clip(np.nan_to_num(image), 0, 1), mask)
-    light = filled**gamma
+    light = power(filled, gamma)
     calm = cv2.medianBlur(light.astype(np.float32), 3)
     noise = max(noise_level(filled if filled.ndim == 2 else filled[..., 1], mask), QUIET)
-    spread = gamma * np.maximum(filled, 0.05) ** (gamma - 1) * noise
+    spread = gamma * power(np.maximum(filled, 0.05), gamma - 1) * noise
     white, doubt = np.full(mask.shape, np.inf), np.ones(mask.shape)
     coloured = False
     if image.ndim == 3:

@@ -17,6 +17,7 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, whole
 from endolab.numerics.memory import check_memory
 from endolab.numerics.ranks import median
+from endolab.numerics.side_by_side import side_by_side
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
 from endolab.preprocessing.highlights import check_highlights, find_highlights, inpaint
 
@@ -84,8 +85,8 @@ def make_problems(
         picture = inpaint(picture, found, known)
     silent = found if highlights == "ignore" else silent
     treated = replace(frame, image=picture)
-    problems = []
-    for wanted in channels:
+
+    def prepared(wanted: str | None) -> Problem:
         name, image = treated.channel(wanted)
         one = photometry.simplified().channel(name)
         seen = frame.seen(image) & camera.field.valid
@@ -110,8 +111,9 @@ def make_problems(
             settings=settings,
             **options,
         )
-        problems.append(in_units(problem))
-    return problems
+        return in_units(problem)
+
+    return side_by_side(prepared, channels, frame.width * frame.height)
 
 
 def two_sizes(
