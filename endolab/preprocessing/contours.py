@@ -20,6 +20,7 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import kernel
 from endolab.numerics.derivatives import REFERENCE_WIDTH
 from endolab.numerics.ranks import medians, sorted_places
+from endolab.numerics.side_by_side import side_by_side
 
 BLUR = 1.5  # of log d₀, in 1/320 of the picture's width
 SHALLOW = 0.005  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the width
@@ -93,8 +94,9 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     """
     unit = mask.shape[1] / REFERENCE_WIDTH
     blur, steepness = max(BLUR * unit, 0.3), np.zeros((2, *mask.shape))
-    share = cv2.GaussianBlur(mask.astype(np.float64), (0, 0), blur)
-    smooth = cv2.GaussianBlur(np.where(mask, log_facing, 0.0), (0, 0), blur) / np.maximum(share, 1e-6)
+    maps = (np.where(mask, log_facing, 0.0), mask.astype(np.float64))
+    light, share = side_by_side(lambda a: cv2.GaussianBlur(a, (0, 0), blur), maps, mask.size)
+    smooth = light / np.maximum(share, 1e-6)
     slope = np.asarray(np.hypot(*np.gradient(smooth)) * unit) if min(mask.shape) > 1 else np.zeros(mask.shape)
     region, count = _basins(slope, mask)
     places, pairs = [], []
@@ -111,7 +113,9 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     along = np.concatenate([slope[where] for where in places])
     steep = medians(along, line, both.shape[1])
     steep[_joins_a_limb(both, region, count, log_facing, LIMB * unit)] = 0.0
-    for found, where, those in zip(steepness, places, np.split(steep[line], [places[0][0].size]), strict=True):
+    for found, where, those in zip(
+        steepness, places, np.split(steep[line], [places[0][0].size]), strict=True
+    ):
         found[where] = those
     return steepness
 

@@ -72,11 +72,12 @@ class Frame:
             object.__setattr__(self, "silent", owned(silent))
         if not mask.any():
             raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
-        used = image[mask]
-        if not np.all(np.isfinite(used)):
+        used = image if mask.all() else image[mask]
+        least, most = used.min(), used.max()  # nan if one is
+        if not np.isfinite([least, most]).all():
             raise ValueError(f"{self.name}: the picture holds values that are not finite")
-        if used.min() < 0 or used.max() > 1:
-            found = f"{used.min():.4g} to {used.max():.4g}"
+        if least < 0 or most > 1:
+            found = f"{least:.4g} to {most:.4g}"
             bytes_said = "; divide bytes by 255" if np.asarray(self.image).dtype == np.uint8 else ""
             raise ValueError(f"{self.name}: values must lie in [0, 1], found {found}{bytes_said}")
         # The caller's buffer may be that of the next frame soon.
@@ -225,8 +226,9 @@ def smooth_light(image: FloatArray, mask: BoolArray, gamma: float, sigma: float)
     """
     if sigma <= 0:
         return image
-    light = power(np.where(mask, image, 0.0), gamma)
-    light = cv2.GaussianBlur(light, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+    light = cv2.GaussianBlur(
+        power(np.where(mask, image, 0.0), gamma), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT
+    )
     share = cv2.GaussianBlur(mask.astype(np.float64), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
     out = np.empty(image.shape)
 

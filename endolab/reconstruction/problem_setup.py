@@ -81,10 +81,10 @@ def make_problems(
     picture, known = frame.image, frame.mask & camera.field.valid
     silent = np.zeros_like(known) if frame.silent is None else frame.silent
     found = silent if highlights == "keep" else silent | find_highlights(picture, known, photometry.gamma)
+    treated = frame
     if found.any():
-        picture = inpaint(picture, found, known)
+        treated = replace(frame, image=inpaint(picture, found, known))
     silent = found if highlights == "ignore" else silent
-    treated = replace(frame, image=picture)
 
     def prepared(wanted: str | None) -> Problem:
         name, image = treated.channel(wanted)

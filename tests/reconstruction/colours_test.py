@@ -101,7 +101,9 @@ def test_white_walls_have_no_colour(known):
 def test_derivatives_are_those_of_differences(known, x, albedo):
     """Of a disagreement that has small and large parts, in places of which S/E is at its most."""
     patches = shown(known, Light(ALBEDO, 1.1, 0.6, 0.2), texture=0.3)
-    patches = replace(patches, direct=patches.direct * np.where(np.arange(patches.direct.shape[1]) % 9, 1, 1e-3))
+    patches = replace(
+        patches, direct=patches.direct * np.where(np.arange(patches.direct.shape[1]) % 9, 1, 1e-3)
+    )
     apart = colours._Disagreement(patches, Belief.of(0.3), 0.4)
     x = np.array([*x, *np.log(albedo)])
     for i, column in enumerate(apart.jacobian(x).T):
