@@ -79,7 +79,9 @@ def _medians(values: FloatArray, labels: NDArray, count: int) -> FloatArray:
             middle = (start + end - 1) // 2
             low = high = _select(grouped, start, end, middle)
             if (end - start) % 2 == 0:
-                high = grouped[middle + 1 : end].min()
+                high = grouped[middle + 1]
+                for i in range(middle + 2, end):
+                    high = min(high, grouped[i])
             out[label] = (low + high) / 2
     return out
 
@@ -90,18 +92,18 @@ def medians(values: FloatArray, labels: NDArray, count: int) -> FloatArray:
 
 
 @kernel
-def _slide(order: IntArray, width: int, nth: int, out: IntArray) -> None:
+def _slide(order: IntArray, count: IntArray, width: int, nth: int, out: IntArray) -> None:
     """Nth lowest, from 0, of whole numbers in a square window, which is moved to and fro.
 
     How many of each number the window holds is counted, and kept as it moves (Huang, Yang, Tang, "A fast
-    two-dimensional median filtering algorithm", 1979). `order` is larger than `out` by a window less one.
+    two-dimensional median filtering algorithm", 1979). `order` is larger than `out` by a window less one,
+    `count` zero, with a place for each number.
     """
-    count = np.zeros(order.max() + 1, np.int64)
     rows, columns = out.shape
     at = below = 0
     for k in range(width):
-        for one in order[k, :width]:
-            count[one] += 1
+        for column in range(width):
+            count[order[k, column]] += 1
     for row in range(rows):
         for step in range(columns):
             back = row % 2
@@ -133,5 +135,6 @@ def window_percentile(a: FloatArray, percent: float, width: int) -> FloatArray:
     values, order = np.unique(np.pad(a, width // 2, mode="edge"), return_inverse=True)
     found = np.empty(a.shape, np.int64)
     nth = min(int(width**2 * percent / 100), width**2 - 1)
-    _slide(order.reshape(a.shape[0] + width - 1, a.shape[1] + width - 1), width, nth, found)
+    order = order.reshape(a.shape[0] + width - 1, a.shape[1] + width - 1)
+    _slide(order, np.zeros(values.size, np.int64), width, nth, found)
     return np.asarray(values[found], dtype=np.float64)
