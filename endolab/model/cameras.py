@@ -9,7 +9,7 @@ centre of the top-left pixel.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,8 @@ from endolab.model.ranges import check_range
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, real_array
 from endolab.numerics.roots import invert_increasing, smallest_positive_root
+
+KEPT = 2  # sizes to which a camera was resampled last, with their ray fields: one wanted, and a coarse one
 
 
 @dataclass(frozen=True)
@@ -156,9 +158,22 @@ class Camera:
         return RayField(rays, jacobian, inverse, valid)
 
     def resize(self, width: int, height: int) -> Self:
-        """Return the camera of the same picture resampled to another size, px; its outer edges stay."""
-        scale = np.array([width / self.width, height / self.height])
-        return self._transformed(scale, 0.5 * scale - 0.5, width, height)
+        """Return the camera of the same picture resampled to another size, px; its outer edges stay.
+
+        The same one as before, if this size was asked for lately: its ray field is computed once.
+        """
+        resized: Self | None = self._resized.get((width, height))
+        if resized is None:
+            scale = np.array([width / self.width, height / self.height])
+            resized = self._transformed(scale, 0.5 * scale - 0.5, width, height)
+            for last in list(self._resized)[: 1 - KEPT]:
+                self._resized.pop(last, None)
+            self._resized[width, height] = resized
+        return resized
+
+    @cached_property
+    def _resized(self) -> dict[tuple[int, int], Any]:
+        return {}
 
     def crop(self, left: int, top: int, width: int, height: int) -> Self:
         """Return the camera of a window of the picture: first column and row that are kept, and size, px.

@@ -24,16 +24,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
 from endolab.model.cameras import RayField
 from endolab.model.surface import normals_from_gradient, slant
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.compiled import kernel
 from endolab.numerics.derivatives import gradient
+from endolab.numerics.threads import band_rows, bands, on_cores
 
 PATCHES = 500  # of the picture; twice as many change S/E by a hundredth
 STEEPEST = 0.1  # cos θ below which a pixel's surface is a fold's edge rather than a wall
@@ -47,40 +49,73 @@ GRAZING = 1e-3  # cos α below which a lamp's light no longer falls
 MOST = 20.0  # S/E, beyond which it says that the lamp hardly reaches the wall
 
 
-@kernel
+@on_cores
+def _fill_exchange(
+    factors: FloatArray,
+    x: FloatArray,
+    n: FloatArray,
+    area: FloatArray,
+    cell: Any,
+    shares: FloatArray,
+    limit: FloatArray,
+) -> None:
+    """F between patches at x, (3, N), with normals n, (3, N), into `factors`, zero, (N, N).
+
+    `cell` (2, N) is where they lie on the grid of `limit`, the inverse of how far a chord reaches before a
+    wall blocks it; `shares` of a way in so many steps are k/steps at [steps, k].
+    """
+    count = len(area)
+    x0, x1, x2 = x
+    n0, n1, n2 = n
+    rows, columns = cell
+    inverse = 1 / np.sqrt(x0**2 + x1**2 + x2**2)
+    total = bands(count)
+    # Row i has i pairs: a band from the start and one from the end together are as long as any other two.
+    for couple in numba.prange((total + 1) // 2):
+        facing = np.empty(count)
+        for half in range(2):
+            band = total - 1 - couple if half else couple
+            if half and band == couple:
+                continue
+            first, end = band_rows(band, 0, count)
+            for i in range(first, end):
+                a0, a1, a2, m0, m1, m2 = x0[i], x1[i], x2[i], n0[i], n1[i], n2[i]
+                own = area[i]
+                for j in range(i):
+                    d0, d1, d2 = x0[j] - a0, x1[j] - a1, x2[j] - a2
+                    square = d0 * d0 + d1 * d1 + d2 * d2
+                    here, there = m0 * d0 + m1 * d1 + m2 * d2, -(n0[j] * d0 + n1[j] * d1 + n2[j] * d2)
+                    # A patch is no point: half of each area bounds the share that its neighbour gets.
+                    both = here * there / (square * (np.pi * square + 0.5 * (own + area[j])))
+                    facing[j] = both if min(here, there) > 0.0 else 0.0
+                row, column, near = rows[i], columns[i], inverse[i]
+                for j in range(i):
+                    if facing[j] > 0.0:
+                        down, across, change = rows[j] - row, columns[j] - column, inverse[j] - near
+                        steps = max(abs(down), abs(across))
+                        share = shares[steps]
+                        k = 1
+                        # In a picture 1/distance is nearly linear along a straight chord.
+                        while k < steps:
+                            at = limit[
+                                int(np.rint(row + share[k] * down)), int(np.rint(column + share[k] * across))
+                            ]
+                            if near + share[k] * change < at:
+                                break
+                            k += 1
+                        if k >= steps:
+                            factors[i, j], factors[j, i] = facing[j] * area[j], facing[j] * own
+
+
 def _exchange(
     x: FloatArray, n: FloatArray, area: FloatArray, cell: FloatArray, nearest: FloatArray
 ) -> FloatArray:
     """F between patches at x (mm) with normals n; `cell` is where they lie on the grid of `nearest` walls."""
-    count = len(x)
-    factors = np.zeros((count, count))
-    for i in range(count):
-        reach_i = np.sqrt(x[i, 0] ** 2 + x[i, 1] ** 2 + x[i, 2] ** 2)
-        for j in range(i):
-            along = x[j] - x[i]
-            square = along[0] ** 2 + along[1] ** 2 + along[2] ** 2
-            if square == 0.0:
-                continue
-            cos_i = (n[i, 0] * along[0] + n[i, 1] * along[1] + n[i, 2] * along[2]) / np.sqrt(square)
-            cos_j = -(n[j, 0] * along[0] + n[j, 1] * along[1] + n[j, 2] * along[2]) / np.sqrt(square)
-            if cos_i <= 0.0 or cos_j <= 0.0:
-                continue
-            reach_j = np.sqrt(x[j, 0] ** 2 + x[j, 1] ** 2 + x[j, 2] ** 2)
-            steps = int(max(abs(cell[j, 0] - cell[i, 0]), abs(cell[j, 1] - cell[i, 1])))
-            blocked = False
-            for k in range(1, steps):
-                share = k / steps
-                row = int(np.rint(cell[i, 0] + share * (cell[j, 0] - cell[i, 0])))
-                column = int(np.rint(cell[i, 1] + share * (cell[j, 1] - cell[i, 1])))
-                # In a picture 1/distance is nearly linear along a straight chord.
-                chord = 1 / ((1 - share) / reach_i + share / reach_j)
-                if chord > NEARER * nearest[row, column]:
-                    blocked = True
-                    break
-            if not blocked:
-                # A patch is no point: half of each area bounds the share that its neighbour gets.
-                share = cos_i * cos_j / (np.pi * square + 0.5 * (area[i] + area[j]))
-                factors[i, j], factors[j, i] = share * area[j], share * area[i]
+    factors, most = np.zeros((len(x), len(x))), max(nearest.shape)
+    shares = np.arange(most) / np.maximum(np.arange(most), 1)[:, None]
+    maps = (np.ascontiguousarray(a.T) for a in (x, n))
+    places = np.ascontiguousarray(cell.T, dtype=np.int64)
+    _fill_exchange(factors, *maps, area, places, shares, 1 / (NEARER * nearest))
     return factors
 
 
@@ -195,31 +230,43 @@ class Walls:
     def inflation(self, albedo: ArrayLike) -> FloatArray:
         """S/E of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
         light = self.bounced(albedo)
-        if light.ndim == 1:
-            return self._spread(light)
-        return np.stack([self._spread(one) for one in light.T], axis=-1)
+        spread = self._spread(light.reshape(len(light), -1))
+        return spread[..., 0] if light.ndim == 1 else spread
 
     def _spread(self, bounced: FloatArray) -> FloatArray:
-        coarse, known = np.zeros(self.seen.shape), self.seen.astype(np.float64)
-        coarse[self.seen] = bounced[: int(self.seen.sum())]
+        """S/E of pixels, (H, W, n), from S of patches, (N, n)."""
+        shape = (*self.seen.shape, bounced.shape[1])
+        coarse, known = np.zeros(shape), self.seen.astype(np.float64)
+        coarse[self.seen] = bounced[: self.count]
         # Light that has bounced is smooth: what patches make of it is blurred a little, and spread
         # to the cells that are no patches.
         for _ in range(2):
-            spread, share = (cv2.GaussianBlur(a, (0, 0), 0.7) for a in (coarse * (known > 0), known))
-            coarse = np.where(share > 1e-6, spread / np.maximum(share, 1e-6), 0.0)
-            known = (share > 1e-6).astype(np.float64)
+            spread, share = (cv2.GaussianBlur(a, (0, 0), 0.7) for a in (coarse, known))
+            reached = share > 1e-6
+            spread = spread.reshape(shape) / np.maximum(share, 1e-6)[..., None]
+            coarse, known = np.where(reached[..., None], spread, 0.0), reached.astype(np.float64)
         height, width = self.direct.shape
         fine = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
         lit = self.direct > 0
-        return np.where(lit, np.minimum(fine / np.where(lit, self.direct, 1.0), MOST), 0.0)
+        share = fine.reshape(height, width, -1) / np.where(lit, self.direct, 1.0)[..., None]
+        return np.where(lit[..., None], np.minimum(share, MOST), 0.0)
 
 
 def bounced(orders: FloatArray, albedo: FloatArray) -> FloatArray:
     """S of patches, (N, n), given their `Walls.orders` and the walls' albedos (n,)."""
-    powers = albedo ** np.arange(1, len(orders) + 1)[:, None]
+    return bounced_and_slope(orders, albedo)[0]
+
+
+def bounced_and_slope(orders: FloatArray, albedo: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """S of patches, (N, n), see `bounced`, and its derivative by the albedo's logarithm."""
+    number = np.arange(1, len(orders) + 1)[:, None]
+    powers = albedo**number
     last, before = orders[-1], orders[-2]
     share = np.minimum(last / np.where(before > 0, before, 1.0), 1.0)[:, None] * albedo
-    return orders.T @ powers + last[:, None] * powers[-1] * share / (1 - np.minimum(share, LASTING))
+    kept = 1 - np.minimum(share, LASTING)
+    tail = last[:, None] * powers[-1] * share / kept
+    growth = len(orders) + 1 + np.where(share < LASTING, share / kept, 0.0)
+    return orders.T @ powers + tail, orders.T @ (number * powers) + tail * growth
 
 
 def _blocks(maps: FloatArray, step: int) -> FloatArray:

@@ -15,11 +15,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy import ndimage
 
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import kernel
-from endolab.numerics.derivatives import REFERENCE_WIDTH, links, shifted
+from endolab.numerics.derivatives import REFERENCE_WIDTH
+from endolab.numerics.ranks import medians, sorted_places
+from endolab.numerics.side_by_side import side_by_side
 
 BLUR = 1.5  # of log d₀, in 1/320 of the picture's width
 SHALLOW = 0.005  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the width
@@ -30,11 +31,11 @@ LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the w
 
 
 @kernel
-def _flood(order: Any, slope: FloatArray, steps: Any, shallow: float, region: Any) -> None:
-    """Give each pixel the number of its basin; basins that meet before one is deep enough are one.
+def _flood(order: Any, slope: FloatArray, steps: Any, shallow: float, region: Any) -> int:
+    """Give each pixel the number of its basin, from 0; basins that meet before one is deep enough are one.
 
     `order` holds the pixels by their slope, `region` -1 everywhere; around them is a rim of pixels that
-    are in no basin.
+    are in no basin. Returns how many basins there are.
     """
     floor, parent, count = np.zeros(order.size), np.zeros(order.size, np.int64), 0
     for pixel in order:
@@ -60,22 +61,27 @@ def _flood(order: Any, slope: FloatArray, steps: Any, shallow: float, region: An
                 if floor[other] < floor[first]:
                     first, other = other, first
                 parent[other] = first
+    number, basins = np.empty(count, np.int64), 0
+    for one in range(count):
+        if parent[one] == one:
+            number[one] = basins
+            basins += 1
     for pixel in order:
         one = region[pixel]
         while parent[one] != one:
             one = parent[one]
-        region[pixel] = one
+        region[pixel] = number[one]
+    return basins
 
 
-def _basins(slope: FloatArray, mask: BoolArray) -> Any:
-    """Number of the basin that each pixel of the mask is in, from 0; -1 outside."""
+def _basins(slope: FloatArray, mask: BoolArray) -> tuple[Any, int]:
+    """Number of the basin that each pixel of the mask is in, from 0; -1 outside. And how many there are."""
     rimmed = np.pad(np.where(mask, slope, np.inf), 1, constant_values=np.inf)
     flat, steps = rimmed.ravel(), np.array([1, -1, rimmed.shape[1], -rimmed.shape[1]])
     inside = np.flatnonzero(np.isfinite(flat))
-    region = np.full(flat.size, -1)
-    _flood(inside[np.argsort(flat[inside], kind="stable")], flat, steps, SHALLOW, region)
-    region[inside] = np.unique(region[inside], return_inverse=True)[1]
-    return region.reshape(rimmed.shape)[1:-1, 1:-1]
+    region = np.full(flat.size, -1, np.int32)
+    count = _flood(inside[sorted_places(flat[inside])], flat, steps, SHALLOW, region)
+    return region.reshape(rimmed.shape)[1:-1, 1:-1], count
 
 
 def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
@@ -88,31 +94,43 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     """
     unit = mask.shape[1] / REFERENCE_WIDTH
     blur, steepness = max(BLUR * unit, 0.3), np.zeros((2, *mask.shape))
-    share = cv2.GaussianBlur(mask.astype(np.float64), (0, 0), blur)
-    smooth = cv2.GaussianBlur(np.where(mask, log_facing, 0.0), (0, 0), blur) / np.maximum(share, 1e-6)
+    maps = (np.where(mask, log_facing, 0.0), mask.astype(np.float64))
+    light, share = side_by_side(lambda a: cv2.GaussianBlur(a, (0, 0), blur), maps, mask.size)
+    smooth = light / np.maximum(share, 1e-6)
     slope = np.asarray(np.hypot(*np.gradient(smooth)) * unit) if min(mask.shape) > 1 else np.zeros(mask.shape)
-    region = _basins(slope, mask)
-    there = np.stack([shifted(region, 1, 1, -1), shifted(region, 1, 0, -1)])
-    where = np.nonzero(links(mask) & (there != region))
-    if where[0].size == 0:
+    region, count = _basins(slope, mask)
+    places, pairs = [], []
+    for axis in (1, 0):
+        here, there = (np.s_[:-1], np.s_[1:]) if axis == 0 else (np.s_[:, :-1], np.s_[:, 1:])
+        where = np.nonzero(mask[here] & mask[there] & (region[here] != region[there]))
+        places.append(where)
+        pairs.append(np.stack([region[here][where], region[there][where]]))
+    pair = np.sort(np.concatenate(pairs, axis=1).astype(np.int64), axis=0)
+    if pair.size == 0:
         return steepness
-    pair = np.stack([np.broadcast_to(region, there.shape)[where], there[where]])
-    both, line = np.unique(np.sort(pair, axis=0), axis=1, return_inverse=True)
-    line = line.ravel()
-    steep = np.asarray(ndimage.median(slope[where[1:]], line, np.arange(both.shape[1])))
-    steep[_joins_a_limb(both, region, log_facing, LIMB * unit)] = 0.0
-    steepness[where] = steep[line]
+    both, line = np.unique(pair[0] * count + pair[1], return_inverse=True)
+    both = np.stack(np.divmod(both, count))
+    along = np.concatenate([slope[where] for where in places])
+    steep = medians(along, line, both.shape[1])
+    steep[_joins_a_limb(both, region, count, log_facing, LIMB * unit)] = 0.0
+    for found, where, those in zip(
+        steepness, places, np.split(steep[line], [places[0][0].size]), strict=True
+    ):
+        found[where] = those
     return steepness
 
 
-def _joins_a_limb(both: Any, region: Any, log_facing: FloatArray, thin: float) -> BoolArray:
+def _joins_a_limb(both: Any, region: Any, count: int, log_facing: FloatArray, thin: float) -> BoolArray:
     """Which pairs of regions are a thin strip and its lightest neighbour, or one that is nearly as light."""
-    numbers = np.arange(region.max() + 1)
-    same = [shifted(region, step, axis, -1) == region for step in (1, -1) for axis in (0, 1)]
-    inside = np.pad(np.all(same, axis=0), 1).astype(np.uint8)
+    around = np.pad(region, 1, constant_values=-1)
+    sides = (around[1:-1, 2:], around[1:-1, :-2], around[2:, 1:-1], around[:-2, 1:-1])
+    inside = np.pad(np.all([side == region for side in sides], axis=0), 1).astype(np.uint8)
     depth = cv2.distanceTransform(inside, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    is_thin = 2 * np.asarray(ndimage.maximum(depth, region, numbers)) + 1 < thin
-    far = np.asarray(ndimage.median(np.where(region < 0, 0.0, log_facing), region, numbers))
+    deepest = np.zeros(count, depth.dtype)
+    known = region >= 0
+    np.maximum.at(deepest, region[known], depth[known])
+    is_thin = 2 * deepest + 1 < thin
+    far = medians(log_facing.ravel(), region.ravel(), count)
     lightest = far.copy()
     for one, other in (both, both[::-1]):
         np.minimum.at(lightest, one, far[other])

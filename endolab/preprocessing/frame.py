@@ -12,6 +12,8 @@ from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import mask_array, owned, real_array
+from endolab.numerics.ranks import nth_lowest
+from endolab.numerics.side_by_side import by_rows
 
 DARK = 4 / 255  # below this rounding and noise say more than the surface does
 MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
@@ -70,11 +72,12 @@ class Frame:
             object.__setattr__(self, "silent", owned(silent))
         if not mask.any():
             raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
-        used = image[mask]
-        if not np.all(np.isfinite(used)):
+        used = image if mask.all() else image[mask]
+        least, most = used.min(), used.max()  # nan if one is
+        if not np.isfinite([least, most]).all():
             raise ValueError(f"{self.name}: the picture holds values that are not finite")
-        if used.min() < 0 or used.max() > 1:
-            found = f"{used.min():.4g} to {used.max():.4g}"
+        if least < 0 or most > 1:
+            found = f"{least:.4g} to {most:.4g}"
             bytes_said = "; divide bytes by 255" if np.asarray(self.image).dtype == np.uint8 else ""
             raise ValueError(f"{self.name}: values must lie in [0, 1], found {found}{bytes_said}")
         # The caller's buffer may be that of the next frame soon.
@@ -127,9 +130,9 @@ class Frame:
             return np.asarray(resized, dtype=np.float64)
 
         share, masked = shrunk(self.mask), self.mask if self.image.ndim == 2 else self.mask[..., None]
-        light = shrunk(np.where(masked, self.image, 0.0) ** gamma)
-        plain = shrunk(np.clip(np.nan_to_num(self.image), 0, 1) ** gamma)
+        light = shrunk(power(np.where(masked, self.image, 0.0), gamma))
         kept = (share >= 0.5) if light.ndim == 2 else (share >= 0.5)[..., None]
+        plain = light if kept.all() else shrunk(np.clip(np.nan_to_num(self.image), 0, 1) ** gamma)
         whole = share if light.ndim == 2 else share[..., None]
         mean = np.where(kept, light / np.where(kept, whole, 1.0), plain)
         silent = None if self.silent is None else shrunk(self.silent) > 0
@@ -171,6 +174,9 @@ def field_of_view(image: FloatArray) -> BoolArray:
     All True if there is no such frame. Else two pixels narrower than the bright part, since lenses and
     codecs blur its edge, and without bright islands (text) in the frame.
     """
+    border = (image[0], image[-1], image[:, 0], image[:, -1])
+    if not any((side < FRAME).any() for side in border):
+        return np.ones(image.shape, dtype=bool)
     rim = np.pad(image < FRAME, 1, constant_values=True)
     labels = cv2.connectedComponents(rim.astype(np.uint8), connectivity=4)[1]
     frame = (labels == labels[0, 0])[1:-1, 1:-1]
@@ -198,7 +204,7 @@ def noise_level(image: FloatArray, mask: BoolArray) -> float:
     if not inside.any():
         return 0.0
     size = np.abs(cv2.filter2D(np.where(mask, image, 0.0), -1, kernel)[inside])
-    return float(size[size <= np.quantile(size, 0.8)].mean() / 0.5586)
+    return float(size[size <= nth_lowest(size, int(0.8 * (size.size - 1)))].mean() / 0.5586)
 
 
 def looks_like_depth(image: FloatArray) -> bool:
@@ -221,7 +227,22 @@ def smooth_light(image: FloatArray, mask: BoolArray, gamma: float, sigma: float)
     if sigma <= 0:
         return image
     light = cv2.GaussianBlur(
-        np.where(mask, image, 0.0) ** gamma, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT
+        power(np.where(mask, image, 0.0), gamma), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT
     )
     share = cv2.GaussianBlur(mask.astype(np.float64), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-    return np.where(mask, np.maximum(light / np.where(mask, share, 1.0), 0.0) ** (1 / gamma), image)
+    out = np.empty(image.shape)
+
+    def stored(rows: slice) -> None:
+        inside = mask[rows]
+        mean = np.maximum(light[rows] / np.where(inside, share[rows], 1.0), 0.0)
+        out[rows] = np.where(inside, mean ** (1 / gamma), image[rows])
+
+    by_rows(stored, mask.shape)
+    return out
+
+
+def power(a: FloatArray, exponent: float) -> FloatArray:
+    """Return a picture's values (H, W) or (H, W, 3) to a power."""
+    out = np.empty(a.shape)
+    by_rows(lambda rows: np.power(a[rows], exponent, out=out[rows]), a.shape)
+    return out

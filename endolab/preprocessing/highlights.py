@@ -8,15 +8,18 @@ lies at the end of a slope or has the tissue's colour, and what lies between ves
 no paler than the tissue elsewhere.
 """
 
+from typing import Any
+
 import cv2
 import numpy as np
-from scipy.ndimage import percentile_filter
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.preprocessing.frame import QUIET, noise_level
+from endolab.numerics.compiled import kernel
+from endolab.numerics.ranks import median, window_percentile
+from endolab.preprocessing.frame import QUIET, noise_level, power
 
 # Sizes are shares of the width of what the endoscope shows, amounts are mirrored light over the tissue's.
 SMALL, LARGE = 1 / 100, 1 / 30  # half the width of highlights: most, and the largest
@@ -51,11 +54,11 @@ def extended(image: FloatArray, mask: BoolArray) -> FloatArray:
         return image
     away = (~mask).astype(np.uint8)
     labels = cv2.distanceTransformWithLabels(away, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)[1]
-    row, column = np.nonzero(mask)
     index = np.zeros(labels.max() + 1, np.intp)
-    index[labels[mask]] = np.arange(row.size)
-    nearest = index[labels]
-    return image[row[nearest], column[nearest]]
+    index[labels[mask]] = np.flatnonzero(mask)
+    out = image.copy()
+    out[~mask] = image.reshape(mask.size, *image.shape[2:])[index[labels[~mask]]]
+    return out
 
 
 def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
@@ -66,34 +69,73 @@ def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
     small = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
     ratio = small / np.maximum(small[..., :1], 1e-4)
     width = _odd(AROUND * wide / step)
-    pale = np.stack([percentile_filter(ratio[..., c], 75, size=width, mode="nearest") for c in range(3)], -1)
+    pale = np.stack([window_percentile(ratio[..., c], 75, width) for c in range(3)], axis=-1)
     return np.asarray(cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR), dtype=np.float64)
 
 
-def _white_part(light: FloatArray, colour: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
+@kernel
+def _split(
+    white: FloatArray, doubt: FloatArray, light: FloatArray, colour: FloatArray, spread: FloatArray
+) -> None:
     """Split light into tissue's and white by least squares; the white part and its standard deviation."""
-    weight = 1 / spread**2
-    aa, ab, bb = ((weight * part).sum(-1) for part in (colour**2, colour, np.ones_like(colour)))
-    aa = aa + 1e-12 * bb  # a picture may be all black
-    a, b = (weight * colour * light).sum(-1), (weight * light).sum(-1)
-    determinant = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb)  # 0 where the tissue itself is white
-    return (aa * b - ab * a) / determinant, np.sqrt(aa / determinant)
+    rows, columns = white.shape
+    for i in range(rows):
+        for j in range(columns):
+            aa = ab = bb = a = b = 0.0
+            for c in range(3):
+                one, weight = colour[i, j, c], 1 / spread[i, j, c] ** 2
+                aa, ab, bb = aa + weight * one**2, ab + weight * one, bb + weight
+                a, b = a + weight * one * light[i, j, c], b + weight * light[i, j, c]
+            aa += 1e-12 * bb  # a picture may be all black
+            determinant = max(aa * bb - ab**2, 1e-9 * aa * bb)  # 0 where the tissue itself is white
+            white[i, j], doubt[i, j] = (aa * b - ab * a) / determinant, np.sqrt(aa / determinant)
+
+
+@kernel
+def _best_slopes(best: Any, padded: Any, near: Any, far: Any, edge: int, steepest: Any) -> None:
+    """Raise `best` to the values to which slopes lead that are met at `near` and `far` steps, (8, 2) each."""
+    rows, columns = best.shape
+    for i in range(rows):
+        out = best[i]
+        for side in range(len(near)):
+            one = padded[edge + i + near[side, 1]][edge + near[side, 0] :]
+            other = padded[edge + i + far[side, 1]][edge + far[side, 0] :]
+            for j in range(columns):
+                out[j] = max(out[j], one[j] + min(max(one[j] - other[j], -steepest), steepest))
 
 
 def _led_to(tissue: FloatArray, step: int) -> FloatArray:
     """Brightest value to which the tissue's slopes lead from eight sides."""
-    log = np.log(np.maximum(tissue, 1e-4)).astype(np.float32)
+    best = np.log(np.maximum(tissue, 1e-4)).astype(np.float32)
     edge = 2 * step
-    rows, columns = log.shape
-    padded = cv2.copyMakeBorder(log, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
-    best = log.copy()
-    for turn in np.arange(8) * np.pi / 4:
-        near, far = (
-            padded[edge + y : edge + y + rows, edge + x : edge + x + columns]
-            for x, y in ((round(r * np.cos(turn)), round(r * np.sin(turn))) for r in (step, edge))
-        )
-        np.maximum(best, near + np.clip(near - far, -STEEPEST, STEEPEST), out=best)
+    padded = cv2.copyMakeBorder(best, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
+    turns = np.arange(8) * np.pi / 4
+    aside = np.column_stack([np.cos(turns), np.sin(turns)])
+    near, far = (np.rint(reach * aside).astype(np.int64) for reach in (step, edge))
+    _best_slopes(best, padded, near, far, edge, np.float32(STEEPEST))
     return np.exp(best.astype(np.float64))
+
+
+@kernel
+def _stands_out(
+    found: BoolArray,
+    mask: BoolArray,
+    light: FloatArray,
+    base: FloatArray,
+    spread: FloatArray,
+    white: FloatArray,
+    doubt: FloatArray,
+    over: float,
+    sigmas: float,
+) -> None:
+    """Where light exceeds a base, and its white part does, by a share of the base and by their doubts."""
+    rows, columns = found.shape
+    for i in range(rows):
+        for j in range(columns):
+            excess = light[i, j] - base[i, j]
+            much = min(excess, white[i, j]) > over * (base[i, j] + STRAY)
+            sure = min(excess / spread[i, j], white[i, j] / doubt[i, j]) > sigmas
+            found[i, j] = mask[i, j] and much and sure
 
 
 def grown(region: BoolArray, reach: float) -> BoolArray:
@@ -103,6 +145,8 @@ def grown(region: BoolArray, reach: float) -> BoolArray:
 
 def _with_seeds(seed: BoolArray, skirt: BoolArray) -> BoolArray:
     """Return the connected parts of the skirt that hold a seed."""
+    if not (seed & skirt).any():
+        return np.zeros(seed.shape, dtype=bool)
     labels = cv2.connectedComponents(skirt.astype(np.uint8), connectivity=8)[1]
     kept = np.zeros(labels.max() + 1, dtype=bool)
     kept[labels[seed & skirt]] = True
@@ -137,25 +181,26 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
         return np.zeros(mask.shape, dtype=bool)
     wide = float(np.ptp(np.nonzero(mask.any(axis=0))[0]) + 1)
     filled = extended(np.clip(np.nan_to_num(image), 0, 1), mask)
-    light = filled**gamma
+    light = power(filled, gamma)
     calm = cv2.medianBlur(light.astype(np.float32), 3)
     noise = max(noise_level(filled if filled.ndim == 2 else filled[..., 1], mask), QUIET)
-    spread = gamma * np.maximum(filled, 0.05) ** (gamma - 1) * noise
+    spread = gamma * power(np.maximum(filled, 0.05), gamma - 1) * noise
     white, doubt = np.full(mask.shape, np.inf), np.ones(mask.shape)
     coloured = False
     if image.ndim == 3:
         colour = _palest_colour(calm.astype(np.float64), wide)
-        coloured = float(np.median(colour[mask].min(axis=-1))) < COLOURLESS
+        least = np.minimum(np.minimum(colour[..., 0], colour[..., 1]), colour[..., 2])
+        coloured = median(least[mask]) < COLOURLESS
         if coloured:
-            white, doubt = _white_part(light, colour, spread)
+            _split(white, doubt, light, colour, spread)
         # Blue and green differ most between lamp and tissue; red may be saturated.
-        light, calm = light[..., 1:].mean(axis=-1), calm[..., 1:].mean(axis=-1)
-        spread = np.sqrt((spread[..., 1:] ** 2).mean(axis=-1) / 2)
+        light, calm = ((a[..., 1] + a[..., 2]) / 2 for a in (light, calm))
+        spread = np.sqrt((spread[..., 1] ** 2 + spread[..., 2] ** 2) / 2 / 2)
 
     def evidence(base: FloatArray, over: float, sigmas: float) -> BoolArray:
-        excess = light - base
-        amount = np.minimum(excess, white) > over * (base + STRAY)
-        return mask & amount & (np.minimum(excess / spread, white / doubt) > sigmas)
+        out = np.empty(mask.shape, dtype=bool)
+        _stands_out(out, mask, light, base, spread, white, doubt, over, sigmas)
+        return out
 
     found = np.zeros(mask.shape, dtype=bool)
     demand = 1.0 if coloured else GREY

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from endolab.depth.problem import EXACT, Problem
-from endolab.model.interreflection import MOST, Walls, bounced
+from endolab.model.interreflection import MOST, Walls, bounced_and_slope
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 TISSUE = (0.7, 0.35, 0.28)  # red, green and blue of mucosa, before anything is known
@@ -156,14 +156,29 @@ class Patches:
 
     def beside(self, factor: float, lamp: float, albedo: FloatArray, film: float) -> FloatArray:
         """What is seen beside direct light of a matt wall, as a share of it, (P, 3)."""
+        return self.beside_and_slopes(factor, lamp, albedo, film)[0]
+
+    def beside_and_slopes(
+        self, factor: float, lamp: float, albedo: FloatArray, film: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """What is seen beside direct light, and its derivatives, (4, P, 3).
+
+        They are those by the factor, the lamp's share, the film and the logarithm of the colour's albedo.
+        """
         place = lamp * (len(LAMPS) - 1)
         low = min(int(place), len(LAMPS) - 2)
-        shares = [
-            np.minimum(bounced(self.orders[index], albedo) / self.direct[index][:, None], MOST)
-            for index in (low, low + 1)
-        ]
-        share = shares[0] + (place - low) * (shares[1] - shares[0])
-        return factor * share + film * self.lobe[:, None] / albedo
+        shares, slopes = [], []
+        for index in (low, low + 1):
+            light, slope = bounced_and_slope(self.orders[index], albedo)
+            share, slope = light / self.direct[index][:, None], slope / self.direct[index][:, None]
+            shares.append(np.minimum(share, MOST))
+            slopes.append(np.where(share < MOST, slope, 0.0))
+        change = shares[1] - shares[0]
+        share = shares[0] + (place - low) * change
+        by_albedo = slopes[0] + (place - low) * (slopes[1] - slopes[0])
+        mirrored = self.lobe[:, None] / albedo
+        by_lamp, by_albedo = factor * (len(LAMPS) - 1) * change, factor * by_albedo - film * mirrored
+        return factor * share + film * mirrored, np.stack([share, by_lamp, mirrored, by_albedo])
 
 
 def all_exact(colours: Sequence[Problem]) -> BoolArray:
@@ -181,9 +196,62 @@ def _whitened_tint() -> FloatArray:
     return np.linalg.solve(np.linalg.cholesky(differences @ covariance @ differences.T), differences)
 
 
-def _tempered(r: FloatArray) -> FloatArray:
-    """What half the square of is Charbonnier's penalty, √(1 + r²) - 1: a square, but for large r a line."""
-    return np.sign(r) * np.sqrt(2 * (np.sqrt(1 + r**2) - 1))
+def _tempered(r: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What half the square of is Charbonnier's penalty, √(1 + r²) - 1: a square, but for large r a line.
+
+    And its derivative.
+    """
+    root = np.sqrt(1 + r**2)
+    size = np.sqrt(2 * (root - 1))
+    small = np.abs(r) < 1e-4  # where the root says nothing
+    slope = np.where(small, 1.0, np.abs(r) / (root * np.where(small, 1.0, size)))
+    return np.sign(r) * size, slope
+
+
+class _Disagreement:
+    """How far the colours and what is believed are from what light and albedos x make of them.
+
+    x holds a, b, m and the logarithms of the albedos.
+    """
+
+    def __init__(self, patches: Patches, belief: Belief, sigma: float) -> None:
+        self._patches, self._belief = patches, belief
+        self._tint = _whitened_tint().T / sigma
+        self._pieces = float(np.sqrt(min(PIECES / len(patches.light), 1.0)))
+        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        """What least squares are of."""
+        return self._at(x)[1]
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """Its derivatives, a column for each of x."""
+        return self._at(x)[2]
+
+    def _at(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        if self._last is None or not np.array_equal(self._last[0], x):
+            self._last = x.copy(), *self._computed(x)
+        return self._last
+
+    def _computed(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        beside, slopes = self._patches.beside_and_slopes(x[0], x[1], np.exp(x[3:]), x[2])
+        apart = (self._patches.light - np.log1p(beside) - x[3:]) @ self._tint
+        slopes = -slopes / (1 + beside)
+        turned = np.empty((*apart.shape, len(x)))
+        turned[..., :3] = np.moveaxis(slopes[:3] @ self._tint, 0, -1)
+        turned[..., 3:] = (slopes[3] - 1)[:, None] * self._tint.T
+        apart, bend = _tempered(apart)
+        turned *= self._pieces * bend[..., None]
+        middle, wide = np.transpose([FACTOR, LAMP, FILM])
+        held, prior = (x[:3] - middle) / wide, self._belief.whitening
+        by_held = np.diag(1 / wide)
+        for i in (0, 2):  # a line far from the middle, for all but the lamp
+            held[i], bend_i = _tempered(held[i])
+            by_held[i, i] *= bend_i
+        by_held = np.block([[by_held, np.zeros((3, 3))], [np.zeros((3, 3)), prior]])
+        held = np.concatenate([held, prior @ (x[3:] - np.log(self._belief.albedo))])
+        residual = np.concatenate([self._pieces * apart.ravel(), held])
+        return residual, np.concatenate([turned.reshape(-1, len(x)), by_held])
 
 
 def found_light(patches: Patches, belief: Belief) -> Light:
@@ -193,26 +261,22 @@ def found_light(patches: Patches, belief: Belief) -> Light:
     """
     if len(patches.light) < LEAST:
         return replace(belief.light, refused="too little of the picture shows all three")
-    tint, prior, centre = _whitened_tint(), belief.whitening, np.log(belief.albedo)
-    pieces = np.sqrt(min(PIECES / len(patches.light), 1.0))
 
     def unexplained(x: FloatArray) -> FloatArray:
         """log E_c but for a constant, (P, 3)."""
-        albedo = np.exp(x[3:])
-        return patches.light - np.log1p(patches.beside(x[0], x[1], albedo, x[2])) - x[3:]
-
-    def residual(x: FloatArray, sigma: float) -> FloatArray:
-        apart = (unexplained(x) @ tint.T).ravel() / sigma
-        factor, lamp, film = ((x[i] - middle) / wide for i, (middle, wide) in enumerate((FACTOR, LAMP, FILM)))
-        held = [*_tempered(np.array([factor, film])), lamp, *prior @ (x[3:] - centre)]
-        return np.concatenate([pieces * _tempered(apart), held])
+        return patches.light - np.log1p(patches.beside(x[0], x[1], np.exp(x[3:]), x[2])) - x[3:]
 
     low = np.array([0.0, 0.0, 0.0, *np.log(3 * [ALBEDOS[0]])])
     high = np.array([LARGEST, 1.0, SHINIEST, *np.log(3 * [ALBEDOS[1]])])
-    x, sigma = np.array([FACTOR[0], LAMP[0], FILM[1], *centre]), 1.0
+    tint = _whitened_tint()
+    x, sigma = np.array([FACTOR[0], LAMP[0], FILM[1], *np.log(belief.albedo)]), 1.0
     for _ in range(ROUNDS):
         inside = np.clip(x, low + 1e-3, high - 1e-3)  # where its steps to bounds begin
-        x = least_squares(residual, inside, bounds=(low, high), args=(sigma,), xtol=1e-4, ftol=1e-4).x
+        apart = _Disagreement(patches, belief, sigma)
+        solved = least_squares(
+            apart.residual, inside, apart.jacobian, bounds=(low, high), xtol=1e-4, ftol=1e-4
+        )
+        x = solved.x
         sigma = max(1.48 * float(np.median(np.abs(unexplained(x) @ tint.T))), FLOOR)
     light = unexplained(x)
     misfit = float(np.abs(light - light.mean(axis=1, keepdims=True)).mean())

@@ -16,6 +16,8 @@ from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, whole
 from endolab.numerics.memory import check_memory
+from endolab.numerics.ranks import median
+from endolab.numerics.side_by_side import side_by_side
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
 from endolab.preprocessing.highlights import check_highlights, find_highlights, inpaint
 
@@ -79,12 +81,13 @@ def make_problems(
     picture, known = frame.image, frame.mask & camera.field.valid
     silent = np.zeros_like(known) if frame.silent is None else frame.silent
     found = silent if highlights == "keep" else silent | find_highlights(picture, known, photometry.gamma)
+    treated = frame
     if found.any():
-        picture = inpaint(picture, found, known)
+        treated = replace(frame, image=inpaint(picture, found, known))
     silent = found if highlights == "ignore" else silent
-    problems = []
-    for wanted in channels:
-        name, image = replace(frame, image=picture).channel(wanted)
+
+    def prepared(wanted: str | None) -> Problem:
+        name, image = treated.channel(wanted)
         one = photometry.simplified().channel(name)
         seen = frame.seen(image) & camera.field.valid
         clipped = image >= BRIGHT
@@ -108,8 +111,9 @@ def make_problems(
             settings=settings,
             **options,
         )
-        problems.append(in_units(problem))
-    return problems
+        return in_units(problem)
+
+    return side_by_side(prepared, channels, frame.width * frame.height)
 
 
 def two_sizes(
@@ -152,7 +156,7 @@ def in_units(problem: Problem) -> Problem:
     """Choose the gain, if it is not known, that makes the median of d₀ one unit."""
     if problem.metric:
         return problem
-    factor = 1 / float(np.median(np.exp(problem.log_facing[problem.mask])))
+    factor = 1 / median(np.exp(problem.log_facing[problem.mask]))
     gain = (problem.photometry.gain or 1.0) * factor**2
     return replace(problem, photometry=replace(problem.photometry, gain=gain))
 

@@ -29,6 +29,7 @@ from endolab.model.endoscope import Endoscope
 from endolab.model.interreflection import Walls
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.side_by_side import by_rows
 from endolab.preprocessing.frame import BRIGHT, QUIET, Frame, noise_level
 from endolab.reconstruction.colours import (
     ALBEDOS,
@@ -251,19 +252,25 @@ def merged(colours: Sequence[Problem], inflation: FloatArray, albedo: FloatArray
     mask = np.any([one.mask for one in colours], axis=0)
     said = np.stack([np.where(one.mask, _evidence(one), NONE) for one in colours])
     evidence = said.min(axis=0).astype(np.int8)  # EXACT before AT_LEAST before NONE
-    total, weights = np.zeros(mask.shape), np.zeros(mask.shape)
-    shares = np.moveaxis(inflation, -1, 0)
-    for one, speaks, rho, s, texture in zip(colours, said == evidence, albedo, shares, TEXTURE, strict=True):
-        noise = max(noise_level(one.image, one.mask), QUIET)
-        shade = np.maximum(one.image, noise)
-        doubt = (gamma * noise / shade) ** 2 + (DOUBT * s / (1 + s)) ** 2 + texture**2
-        weight = np.where(one.mask & speaks, 1 / doubt, 0.0)
-        log_light = gamma * np.log(shade) - np.log1p(s) + np.log(albedo[1] / rho)
-        total, weights = total + weight * log_light, weights + weight
-    light = np.where(mask, np.exp(total / np.where(mask, weights, 1.0)), 0.0)
+    noises = [max(noise_level(one.image, one.mask), QUIET) for one in colours]
+    image = np.empty(mask.shape)
+
+    def merge(rows: slice) -> None:
+        total, weights = np.zeros(mask[rows].shape), np.zeros(mask[rows].shape)
+        for c, (one, noise, rho, texture) in enumerate(zip(colours, noises, albedo, TEXTURE, strict=True)):
+            s, speaks = inflation[rows, :, c], one.mask[rows] & (said[c, rows] == evidence[rows])
+            shade = np.maximum(one.image[rows], noise)
+            doubt = (gamma * noise / shade) ** 2 + (DOUBT * s / (1 + s)) ** 2 + texture**2
+            weight = np.where(speaks, 1 / doubt, 0.0)
+            total += weight * (gamma * np.log(shade) - np.log1p(s) + np.log(albedo[1] / rho))
+            weights += weight
+        light = np.where(mask[rows], np.exp(total / np.where(mask[rows], weights, 1.0)), 0.0)
+        image[rows] = light ** (1 / gamma)
+
+    by_rows(merge, mask.shape)
     return replace(
         colours[1],
-        image=light ** (1 / gamma),
+        image=image,
         mask=mask,
         evidence=np.where(mask, evidence, EXACT).astype(np.int8) if evidence[mask].any() else None,
     )

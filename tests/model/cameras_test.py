@@ -272,3 +272,15 @@ def scaramuzza(**changes):
 def test_a_bad_camera_is_named(make, name, value, message):
     with pytest.raises(ValueError, match=message):
         make(**{name: value})
+
+
+def test_a_resampled_camera_and_its_rays_are_kept_and_not_too_many():
+    camera = load_calibration("paper", 64).camera
+    half, third = camera.resize(32, 24), camera.resize(21, 16)
+    assert camera.resize(32, 24) is half
+    assert half.resize(64, 48) == camera
+    for width in range(8, 40):
+        camera.resize(width, 6)
+    assert camera.resize(32, 24) is not half
+    assert camera.resize(21, 16) == third
+    assert len(camera._resized) == 2

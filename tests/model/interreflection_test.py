@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose
 
 from endolab import datasets
 from endolab.model import interreflection
-from endolab.model.interreflection import Walls, _exchange
+from endolab.model.interreflection import Walls, _exchange, bounced, bounced_and_slope
+from endolab.numerics.threads import limited_threads
 from endolab.synthetic.scenes import Colon, Tube
 
 
@@ -83,6 +84,31 @@ def test_a_wall_in_between_blocks():
     assert _exchange(x, n, area, cells, nearest)[0, 1] == 0
 
 
+def test_what_blocks_is_found_as_by_walking_every_chord(colon):
+    """Cell by cell, as one would write it down; and the same on one core as on all, to the bit."""
+    v, field = colon
+    walls = Walls.of(v, np.isfinite(v), field, 2.5)
+    cells = np.argwhere(walls.seen).astype(float)
+    x, n, area = (a[: walls.count] for a in (walls.points, walls.normals, walls.area))
+    nearest = np.full(walls.seen.shape, np.inf)
+    nearest[walls.seen] = reach = np.linalg.norm(x, axis=-1)
+    open_, nearest = plainly(x, n, area), nearest * np.where(np.indices(nearest.shape)[0] == 9, 0.8, 1.0)
+    expected = open_.copy()
+    for i, j in np.argwhere(np.triu(open_) > 0):
+        # From the later of the two: halves are rounded to even cells either way.
+        steps = int(np.abs(cells[i] - cells[j]).max())
+        share = np.arange(1, steps) / max(steps, 1)
+        row, column = np.rint(cells[j] + share[:, None] * (cells[i] - cells[j])).astype(int).T
+        chord = 1 / ((1 - share) / reach[j] + share / reach[i])
+        if (chord > interreflection.NEARER * nearest[row, column]).any():
+            expected[i, j] = expected[j, i] = 0
+    assert 0.1 < (expected > 0).sum() / (open_ > 0).sum() < 0.9
+    found = _exchange(x, n, area, cells, nearest)
+    assert_allclose(found, expected, rtol=1e-9, atol=1e-18)
+    with limited_threads(1):
+        assert np.array_equal(_exchange(x, n, area, cells, nearest), found)
+
+
 def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(colon):
     v, field = colon
     mask = np.isfinite(v)
@@ -125,6 +151,22 @@ def test_light_by_bounces_sums_to_that_of_the_balance(colon):
         left = np.eye(len(hidden)) - albedo * (walls.exchange + np.diag(hidden))
         expected = np.linalg.solve(left, albedo * walls.exchange @ walls.lit)
         assert_allclose(walls.bounced(albedo), expected, rtol=0.01)
+
+
+@pytest.mark.parametrize("albedo", [0.05, 0.4, 0.93])
+def test_the_slope_by_the_albedo_is_that_of_differences(colon, albedo):
+    v, field = colon
+    walls, step = Walls.of(v, np.isfinite(v), field, 2.5), 1e-5
+    more, less = (bounced(walls.orders, np.array([albedo * np.exp(one)])) for one in (step, -step))
+    slope = bounced_and_slope(walls.orders, np.array([albedo]))[1]
+    assert_allclose(slope, (more - less) / (2 * step), rtol=1e-6)
+
+
+def test_the_inflation_of_three_albedos_is_that_of_each(colon):
+    v, field = colon
+    walls, albedos = Walls.of(v, np.isfinite(v), field, 2.5), (0.2, 0.45, 0.7)
+    each = np.stack([walls.inflation(one) for one in albedos], axis=-1)
+    assert_allclose(walls.inflation(albedos), each, rtol=1e-12)
 
 
 def test_another_lamps_spread_is_as_if_made_with_it(colon):

@@ -4,11 +4,13 @@ import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from scipy import ndimage
 
 import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import occlusion_cuts
-from endolab.numerics.derivatives import links, shifted
+from endolab.numerics.derivatives import REFERENCE_WIDTH, links, shifted
+from endolab.preprocessing import contours
 from endolab.preprocessing.contours import find_contours
 from endolab.reconstruction.contours import STEEP
 from endolab.reconstruction.problem_setup import make_problem
@@ -48,6 +50,47 @@ def test_folds_are_found_where_the_distance_jumps(width):
 def test_smooth_walls_have_none(scene):
     problem = seen(scene, noise=1, texture=0.1)[3]
     assert not (steepness_of(problem) > STEEP).any()
+
+
+def plainly(log_facing, mask):
+    """The same lines from the same basins, as one would write it down."""
+    unit = mask.shape[1] / REFERENCE_WIDTH
+    blur = contours.BLUR * unit
+    share = cv2.GaussianBlur(mask.astype(float), (0, 0), blur)
+    smooth = cv2.GaussianBlur(np.where(mask, log_facing, 0.0), (0, 0), blur) / np.maximum(share, 1e-6)
+    slope = np.hypot(*np.gradient(smooth)) * unit
+    region, count = contours._basins(slope, mask)
+    assert_array_equal(np.unique(region[mask]), np.arange(count))
+    assert np.array_equal(region >= 0, mask)
+    there = np.stack([shifted(region, 1, axis, -1) for axis in (1, 0)])
+    where = np.nonzero(links(mask) & (there != region))
+    pair = np.stack([np.broadcast_to(region, there.shape)[where], there[where]])
+    both, line = np.unique(np.sort(pair, axis=0), axis=1, return_inverse=True)
+    steep = ndimage.median(slope[where[1:]], line.ravel(), np.arange(both.shape[1]))
+    same = [shifted(region, step, axis, -1) == region for step in (1, -1) for axis in (0, 1)]
+    inside = np.pad(np.all(same, axis=0), 1).astype(np.uint8)
+    depth = cv2.distanceTransform(inside, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    thin = 2 * ndimage.maximum(depth, region, np.arange(count)) + 1 < contours.LIMB * unit
+    far = ndimage.median(np.where(mask, log_facing, 0.0), region, np.arange(count))
+    lightest = far.copy()
+    for one, other in both.T:
+        lightest[one], lightest[other] = min(lightest[one], far[other]), min(lightest[other], far[one])
+    light = lightest + contours.SHARE * (far - lightest)
+    for index, (one, other) in enumerate(both.T):
+        if (thin[one] and far[other] < light[one]) or (thin[other] and far[one] < light[other]):
+            steep[index] = 0.0
+    steepness = np.zeros(there.shape)
+    steepness[where] = steep[line.ravel()]
+    return steepness
+
+
+@pytest.mark.parametrize("noise", [0, 2])
+def test_lines_are_those_of_their_plain_twin(noise):
+    problem = seen("colon", 240, noise=noise)[3]
+    expected = plainly(problem.log_facing, problem.mask)
+    assert (expected > 0).sum() > 1000
+    assert (expected > STEEP).any()
+    assert_array_equal(steepness_of(problem), expected)
 
 
 def test_a_step_is_one_closed_line_one_step_thin():

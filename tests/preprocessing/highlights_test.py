@@ -5,6 +5,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
+from endolab.preprocessing import highlights
 from endolab.preprocessing.highlights import extended, find_highlights, inpaint
 
 
@@ -59,6 +60,32 @@ def test_a_large_overexposed_wall_is_no_highlight():
     near = np.exp(-((rows - 120) ** 2 + (columns - 160) ** 2) / (2 * 60**2))
     image = np.clip(2.0 * near[..., None] * np.array([0.75, 0.38, 0.30]), 0, 1) ** (1 / 2.2)
     assert find_highlights(image, np.ones(rows.shape, bool)).mean() < 0.002
+
+
+def test_light_is_split_as_least_squares_do(rng):
+    light, colour, spread = (rng.uniform(0.1, 1, (4, 5, 3)) for _ in range(3))
+    white, doubt = np.empty((4, 5)), np.empty((4, 5))
+    highlights._split(white, doubt, light, colour, spread)
+    for at in np.ndindex(4, 5):
+        parts = np.column_stack([colour[at], np.ones(3)]) / spread[at][:, None]
+        assert white[at] == pytest.approx(np.linalg.lstsq(parts, light[at] / spread[at])[0][1], rel=1e-6)
+        assert doubt[at] == pytest.approx(np.sqrt(np.linalg.inv(parts.T @ parts)[1, 1]), rel=1e-6)
+
+
+def test_slopes_lead_to_what_is_met_on_eight_sides(rng):
+    tissue = rng.uniform(0.01, 1, (20, 30))
+    log, rows, columns = np.log(tissue), *np.indices((20, 30))
+    best = log.copy()
+    for down, right in np.ndindex(3, 3):
+        if (down, right) != (1, 1):
+            reach = 3 if 1 in (down, right) else 2  # 3 px aslant
+            far = 6 if 1 in (down, right) else 4
+            near, beyond = (
+                log[np.clip(rows + r * (down - 1), 0, 19), np.clip(columns + r * (right - 1), 0, 29)]
+                for r in (reach, far)
+            )
+            best = np.maximum(best, near + np.clip(near - beyond, -highlights.STEEPEST, highlights.STEEPEST))
+    np.testing.assert_allclose(highlights._led_to(tissue, 3), np.exp(best), rtol=1e-5)
 
 
 def test_what_does_not_fit_is_said():

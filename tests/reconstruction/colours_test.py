@@ -96,6 +96,25 @@ def test_white_walls_have_no_colour(known):
         found_light(patches, Belief.of(None))
 
 
+@pytest.mark.parametrize("x", [(0.9, 0.7, 0.3), (2.2, 0.1, 0.0), (0.3, 1.0, 2.0)])
+@pytest.mark.parametrize("albedo", [ALBEDO, np.array([0.94, 0.5, 0.05])])
+def test_derivatives_are_those_of_differences(known, x, albedo):
+    """Of a disagreement that has small and large parts, in places of which S/E is at its most."""
+    patches = shown(known, Light(ALBEDO, 1.1, 0.6, 0.2), texture=0.3)
+    patches = replace(
+        patches, direct=patches.direct * np.where(np.arange(patches.direct.shape[1]) % 9, 1, 1e-3)
+    )
+    apart = colours._Disagreement(patches, Belief.of(0.3), 0.4)
+    x = np.array([*x, *np.log(albedo)])
+    for i, column in enumerate(apart.jacobian(x).T):
+        step = 1e-6 * (np.arange(6) == i)
+        if i == 1 and x[1] == 1.0:  # the last of LAMPS: from one side
+            difference = (apart.residual(x) - apart.residual(x - step)) / 1e-6
+        else:
+            difference = (apart.residual(x + step) - apart.residual(x - step)) / 2e-6
+        np.testing.assert_allclose(column, difference, atol=2e-5 * np.abs(difference).max())
+
+
 def test_the_same_colours_tell_the_same(known):
     patches = shown(known, Light(ALBEDO, 1.1, 0.6, 0.2), texture=0.1)
     one, other = (found_light(patches, Belief.of(ALBEDO)) for _ in range(2))

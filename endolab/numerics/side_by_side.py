@@ -1,0 +1,42 @@
+"""Large maps by bands of rows, or one by one, on several threads: NumPy and OpenCV let others run meanwhile.
+
+A band's intermediate maps stay in the processor's cache, where those of a whole picture would be written to
+fresh memory and read from it.
+"""
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
+from typing import TypeVar
+
+from endolab.numerics.threads import threads
+
+LARGE = 300_000  # pixels; with fewer, threads cost more than they bring
+BAND = 30_000  # pixels of a band, at least; a map of 8 bytes each and a few more like it fit the cache
+
+Item = TypeVar("Item")
+Found = TypeVar("Found")
+
+
+def side_by_side(function: Callable[[Item], Found], items: Iterable[Item], pixels: int) -> list[Found]:
+    """Map a function, on threads if it is about so many pixels that it pays; the first error is raised."""
+    wanted = list(items)
+    count = min(threads(), len(wanted))
+    if pixels < LARGE or count <= 1:
+        return [function(one) for one in wanted]
+    contexts = [copy_context() for _ in wanted]
+    with ThreadPoolExecutor(count) as pool:
+        return list(pool.map(lambda context, one: context.run(function, one), contexts, wanted))
+
+
+def by_rows(function: Callable[[slice], object], shape: tuple[int, ...]) -> None:
+    """Let a function do its work on bands of rows of maps of a shape, (H, W, ...); one band if it is small.
+
+    What it writes to a band must not depend on others.
+    """
+    rows, columns = shape[:2]
+    if rows * columns < LARGE:
+        function(slice(0, rows))
+        return
+    step = max(1, BAND // columns)
+    side_by_side(function, [slice(i, min(i + step, rows)) for i in range(0, rows, step)], rows * columns)

@@ -1,0 +1,34 @@
+"""Work on several threads: all of it is done, once, and errors come through."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from endolab.numerics.side_by_side import LARGE, by_rows, side_by_side
+from endolab.numerics.threads import limited_threads, threads
+
+
+@pytest.mark.parametrize("shape", [(3, 7), (600, 700), (LARGE, 1), (1, LARGE)])
+def test_every_row_is_worked_on_once(rng, shape):
+    a, out = rng.uniform(size=shape), np.zeros(shape)
+
+    def added(rows):
+        out[rows] += a[rows] ** 2
+
+    by_rows(added, shape)
+    assert_array_equal(out, a**2)
+
+
+@pytest.mark.parametrize("pixels", [1, LARGE])
+def test_results_come_in_order_and_errors_too(pixels):
+    assert side_by_side(lambda one: 2 * one, range(9), pixels) == list(range(0, 18, 2))
+    with pytest.raises(ZeroDivisionError):
+        side_by_side(lambda one: 1 / one, [1, 0, 2], pixels)
+
+
+def test_a_limit_holds_within():
+    with limited_threads(1):
+        assert side_by_side(lambda _: threads(), range(4), LARGE) == [1] * 4
+    if threads() > 1:
+        with limited_threads(2):
+            assert side_by_side(lambda _: threads(), range(4), LARGE) == [2] * 4
