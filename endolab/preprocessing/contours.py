@@ -15,7 +15,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import kernel
@@ -99,7 +99,7 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     pair = np.stack([np.broadcast_to(region, there.shape)[where], there[where]])
     both, line = np.unique(np.sort(pair, axis=0), axis=1, return_inverse=True)
     line = line.ravel()
-    steep = np.asarray(ndimage.median(slope[where[1:]], line, np.arange(both.shape[1])))
+    steep = np.asarray(scipy.ndimage.median(slope[where[1:]], line, np.arange(both.shape[1])))
     steep[_joins_a_limb(both, region, log_facing, LIMB * unit)] = 0.0
     steepness[where] = steep[line]
     return steepness
@@ -111,8 +111,8 @@ def _joins_a_limb(both: Any, region: Any, log_facing: FloatArray, thin: float) -
     same = [shifted(region, step, axis, -1) == region for step in (1, -1) for axis in (0, 1)]
     inside = np.pad(np.all(same, axis=0), 1).astype(np.uint8)
     depth = cv2.distanceTransform(inside, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    is_thin = 2 * np.asarray(ndimage.maximum(depth, region, numbers)) + 1 < thin
-    far = np.asarray(ndimage.median(np.where(region < 0, 0.0, log_facing), region, numbers))
+    is_thin = 2 * np.asarray(scipy.ndimage.maximum(depth, region, numbers)) + 1 < thin
+    far = np.asarray(scipy.ndimage.median(np.where(region < 0, 0.0, log_facing), region, numbers))
     lightest = far.copy()
     for one, other in (both, both[::-1]):
         np.minimum.at(lightest, one, far[other])

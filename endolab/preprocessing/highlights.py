@@ -10,9 +10,7 @@ no paler than the tissue elsewhere.
 
 import cv2
 import numpy as np
-from scipy.ndimage import percentile_filter
-from scipy.sparse import coo_array
-from scipy.sparse.linalg import splu
+import scipy
 
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -66,7 +64,9 @@ def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
     small = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
     ratio = small / np.maximum(small[..., :1], 1e-4)
     width = _odd(AROUND * wide / step)
-    pale = np.stack([percentile_filter(ratio[..., c], 75, size=width, mode="nearest") for c in range(3)], -1)
+    pale = np.stack(
+        [scipy.ndimage.percentile_filter(ratio[..., c], 75, size=width, mode="nearest") for c in range(3)], -1
+    )
     return np.asarray(cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR), dtype=np.float64)
 
 
@@ -214,7 +214,9 @@ def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray | None = None) 
     rows_, columns_ = np.concatenate([*rows, np.arange(count)]), np.concatenate([*columns, np.arange(count)])
     values = np.concatenate([np.full(rows_.size - count, -1.0), diagonal])
     # The matrix is symmetric: ordered for that, its factors stay thin.
-    factors = splu(coo_array((values, (rows_, columns_)), shape=(count, count)).tocsc(), "MMD_AT_PLUS_A")
+    factors = scipy.sparse.linalg.splu(
+        scipy.sparse.coo_array((values, (rows_, columns_)), shape=(count, count)).tocsc(), "MMD_AT_PLUS_A"
+    )
     filled = image.copy().reshape(*holes.shape, -1)
     filled[holes] = np.clip(np.exp(factors.solve(right)), 0.0, 1.0)
     return filled.reshape(image.shape)

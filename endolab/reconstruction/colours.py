@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from endolab.depth.problem import EXACT, Problem
 from endolab.model.interreflection import MOST, Walls, bounced
@@ -212,7 +212,9 @@ def found_light(patches: Patches, belief: Belief) -> Light:
     x, sigma = np.array([FACTOR[0], LAMP[0], FILM[1], *centre]), 1.0
     for _ in range(ROUNDS):
         inside = np.clip(x, low + 1e-3, high - 1e-3)  # where its steps to bounds begin
-        x = least_squares(residual, inside, bounds=(low, high), args=(sigma,), xtol=1e-4, ftol=1e-4).x
+        x = scipy.optimize.least_squares(
+            residual, inside, bounds=(low, high), args=(sigma,), xtol=1e-4, ftol=1e-4
+        ).x
         sigma = max(1.48 * float(np.median(np.abs(unexplained(x) @ tint.T))), FLOOR)
     light = unexplained(x)
     misfit = float(np.abs(light - light.mean(axis=1, keepdims=True)).mean())
