@@ -1,0 +1,24 @@
+"""Where the time of a command goes: the parts make up the whole."""
+
+import time
+
+import pytest
+
+from endolab.cli.stopwatch import Stopwatch, process_began
+
+
+def test_stages_make_up_the_time_that_passed(monkeypatch):
+    now = iter([2.0, 2.5, 4.0, 4.25])
+    monkeypatch.setattr(time, "perf_counter", lambda: next(now))
+    clock = Stopwatch(1.0)
+    for stage in ("starting", "reading", "preparing", "starting"):
+        clock.lap(stage)
+    assert clock.stages == {"starting": 1.25, "reading": 0.5, "preparing": 1.5}
+    clock.share("preparing", [("solution", 0.5), ("contours", 0.25), ("solution", 0.25)])
+    assert clock.stages["preparing"] == 0.5
+    assert (clock.stages["solution"], clock.stages["contours"]) == (0.75, 0.25)
+    assert clock.total == pytest.approx(4.25 - 1.0, rel=1e-12)
+
+
+def test_a_process_began_before_it_is_asked():
+    assert process_began() < time.perf_counter()
