@@ -83,12 +83,14 @@ clean: ## delete what the other targets made, but for .venv
 	rm -rf demo build *.egg-info .pytest_cache .ruff_cache .mypy_cache
 	find endolab tests notebooks \( -name __pycache__ -o -name .ipynb_checkpoints \) -prune -exec rm -rf {} +
 
-# uv is several times faster than pip; where it cannot be had, or cannot reach the packages, pip does it.
+# uv is several times faster than pip; where it cannot be had, or cannot reach the packages, pip does it. Both
+# byte-compile what they install (half a minute), so that no first run does, nor each where nothing can be kept.
 $(READY): requirements.lock pyproject.toml | $(BIN)/python
-	@echo 'Setting up $(VENV): about 2.8 GB, and some minutes the first time.'
-	$(PIP) install --quiet uv && $(BIN)/uv pip install --python $(BIN)/python -r requirements.lock \
+	@echo 'Setting up $(VENV): about 3 GB, and some minutes the first time.'
+	$(PIP) install --quiet uv && $(BIN)/uv pip install --compile-bytecode --python $(BIN)/python -r requirements.lock \
 	  || $(PIP) install -r requirements.lock
 	$(PIP) install --quiet --no-deps --no-build-isolation -e .
+	$(BIN)/python -m compileall -q endolab
 	$(BIN)/python -m endolab.cli.lab $(VENV)
 	@touch $@
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
-from scipy.special import chdtri, gammainc
+import scipy
 
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, frozen
 from endolab.numerics.checks import whole
@@ -199,9 +199,9 @@ def robust_sigma(residual: FloatArray, used: BoolArray, unknowns: int, smallest:
     size, m = np.linalg.norm(residual[used], axis=1), residual.shape[1]
     if size.size == 0:
         raise ValueError("no measurement is left to fit")
-    sigma = float(np.median(size)) / np.sqrt(chdtri(m, 0.5))
+    sigma = float(np.median(size)) / np.sqrt(scipy.special.chdtri(m, 0.5))
     # E[r² | r < CUT σ] of a chi-squared variable, per number.
-    kept = gammainc(m / 2 + 1, CUT**2 / 2) / gammainc(m / 2, CUT**2 / 2)
+    kept = scipy.special.gammainc(m / 2 + 1, CUT**2 / 2) / scipy.special.gammainc(m / 2, CUT**2 / 2)
     for _ in range(30):
         inner = size < CUT * sigma
         count = m * inner.sum()

@@ -12,9 +12,8 @@ from typing import ClassVar
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
-from scipy.spatial import Delaunay
 
 from endolab.model.ranges import check_range
 from endolab.numerics.arrays import FloatArray, IntArray
@@ -187,11 +186,11 @@ class Target:
         if self.fold_x is not None:
             bare &= np.abs(x - self.fold_x) > step
         # Beside the raster may be ink; a cell may be bare to its rim only.
-        radius = (ndimage.distance_transform_edt(np.pad(bare, 1))[1:-1, 1:-1] - 1) * step
-        ridge = (radius >= clearance * self.spacing) & (radius >= ndimage.maximum_filter(radius, 3))
+        radius = (scipy.ndimage.distance_transform_edt(np.pad(bare, 1))[1:-1, 1:-1] - 1) * step
+        ridge = (radius >= clearance * self.spacing) & (radius >= scipy.ndimage.maximum_filter(radius, 3))
         row, column = np.nonzero(ridge)
         left = np.column_stack([x[column], y[row], radius[ridge]])
-        left = left[Delaunay(self.points[:, :2]).find_simplex(left[:, :2]) >= 0]
+        left = left[scipy.spatial.Delaunay(self.points[:, :2]).find_simplex(left[:, :2]) >= 0]
         left = left[np.argsort(-left[:, 2], kind="stable")]
         places = []
         while len(left):

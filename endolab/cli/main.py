@@ -1,10 +1,12 @@
 """The command line: python -m endolab reconstruct, sweep, calibrate, target, simulate, evaluate, lab."""
 
 import argparse
+import gc
 import itertools
 import json
 import signal
 import sys
+import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -23,6 +25,7 @@ from endolab.cli.calibrate import (
 from endolab.cli.options import add_command, add_overwrite, number, whole
 from endolab.cli.reconstruct import add_reconstruct_commands
 from endolab.cli.signals import ended_like_interrupted
+from endolab.cli.stopwatch import process_began
 from endolab.cli.streams import in_one_line, patient_streams
 
 FRAME_OPTIONS = ("texture", "fog", "highlights")  # of `simulate`, but for its calibration video
@@ -220,17 +223,26 @@ def _parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command: 0 when all is done, 2 after bad input, which is said in one sentence on stderr."""
     ended: list[int] = []
-    if argv is None and not sys.warnoptions:  # a process of its own: others' warnings say nothing to its user
-        warnings.filterwarnings("ignore", module=r"(?!endolab\b)")
+    began = time.perf_counter()
+    if argv is None:  # a process of its own
+        began = process_began()
+        # What is imported stays: to look for cycles in it again and again takes a sixth of all importing.
+        gc.set_threshold(50_000)
+        if not sys.warnoptions:  # others' warnings say nothing to its user
+            warnings.filterwarnings("ignore", module=r"(?!endolab\b)")
     try:
         with patient_streams(), ended_like_interrupted(ended):
             arguments = _parser().parse_args(sys.argv[1:] if argv is None else argv)
+            arguments.began = began
             arguments.run(arguments)
     except (ValueError, OSError, MemoryError, MissingPackage) as error:
         return _failed(2, error)
     except KeyboardInterrupt as interrupt:
         status = 128 + (ended or [signal.SIGINT])[0]
         return _failed(status, str(interrupt) or "interrupted; nothing was written")
+    finally:
+        if argv is None:
+            gc.freeze()  # nothing of it need be looked through when Python ends
     return 0
 
 

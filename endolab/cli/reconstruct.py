@@ -2,8 +2,10 @@
 
 import argparse
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from endolab._extras import lacking
 from endolab.cli.options import (
@@ -17,6 +19,8 @@ from endolab.cli.options import (
     solving_keywords,
     whole,
 )
+from endolab.cli.stopwatch import Stopwatch
+from endolab.cli.streams import compiling_said
 
 SNAPSHOTS = 12  # of a march, in its recording
 
@@ -74,6 +78,51 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
         _reconstruct_frame(arguments)
 
 
+class _Recording:
+    """An observer that records once Rerun is loaded, which a thread does while the solver runs.
+
+    The file is one of the outputs, so that it is written when they are; after a failure there is none.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.seconds = 0.0  # that the solver waited
+        self._path = path
+        self._early: list[Any] = []  # iterates that nobody could record yet
+        pool = ThreadPoolExecutor(1)
+        self._recorder = pool.submit(self._load)
+        pool.shutdown(wait=False)
+
+    def _load(self) -> Any:
+        from endolab.recording.recorder import record
+
+        return record(self._path)
+
+    def __call__(self, iterate: Any) -> None:
+        started = time.perf_counter()
+        self._early.append(iterate)
+        if self._recorder.done():
+            self._recorded()
+        self.seconds += time.perf_counter() - started
+
+    def _recorded(self) -> Any:
+        recorder, early, self._early = self._recorder.result(), self._early, []
+        for iterate in early:
+            recorder(iterate)
+        return recorder
+
+    def write(self, _: Path) -> None:
+        """Write the file."""
+        self._recorded().close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, failure: object, *_: object) -> None:
+        if failure is not None:
+            with suppress(Exception):
+                self._recorder.result().close()
+
+
 def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     import numpy as np
 
@@ -81,41 +130,54 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     from endolab.io.atomic import staged_folder
     from endolab.io.images import read_frame
     from endolab.preprocessing.frame import looks_like_depth
-    from endolab.preprocessing.prepare import prepare
-    from endolab.reconstruction.assumptions import notes, of_evidence
-    from endolab.reconstruction.reconstruct import reconstruct
-    from endolab.reports.result import result_files, save_result
+    from endolab.reports.draughtsman import Draughtsman
 
+    clock = Stopwatch(arguments.began)
+    clock.lap("starting")
     for option in ("every", "limit"):
         if getattr(arguments, option) is not None:
             raise ValueError(f"--{option} is of a folder or a video, and {arguments.frame} is one picture")
     calibration = calibration_of(arguments)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
-    _say_effort(arguments, calibration)
-    if depth_layout(arguments.frame) or looks_like_depth(frame.image):
-        print(f"{arguments.frame} may be a depth map and no picture, by its name or for it has no noise.")
-    prepared = prepare(frame, calibration, highlights="keep") if arguments.prepare else None
-    keywords = solving_keywords(arguments) | known_length(arguments)
-    solver, snapshots = keywords["solver"], arguments.snapshots
-    if snapshots is None and solver == "fast_marching":
-        snapshots = SNAPSHOTS
-    if snapshots is not None:
-        keywords["snapshots"] = snapshots
-    unrecorded = lacking("rerun")
-    started = time.perf_counter()
-    files = (*result_files(arguments.mesh, arguments.prepare), *(() if unrecorded else ("recording.rrd",)))
-    inputs = [arguments.frame, arguments.calibration, arguments.mask]
-    with staged_folder(arguments.out, files, overwrite=arguments.overwrite, inputs=inputs) as folder:
-        observers: list[Any] = [_Progress(snapshots)]
-        if not unrecorded:
-            from endolab.recording.recorder import record
+    clock.lap("reading")
+    with Draughtsman() as draughtsman, compiling_said():
+        from endolab.preprocessing.prepare import prepare
+        from endolab.reconstruction.assumptions import notes, of_evidence
+        from endolab.reconstruction.reconstruct import reconstruct
+        from endolab.reports.result import outputs_of, result_files, write_outputs, write_report
 
-            observers.insert(0, record(folder / "recording.rrd"))
-        picture = frame if prepared is None else prepared.frame
-        result = reconstruct(picture, calibration, observers=observers, **keywords)
-        seconds = time.perf_counter() - started  # with all that came before the solver
-        save_result(result, folder, mesh=arguments.mesh, prepared=prepared)
-        written = sorted(path.name for path in folder.iterdir())
+        clock.lap("starting")
+        _say_effort(arguments, calibration)
+        if depth_layout(arguments.frame) or looks_like_depth(frame.image):
+            print(f"{arguments.frame} may be a depth map and no picture, by its name or for it has no noise.")
+        prepared = prepare(frame, calibration, highlights="keep") if arguments.prepare else None
+        keywords = solving_keywords(arguments) | known_length(arguments)
+        solver, snapshots = keywords["solver"], arguments.snapshots
+        if snapshots is None and solver == "fast_marching":
+            snapshots = SNAPSHOTS
+        if snapshots is not None:
+            keywords["snapshots"] = snapshots
+        unrecorded = lacking("rerun")
+        files = result_files(arguments.mesh, arguments.prepare)
+        inputs = [arguments.frame, arguments.calibration, arguments.mask]
+        files = (*files, *(() if unrecorded else ("recording.rrd",)))
+        with staged_folder(arguments.out, files, overwrite=arguments.overwrite, inputs=inputs) as folder:
+            with nullcontext() if unrecorded else _Recording(folder / "recording.rrd") as recording:
+                observers: list[Any] = [_Progress(snapshots), *([] if recording is None else [recording])]
+                picture = frame if prepared is None else prepared.frame
+                result = reconstruct(picture, calibration, observers=observers, **keywords)
+                clock.lap("preparing")
+                clock.share("preparing", [(stage.name, stage.seconds) for stage in result.stages])
+                tasks = outputs_of(result, arguments.mesh, prepared, draughtsman.draw)
+                if recording is not None:
+                    clock.share("preparing", [("recording", recording.seconds)])
+                    tasks["recording.rrd"] = recording.write
+                outputs = write_outputs(tasks, folder)
+            clock.lap("writing")
+            seconds = clock.total
+            spent = {"in_all": seconds, "stages": clock.stages, "outputs": outputs}
+            write_report(result, folder, spent)
+            written = sorted(path.name for path in folder.iterdir())
     near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
     print(f"{result.status.name}: {result.status.value}")
     count, first = result.iterations, result.history[0]["energy"]

@@ -9,6 +9,9 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from typing import Any
 
 LONGEST = 600  # characters of a complaint; what was typed may be as long as it likes
+COMPILING = "Compiling for this machine, up to half a minute"
+ONCE = f"{COMPILING}; only the first run does."
+EACH_TIME = f"{COMPILING}, in each run: no folder can keep it; let NUMBA_CACHE_DIR name one."
 UNREAD = (errno.EPIPE, errno.EINVAL)  # a closed pipe; the second is how Windows calls it
 
 
@@ -71,3 +74,25 @@ def patient_streams() -> Iterator[None]:
         finally:
             if out is not None:
                 out.flush()
+
+
+@contextmanager
+def compiling_said() -> Iterator[None]:
+    """Say on stderr, once, that loops are compiled, if any are in the block."""
+    from numba.core import event
+
+    from endolab.numerics.compiled import COMPILED
+
+    class First(event.Listener):
+        said = False
+
+        def on_start(self, event: object) -> None:
+            if not self.said:
+                self.said = True
+                print(ONCE if COMPILED["cache"] else EACH_TIME, file=sys.stderr, flush=True)
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    with event.install_listener("numba:compile", First()):
+        yield

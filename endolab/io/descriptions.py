@@ -1,17 +1,20 @@
 """Endoscopes, cameras and targets in JSON files."""
 
+from __future__ import annotations
+
 import os
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from endolab.calibration.session import Session
-from endolab.calibration.summary import evidence
 from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid, DotGrid, Target
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Endoscope, camera_from_dict, camera_to_dict
 from endolab.model.schema import Section, quoted, unknown_name
+
+if TYPE_CHECKING:
+    from endolab.calibration.session import Session
 
 
 def read_camera(path: PathLike) -> Camera:
@@ -51,6 +54,9 @@ def make_calibration(session: Session, source: str = "", channel: str = "grey") 
     Parameters as of `evidence`. The BRDF is that of the sheet; the gain is None unless one was fitted to
     all frames. ValueError if the light was refused.
     """
+    # Here, for whoever reads a calibration need not be able to calibrate.
+    from endolab.calibration.summary import evidence
+
     if session.light is None:
         raise ValueError(f"session has no light to save: {session.refused}")
     return Calibration(session.camera, session.light.photometry, evidence(session, source, channel))

@@ -52,6 +52,7 @@ class Claim:
     overwrite: bool = False  # what others wrote
     inputs: Collection[str | os.PathLike[str] | None] = ()  # never replaced
     elsewhere: Mapping[str, Path] = field(default_factory=dict)  # places of those that go not into the folder
+    _digests: dict[tuple[str, int, int, int], str] = field(default_factory=dict)  # of what was looked at
 
     def place(self, name: str) -> Path:
         """Where a file goes."""
@@ -75,14 +76,27 @@ class Claim:
         known = self._known()
         for path in files:
             place, own = self.place(path.name), known.get(path.name, [])
-            kept = [digest(place)] if self._is_own(place, own) else []
+            kept = [self._digest(place)] if self._is_own(place, own) else []
             known[path.name] = list(dict.fromkeys([*kept, digest(path)]))
         return {"endolab": 1, "files": known}
 
     def _is_own(self, place: Path, digests: Collection[str]) -> bool:
         with suppress(OSError):  # what cannot be read is nobody's
-            return bool(digests) and place.is_file() and not place.is_symlink() and digest(place) in digests
+            return (
+                bool(digests)
+                and place.is_file()
+                and not place.is_symlink()
+                and self._digest(place) in digests
+            )
         return False
+
+    def _digest(self, place: Path) -> str:
+        """The same as `digest`, read again only if the file has been written or replaced meanwhile."""
+        found = place.stat()
+        key = str(place), found.st_ino, found.st_size, found.st_mtime_ns
+        if key not in self._digests:
+            self._digests[key] = digest(place)
+        return self._digests[key]
 
     def _known(self) -> dict[str, list[str]]:
         try:

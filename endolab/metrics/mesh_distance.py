@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from endolab._extras import need
 from endolab.model.mesh import Mesh
@@ -89,7 +89,7 @@ def distance_to(
     if not (len(own) and size):
         raise ValueError(f"nothing to measure: the mesh has {len(own)} vertices, the truth {size} parts")
     if triangles is None:
-        found = cKDTree(vertices).query(own)[0]
+        found = scipy.spatial.cKDTree(vertices).query(own)[0]
     else:
         place = load_open3d().core.Tensor(own.astype(np.float32))
         found = caster(vertices, triangles).compute_distance(place).numpy().astype(np.float64)

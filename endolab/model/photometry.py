@@ -123,7 +123,29 @@ class Photometry:
 
         0 and up; 1 is the sensor's maximum, where a real picture saturates.
         """
-        return self.intensity_gradient(points, normals)[0]
+        points, normals = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
+        distance = np.linalg.norm(points, axis=-1)
+        to_camera = -points / distance[..., None]
+        linear = np.zeros(distance.shape)
+        for light in self.lights or (CENTRED_LIGHT,):
+            lit, cos_i, f = self._lit(light, points, normals, to_camera)[:3]
+            linear += lit * f * cos_i
+        linear = linear * (self.attenuation(points[..., 2] / distance) * self._known_gain())
+        return np.asarray(linear ** (1 / self.gamma))
+
+    def _lit(
+        self, light: SpotLight, points: FloatArray, normals: FloatArray, to_camera: FloatArray
+    ) -> tuple[FloatArray, ...]:
+        """Radiance on the front, cosine of incidence, f_r; ω, distance to the light; h, its length, n·h."""
+        radiance, reach = light.illuminate(points)
+        to_light = (np.asarray(light.position) - points) / reach[..., None]
+        cos_i = _dot(normals, to_light)
+        half = to_light + to_camera
+        half_length = np.linalg.norm(half, axis=-1)
+        half = half / half_length[..., None]
+        cos_h = _dot(normals, half)
+        f = self.brdf.value(cos_i, cos_h)
+        return (cos_i > 0) * radiance, cos_i, f, to_light, reach, half, half_length, cos_h
 
     def intensity_gradient(
         self, points: ArrayLike, normals: ArrayLike
@@ -135,15 +157,8 @@ class Photometry:
         linear = np.zeros(distance.shape)
         by_point, by_normal = np.zeros(points.shape), np.zeros(points.shape)
         for light in self.lights or (CENTRED_LIGHT,):
-            radiance, reach = light.illuminate(points)
-            to_light = (np.asarray(light.position) - points) / reach[..., None]
-            cos_i = _dot(normals, to_light)
-            lit = (cos_i > 0) * radiance
-            half = to_light + to_camera
-            half_length = np.linalg.norm(half, axis=-1)
-            half = half / half_length[..., None]
-            cos_h = _dot(normals, half)
-            f = self.brdf.value(cos_i, cos_h)
+            surface = self._lit(light, points, normals, to_camera)
+            lit, cos_i, f, to_light, reach, half, half_length, cos_h = surface
             f_i, f_h = self.brdf.derivative(cos_i, cos_h)
             shade = lit * f * cos_i
             linear += shade

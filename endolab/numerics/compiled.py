@@ -1,14 +1,50 @@
-"""Compiled loops: how they are compiled, and the padding that spares them their borders."""
+"""Compiled loops: how they are compiled and kept, and the padding that spares them their borders.
 
+Numba keeps what it has compiled for the next run: beside the sources, in the user's folder for such things,
+or where `NUMBA_CACHE_DIR` says. Where none of them can be written, a private one among the temporary files
+does, and without that each run compiles.
+"""
+
+import os
+import stat
+import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
+import numba
 import numpy as np
 from numba import njit
 
 from endolab.numerics.arrays import FloatArray
 
-COMPILED: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+
+def _private_folder() -> str:
+    """Make a folder among the temporary files that is nobody else's; OSError if there is none."""
+    own = os.getuid() if hasattr(os, "getuid") else 0  # elsewhere each user has temporary files of his own
+    folder = os.path.join(tempfile.gettempdir(), f"endolab-{own}")
+    with suppress(FileExistsError):
+        os.mkdir(folder, 0o700)
+    found = os.lstat(folder)
+    mine = stat.S_ISDIR(found.st_mode) and (found.st_uid, found.st_mode & 0o077) == (own, 0)
+    if hasattr(os, "getuid") and not mine:  # who else can write there, can have anything executed
+        raise PermissionError(f"{folder} belongs to somebody else")
+    return folder
+
+
+def _kept() -> bool:
+    """Whether what is compiled can be kept for the next run; finds a place for it if need be."""
+    with suppress(RuntimeError):
+        njit(cache=True)(_private_folder)  # which is not compiled by that
+        return True
+    with suppress(RuntimeError, OSError):
+        numba.config.CACHE_DIR = _private_folder()  # type: ignore[attr-defined]
+        njit(cache=True)(_private_folder)
+        return True
+    return False
+
+
+COMPILED: dict[str, Any] = {"cache": _kept(), "nogil": True, "error_model": "numpy"}
 kernel: Callable[..., Any] = njit(**COMPILED)
 PAD = 2
 

@@ -6,7 +6,10 @@ which is shown in neutral grey; ``unit`` is that of the distances. Colours are s
 colour-blind readers, and axes carry units (`style`).
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,14 +17,15 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from endolab.depth.energy import model_image
-from endolab.depth.result import Iterate, Result
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import FloatArray
 from endolab.plots import style
+from endolab.plots.contents import Page, page_of
 from endolab.plots.scales import tallness
 from endolab.plots.surface_view import show_cloud
-from endolab.reconstruction.assumptions import meaning
+
+if TYPE_CHECKING:
+    from endolab.depth.result import Iterate, Result
 
 
 def _draw(picture: FloatArray, ax: Axes | None, title: str, **how: object) -> tuple[Axes, ScalarMappable]:
@@ -295,31 +299,24 @@ def overview(
     Figure
         1600 x 900 px when saved; not one of pyplot's, so there is nothing to close.
     """
-    iterate = shown.iterate if isinstance(shown, Result) else shown
-    problem, unit = iterate.problem, iterate.problem.unit
-    if picture is None:
-        picture = problem.shown
-    start = np.exp(np.where(problem.mask, problem.log_facing, np.nan))
-    curves = {"start": start, "estimate": iterate.distance}
-    if truth is not None:
-        scale = 1.0 if problem.metric else np.nanmedian((iterate.distance / truth)[problem.mask])
-        curves = {"truth": np.where(problem.mask, scale * truth, np.nan), **curves}
+    return draw_page(page_of(shown, picture, truth))
 
+
+def draw_page(page: Page) -> Figure:
+    """Draw what an overview shows; see there."""
+    rows, columns = page.size
     with style.house(style.PAGE_SIZE):
         figure = Figure(figsize=(16, 9), dpi=100, layout="constrained")
         ((frame, depth, facing), (surface, section, residual)) = figure.subplots(2, 3)
-        show_picture(picture, frame)
-        show_depth(iterate.distance, depth, unit=unit)
-        show_normals(iterate.normals, facing)
-        show_cloud(iterate.points, picture, surface, unit=unit)
-        show_section(curves, problem.field, section, unit=unit)
-        error = 255 * (model_image(problem, iterate.log_distance) - problem.image)
-        _diverging(error, residual, "Model - frame", "grey levels of 255", None)
-        what = [f"iteration {iterate.k}", f"energy {iterate.energy:.4g}"]
-        if isinstance(shown, Result):
-            what.insert(0, shown.status.value.rstrip("."))
-        if not problem.metric:
-            what.append("relative units")
-        figure.suptitle("  ·  ".join(what), fontsize=15)
-        figure.supxlabel(meaning(shown)[0], fontsize=13)
+        show_picture(page.picture, frame)
+        show_depth(page.distance, depth, unit=page.unit)
+        show_normals(page.normals, facing)
+        _diverging(page.error, residual, "Model - frame", "grey levels of 255", None)
+        for ax in (frame, depth, facing, residual):  # thinned or not, axes count the frame's pixels
+            ax.images[0].set_extent((-0.5, columns - 0.5, rows - 0.5, -0.5))
+        show_cloud(page.points, page.colours, surface, unit=page.unit)
+        title = f"Section along column {page.column}"
+        show_section(page.section, page.field, section, column=0, unit=page.unit, title=title)
+        figure.suptitle(page.title, fontsize=15)
+        figure.supxlabel(page.foot, fontsize=13)
     return figure

@@ -10,10 +10,9 @@ from matplotlib.collections import PolyCollection
 from endolab.metrics.mesh_distance import caster, load_open3d, to_open3d
 from endolab.model.mesh import Mesh, triangle_normals
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.scales import in_colour
+from endolab.plots.scales import VIEW_WIDTH, in_colour
 from endolab.plots.style import BACKDROP, house, new_axes, scale_bar
 
-VIEW_WIDTH = 320  # columns of a surface that `show_cloud` draws; more cost time and show no more
 JUMP = 1.25  # neighbours whose distances differ by more are not joined
 EDGE_ON = 0.15  # cosine to the line of sight below which a patch joins the two sides of a contour
 FARTHEST = 8.0  # median distances that the view reaches

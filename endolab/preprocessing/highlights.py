@@ -12,8 +12,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.linalg import splu
+import scipy
 
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -259,7 +258,9 @@ def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray | None = None) 
     rows_, columns_ = np.concatenate([*rows, np.arange(count)]), np.concatenate([*columns, np.arange(count)])
     values = np.concatenate([np.full(rows_.size - count, -1.0), diagonal])
     # The matrix is symmetric: ordered for that, its factors stay thin.
-    factors = splu(coo_array((values, (rows_, columns_)), shape=(count, count)).tocsc(), "MMD_AT_PLUS_A")
+    factors = scipy.sparse.linalg.splu(
+        scipy.sparse.coo_array((values, (rows_, columns_)), shape=(count, count)).tocsc(), "MMD_AT_PLUS_A"
+    )
     filled = image.copy().reshape(*holes.shape, -1)
     filled[holes] = np.clip(np.exp(factors.solve(right)), 0.0, 1.0)
     return filled.reshape(image.shape)

@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from endolab.depth.problem import EXACT, Problem
 from endolab.model.interreflection import MOST, Walls, bounced_and_slope
@@ -273,7 +273,7 @@ def found_light(patches: Patches, belief: Belief) -> Light:
     for _ in range(ROUNDS):
         inside = np.clip(x, low + 1e-3, high - 1e-3)  # where its steps to bounds begin
         apart = _Disagreement(patches, belief, sigma)
-        solved = least_squares(
+        solved = scipy.optimize.least_squares(
             apart.residual, inside, apart.jacobian, bounds=(low, high), xtol=1e-4, ftol=1e-4
         )
         x = solved.x

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,17 +15,25 @@ from endolab.depth.result import Result
 from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_cloud, write_mesh
+from endolab.plots.contents import Page, page_of
 from endolab.plots.scales import in_colour
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.mesh import make_mesh
 from endolab.reconstruction.scale import scale_of
+from endolab.reports.draughtsman import drawn
 
 if TYPE_CHECKING:
     from endolab.preprocessing.prepare import Prepared
 
 
-def report(result: Result) -> dict[str, Any]:
-    """What `report.json` holds: status, energy, settings, the range of distances and what they mean."""
+Task = Callable[[Path], object]  # writes one output into a folder
+
+
+def report(result: Result, clock: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """What `report.json` holds: status, energy, settings, the range of distances and what they mean.
+
+    `clock` tells where the time of the whole command went.
+    """
     known = result.distance[result.mask]
     photometry = result.problem.photometry
     return {
@@ -32,6 +44,7 @@ def report(result: Result) -> dict[str, Any]:
         "terms": dict(result.iterate.terms),
         "seconds": result.seconds,
         "stages": [asdict(stage) for stage in result.stages],
+        **({} if clock is None else {"clock": dict(clock)}),
         "unit": result.problem.unit,
         "metric": result.metric,
         "scale": scale_of(result),
@@ -80,17 +93,60 @@ def save_result(
     OSError
         In one sentence, if they cannot be written or another file is in the way.
     """
-    from endolab.plots.maps import overview
-    from endolab.plots.preparation import prepare_figure
-
     files = result_files(mesh, prepared is not None)
     with staged_folder(folder, files, overwrite=overwrite) as staging:
-        save_depth(staging / "depth.npz", result, result.metric)
-        colour, inside = in_colour(result.problem.shown), result.mask
-        write_cloud(staging / "cloud.ply", result.points[inside], result.normals[inside], colour[inside])
-        write_atomically(staging / "report.json", as_json(report(result)))
-        write_figure(staging / "overview.png", overview(result))
+        write_outputs(outputs_of(result, mesh, prepared), staging)
+        write_report(result, staging)
+
+
+def outputs_of(
+    result: Result,
+    mesh: bool = False,
+    prepared: Prepared | None = None,
+    draw: Callable[[Page], bytes] = drawn,
+) -> dict[str, Task]:
+    """Name what writes each file of a result but its report, the slowest first; `draw` draws the overview.
+
+    They share nothing but the result, so that they can be written at the same time.
+    """
+    page = page_of(result)
+    colour, inside = in_colour(result.problem.shown), result.mask
+
+    def write_figures(folder: Path) -> None:
+        write_atomically(folder / "overview.png", draw(page))
         if prepared is not None:
-            write_figure(staging / "preparation.png", prepare_figure(prepared, result))
-        if mesh:
-            write_mesh(staging / "mesh.ply", make_mesh(result))
+            from endolab.plots.preparation import prepare_figure
+
+            write_figure(folder / "preparation.png", prepare_figure(prepared, result))
+
+    def write_points(folder: Path) -> None:
+        write_cloud(folder / "cloud.ply", result.points[inside], result.normals[inside], colour[inside])
+
+    tasks: dict[str, Task] = {"overview.png": write_figures}
+    tasks["depth.npz"] = lambda folder: save_depth(folder / "depth.npz", result, result.metric)
+    tasks["cloud.ply"] = write_points
+    if mesh:
+        tasks["mesh.ply"] = lambda folder: write_mesh(folder / "mesh.ply", make_mesh(result))
+    return tasks
+
+
+def write_outputs(tasks: Mapping[str, Task], folder: Path) -> dict[str, float]:
+    """Write outputs at the same time, and return the seconds that each took; the first error is raised.
+
+    The first is written by this thread. Files, compression and who else draws leave Python to the others.
+    """
+
+    def timed(task: Task) -> float:
+        started = time.perf_counter()
+        task(folder)
+        return time.perf_counter() - started
+
+    first, *others = tasks
+    with ThreadPoolExecutor() as pool:
+        jobs = {name: pool.submit(timed, tasks[name]) for name in others}
+        return {first: timed(tasks[first])} | {name: job.result() for name, job in jobs.items()}
+
+
+def write_report(result: Result, folder: Path, clock: Mapping[str, Any] | None = None) -> None:
+    """Write `report.json` into a folder; parameters as of `report`."""
+    write_atomically(folder / "report.json", as_json(report(result, clock)))

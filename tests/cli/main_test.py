@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ import pytest
 import endolab as el
 from endolab.cli import main as cli
 from endolab.cli import reconstruct as cli_reconstruct
+from endolab.cli.streams import ONCE
 from endolab.depth.solvers import DEFAULT_SOLVER, SOLVERS
 from endolab.io.images import read_image, write_image
 from endolab.reconstruction import problem_setup as posing
@@ -136,6 +138,66 @@ def test_reconstruct_writes_a_whole_folder(work):
     np.testing.assert_allclose(np.linalg.norm(points["xyz"], axis=1), depth["distance"][mask], rtol=1e-5)
     assert (out / "recording.rrd").read_bytes()[:3] == b"RRF"
     assert (out / "recording.rrd").stat().st_size > 10_000
+
+
+def test_the_report_says_where_all_the_time_went(work):
+    report = json.loads((work / "out/report.json").read_text(encoding="utf-8"))
+    clock = report["clock"]
+    stages = {"starting", "reading", "preparing", "recording", "writing"}
+    stages |= {stage["name"] for stage in report["stages"]}
+    assert set(clock["stages"]) == stages
+    assert min(clock["stages"].values()) >= 0
+    assert sum(clock["stages"].values()) == pytest.approx(clock["in_all"], rel=1e-9)
+    solved = sum(clock["stages"][stage] for stage in {stage["name"] for stage in report["stages"]})
+    assert solved == pytest.approx(report["seconds"], rel=1e-9)
+    assert set(clock["outputs"]) == {"overview.png", "depth.npz", "cloud.ply", "recording.rrd"}
+    assert 0 < max(clock["outputs"].values()) <= clock["stages"]["writing"]
+
+
+def test_the_summary_tells_the_same_time(solve, tmp_path, capsys):
+    assert solve("--solver", "facing", "--out", tmp_path) == 0
+    seconds = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["clock"]["in_all"]
+    assert f"; {seconds:.1f} s in all\n" in capsys.readouterr().out
+
+
+def test_the_first_run_says_that_it_compiles(sim, tmp_path):
+    """And no other does; in a process of its own, which Matplotlib is not loaded into."""
+    command = [sys.executable, "-m", "endolab", "reconstruct", sim / "frame.png", "--out", tmp_path / "out"]
+    command += ["--calibration", sim / "endoscope.json", "--solver", "fast_marching", "--width", "80"]
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    for said in (f"{ONCE}\n", ""):
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200)
+        assert (done.returncode, done.stderr) == (0, said)
+        assert names(tmp_path / "out") == OUTPUTS
+
+
+def test_what_came_before_rerun_was_loaded_is_recorded_too(sim, tmp_path, monkeypatch):
+    """And in the same order; after a failure nothing is written."""
+    loaded = threading.Event()
+    seen = []
+
+    class Recorder:
+        def __init__(self, path):
+            loaded.wait(60)
+
+        def __call__(self, iterate):
+            seen.append(iterate)
+
+        def close(self):
+            seen.append("closed")
+
+    monkeypatch.setattr("endolab.recording.recorder.record", Recorder)
+    with cli_reconstruct._Recording(tmp_path / "a.rrd") as recording:
+        recording(1)
+        recording(2)
+        assert seen == []
+        loaded.set()
+        recording.write(tmp_path)
+    assert seen == [1, 2, "closed"]
+    failed = cli_reconstruct._Recording(tmp_path / "b.rrd")
+    failed(3)
+    failed.__exit__(ValueError)
+    assert seen[-1] == "closed"  # and let go of
 
 
 def test_a_mesh_and_the_preparation_come_if_they_are_asked_for(solve, tmp_path, capsys):

@@ -19,6 +19,8 @@ from xml.etree import ElementTree
 import numpy as np
 import psutil
 
+from endolab.cli.streams import ONCE
+
 RAISE = dis.opmap["RAISE_VARARGS"]
 MARK = ".endolab.json"  # by which a folder of results is known as one
 LONGEST = 700  # characters of a sentence; the command line cuts the middle out of a longer one
@@ -136,6 +138,7 @@ def raised_on_purpose(error):
 
 def wrong_words(status, out, err, names):
     """Say what is wrong with what was printed."""
+    err = err.replace(f"{ONCE}\n", "")  # which a first run may say
     if status not in (0, 2):
         yield f"exit status {status!r}"
     if status == 0 and err.strip():

@@ -321,7 +321,11 @@ def _content(path, folder):
 
 def _timeless(document):
     if isinstance(document, dict):
-        return {key: _timeless(value) for key, value in document.items() if key not in ("seconds", "created")}
+        return {
+            key: _timeless(value)
+            for key, value in document.items()
+            if key not in ("seconds", "clock", "created")
+        }
     return [_timeless(value) for value in document] if isinstance(document, list) else document
 
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from endolab._deprecated import callable_as_before
 from endolab.calibration.detection.blobs import LEAST_WHITE, shrunk, white_of
@@ -143,7 +143,7 @@ def _ordered(grid: FloatArray, grey: FloatArray) -> FloatArray:
 def _darkness(grid: FloatArray, grey: FloatArray) -> float:
     """How much darker the squares are that ought to be black."""
     middle = (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1]) / 4
-    value = ndimage.map_coordinates(grey, [middle[..., 1], middle[..., 0]], order=1, mode="nearest")
+    value = scipy.ndimage.map_coordinates(grey, [middle[..., 1], middle[..., 0]], order=1, mode="nearest")
     row, column = np.indices(value.shape)
     black = (row + column) % 2 == 0
     return float(value[~black].mean() - value[black].mean())

@@ -8,7 +8,7 @@ from itertools import product
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from endolab.calibration.detection.blobs import Blobs
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -54,7 +54,7 @@ def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: f
     its cell that a dot may cover; `tolerance`, in lattice steps, how far a blob may lie off.
     """
     owner, centres = owner.copy(), blobs.centres
-    tree = cKDTree(centres)
+    tree = scipy.spatial.cKDTree(centres)
     near = min(4, len(centres))
     limit = tolerance / 3
     for _ in range(3 * sum(owner.shape)):
@@ -129,7 +129,7 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
     if len(centres) < 9:
         return pieces
     near = min(17, len(centres))
-    which = cKDTree(centres).query(centres, k=near)[1][:, 1:]
+    which = scipy.spatial.cKDTree(centres).query(centres, k=near)[1][:, 1:]
     vectors = centres[which] - centres[:, None]
     length = np.linalg.norm(vectors, axis=-1)
     # A step of the lattice has its opposite.

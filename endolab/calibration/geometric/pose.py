@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from endolab.numerics.arrays import FloatArray
 
@@ -22,12 +22,13 @@ class Pose:
     def from_vector(cls, vector: ArrayLike) -> Pose:
         """Make a pose of a rotation vector (rad) and a translation (mm), six numbers."""
         vector = np.asarray(vector, dtype=np.float64)
-        return cls(Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:].copy())
+        return cls(scipy.spatial.transform.Rotation.from_rotvec(vector[:3]).as_matrix(), vector[3:].copy())
 
     @property
     def vector(self) -> FloatArray:
         """Rotation vector, rad, and translation, mm: (6,)."""
-        return np.concatenate([Rotation.from_matrix(self.rotation).as_rotvec(), self.translation])
+        turn = scipy.spatial.transform.Rotation.from_matrix(self.rotation)
+        return np.concatenate([turn.as_rotvec(), self.translation])
 
     def transform(self, points: ArrayLike) -> FloatArray:
         """Points of the target in the camera frame, (..., 3), mm."""
@@ -49,5 +50,5 @@ class Pose:
         R ← exp(ω) R, t ← t + δ: the turn leaves the origin of the target in place.
         """
         step = np.asarray(step, dtype=np.float64)
-        turn = Rotation.from_rotvec(step[:3]).as_matrix()
+        turn = scipy.spatial.transform.Rotation.from_rotvec(step[:3]).as_matrix()
         return Pose(turn @ self.rotation, self.translation + step[3:])

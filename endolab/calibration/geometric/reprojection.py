@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.planar_pose import LEAST, pose_from_rays
@@ -99,7 +99,7 @@ class Reprojection:
         vector = unknowns.vector + self.basis @ common
         if not (np.all(np.isfinite(vector)) and np.all(vector[:2] > 0)):
             return None
-        turn = Rotation.from_rotvec(own[:, :3]).as_matrix()
+        turn = scipy.spatial.transform.Rotation.from_rotvec(own[:, :3]).as_matrix()
         return Geometry(vector, turn @ unknowns.rotation, unknowns.translation + own[:, 3:])
 
     def angles(self, unknowns: Geometry) -> FloatArray:

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from endolab.calibration.least_squares import product
 from endolab.calibration.photometric.model import GREY, LightModel, LightUnknowns, hats
@@ -204,8 +204,8 @@ def gain_jumps(frames: IntArray, gains: FloatArray) -> list[tuple[int, float]]:
         return []
     # Gains follow the sheet, at times fast but smoothly; a jump stands out from the steps beside it.
     steps = np.diff(np.log(gains))
-    excess = np.abs(steps - median_filter(steps, size=5, mode="nearest"))
-    usual = median_filter(excess, size=JUMP_WINDOW, mode="nearest")
+    excess = np.abs(steps - scipy.ndimage.median_filter(steps, size=5, mode="nearest"))
+    usual = scipy.ndimage.median_filter(excess, size=JUMP_WINDOW, mode="nearest")
     jumps = np.flatnonzero(excess > np.maximum(JUMP * usual, np.log(1.3)))
     jumps = jumps[np.argsort(-np.abs(steps[jumps]))]
     return [(int(frames[i + 1]), float(np.exp(steps[i]))) for i in jumps]

@@ -8,7 +8,7 @@ from typing import Self
 
 import cv2
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.targets import Target
@@ -189,8 +189,8 @@ def sample_depth(
     """
     known = mask & field.valid & np.isfinite(distance) & (distance > 0)
     v = np.log(np.where(known, distance, 1.0))
-    jump = known & (ndimage.maximum_filter(v, 3) - ndimage.minimum_filter(v, 3) > EDGE)
+    jump = known & (scipy.ndimage.maximum_filter(v, 3) - scipy.ndimage.minimum_filter(v, 3) > EDGE)
     reach = int(np.ceil(3 * smooth)) + 1
-    inner = ndimage.binary_erosion(known & ~jump, np.ones((3, 3)), iterations=reach)
-    v = np.where(known, ndimage.gaussian_filter(v, smooth), np.nan)
+    inner = scipy.ndimage.binary_erosion(known & ~jump, np.ones((3, 3)), iterations=reach)
+    v = np.where(known, scipy.ndimage.gaussian_filter(v, smooth), np.nan)
     return sample_surface(image, points_of(v, field), normals_of(v, field), inner, **how)
