@@ -70,11 +70,12 @@ class Frame:
             object.__setattr__(self, "silent", owned(silent))
         if not mask.any():
             raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
-        used = image[mask]
-        if not np.all(np.isfinite(used)):
+        used = image if mask.all() else image[mask]
+        low, high = used.min(), used.max()
+        if not (np.isfinite(low) and np.isfinite(high)):  # either is nan where any value is
             raise ValueError(f"{self.name}: the picture holds values that are not finite")
-        if used.min() < 0 or used.max() > 1:
-            found = f"{used.min():.4g} to {used.max():.4g}"
+        if low < 0 or high > 1:
+            found = f"{low:.4g} to {high:.4g}"
             bytes_said = "; divide bytes by 255" if np.asarray(self.image).dtype == np.uint8 else ""
             raise ValueError(f"{self.name}: values must lie in [0, 1], found {found}{bytes_said}")
         # The caller's buffer may be that of the next frame soon.

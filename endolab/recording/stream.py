@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import struct
 import subprocess
 import tempfile
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -147,20 +149,18 @@ def camera_shape(camera: Camera, size: float) -> rr.Pinhole | rr.LineStrips3D:
         )
     # Rerun's Pinhole knows no distortion, and near 90° off the axis no pinhole comes close: draw
     # the rim of what the camera really sees. Outwards from the axis a model ends once and for all.
-    centre = camera.project([0.0, 0.0, 1.0])
+    centre, end = camera.project([0.0, 0.0, 1.0]), np.array([camera.width, camera.height]) - 0.5
     angle = np.linspace(0, 2 * np.pi, 97)
     outwards = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    end = np.array([camera.width, camera.height]) - 0.5
     room = np.where(outwards > 0, end - centre, centre + 0.5)  # to the picture's edges
-    edge = np.min(room / np.maximum(np.abs(outwards), 1e-9), axis=-1)
-    seen, share = edge.copy(), np.linspace(0, 1, 25)[:, None]
-    blind = ~np.isfinite(camera.unproject(centre + edge[:, None] * outwards)).all(axis=-1)
-    length, seen[blind] = edge[blind], 0.0
-    for _ in range(2 * bool(blind.any())):  # ever more finely
-        tried = np.minimum(seen[blind] + share * length, edge[blind])
-        good = np.isfinite(camera.unproject(centre + tried[..., None] * outwards[blind])).all(axis=-1)
-        seen[blind], length = np.where(good, tried, 0).max(axis=0), length / 24
-    rim = size * camera.unproject(centre + seen[:, None] * outwards)
+    edge = outwards * np.min(room / np.maximum(np.abs(outwards), 1e-9), axis=-1)[:, None]
+    # The rays at the model's largest angle make an ellipse in the picture, beyond which there is none.
+    most = camera.max_angle * (1 - 1e-6)  # single precision must not lead out again
+    axes = camera.project([[np.sin(most), 0, np.cos(most)], [0, np.sin(most), np.cos(most)]]) - centre
+    side = edge @ np.linalg.inv(axes)
+    reach = np.linalg.norm(side, axis=-1, keepdims=True)
+    last = np.concatenate([np.sin(most) * side / reach, np.full(reach.shape, np.cos(most))], axis=-1)
+    rim = size * np.where(reach < 1, camera.unproject(centre + np.where(reach < 1, edge, 0.0)), last)
     spokes = [np.array([[0.0, 0.0, 0.0], end]) for end in rim[:-1:12]]
     return rr.LineStrips3D([rim, *spokes], colors=START, radii=THIN)
 
@@ -179,6 +179,28 @@ def depth_map(distance: FloatArray, metric: bool, limits: tuple[float, float]) -
 def png(colours: NDArray, how: tuple[int, ...] = ()) -> rr.EncodedImage:
     """Encode (h, w) or (h, w, 3) bytes, or values in [0, 1]; nan is black."""
     return _encoded(colours, "png", how)
+
+
+def palette_png(places: NDArray[np.uint8], colours: NDArray[np.uint8]) -> rr.EncodedImage:
+    """Encode the places (h, w) of pixels in a table of colours (n, 3), R, G, B.
+
+    A third of what has to be compressed otherwise, and half of the file; OpenCV writes no palettes.
+    """
+    height, width = places.shape
+    rows = np.zeros((height, width + 1), np.uint8)  # each begins with its filter: none
+    rows[:, 1:] = places
+    squeezed = zlib.compressobj(1, zlib.DEFLATED, 15, 9, zlib.Z_RLE)
+    parts = {
+        b"IHDR": struct.pack(">2I5B", width, height, 8, 3, 0, 0, 0),
+        b"PLTE": colours.tobytes(),
+        b"IDAT": squeezed.compress(rows) + squeezed.flush(),
+        b"IEND": b"",
+    }
+    contents = b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(part)) + kind + part + struct.pack(">I", zlib.crc32(kind + part))
+        for kind, part in parts.items()
+    )
+    return rr.EncodedImage(contents=contents, media_type="image/png")
 
 
 def jpeg(colours: NDArray, quality: int = 95) -> rr.EncodedImage:
