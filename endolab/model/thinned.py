@@ -1,6 +1,6 @@
-"""Normals and slants of every n-th pixel of a map, compiled: what is shown or sampled need not be made whole.
+"""Normals and slants of every n-th pixel of a map, compiled: what is only shown need not be made whole.
 
-Each pixel's value is that of the whole map: `surface.normals` and `surface.slant` are the twins in plain NumPy.
+Each pixel's value is that of the whole map; `surface.normals` and `surface.slant` are the twins in NumPy.
 """
 
 from typing import Any

@@ -425,7 +425,7 @@ class Recorder:
 
 
 def _misfit(iterate: Iterate, step: int) -> FloatArray:
-    """What `energy.model_image` is brighter than the picture at every `step`-th pixel; nan outside the mask."""
+    """What `energy.model_image` has more than the picture, at every `step`-th pixel; nan outside the mask."""
     problem, thin, v = iterate.problem, np.s_[::step, ::step], iterate.log_distance
     tan2 = thinned_slant(v, problem.field, problem.mask, problem.cuts, step)
     model = problem.photometry.shade(v[thin], tan2, problem.field.cos_alpha[thin])[0]

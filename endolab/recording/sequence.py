@@ -1,6 +1,6 @@
 """A recording of a video's frames for the Rerun viewer, on the timeline "frame"."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -23,12 +23,19 @@ class SequenceRecorder:
 
     Per frame: ``input``, ``depth`` (distance), ``normals`` ((n + 1)/2), ``world/cloud`` and
     ``plots/<name>``; ``world/camera`` is the same for all. The file is written by `close`, whole or
-    not at all. Distances are in `unit`; pictures wider than `max_width`, px, are thinned.
+    not at all. Distances are in `unit`; pictures wider than `max_width`, px, are thinned. `path` may be any
+    other `Sink` too; `curves` are titles of what is plotted, see `layouts.sequence`.
     """
 
-    def __init__(self, path: PathLike, unit: str, max_width: int = 320) -> None:
-        self.unit, self.max_width = unit, max_width
-        self._sink = Sink(path)
+    def __init__(
+        self,
+        path: PathLike | Sink,
+        unit: str,
+        max_width: int = 320,
+        curves: Mapping[str, Sequence[str]] | None = None,
+    ) -> None:
+        self.unit, self.max_width, self._curves = unit, max_width, curves
+        self._sink = path if isinstance(path, Sink) else Sink(path)
         self._range: tuple[float, float] | None = None
 
     def log(
@@ -72,5 +79,5 @@ class SequenceRecorder:
         low, middle, high = (float(value) for value in np.percentile(known, [1, 50, 99]))
         self._sink.log("world", rr.ViewCoordinates.RDF, static=True)
         self._sink.log("world/camera", camera_shape(camera, 0.2 * middle), static=True)
-        self._sink.arrange(sequence(self.unit, middle, high, TIMELINE))
+        self._sink.arrange(sequence(self.unit, middle, high, TIMELINE, self._curves))
         return low, high

@@ -6,6 +6,7 @@ import contextlib
 import struct
 import subprocess
 import tempfile
+import time
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,16 +25,25 @@ from endolab.recording.viewer import follow, start_viewer, viewer_address
 
 NOW, START, TRUTH, OUTLIER = (230, 159, 0), (86, 180, 233), (160, 160, 160), (213, 94, 0)
 THIN = rr.Radius.ui_points(1.5)
+LOOK = 0.002  # s
 
 
 class Sink:
     """Where a recording goes: a file, ``.rrd``, or the viewer, native or (`live`) in the notebook.
 
     A file is kept in memory until it is whole: Rerun's own writer can hang for good on a full disk.
+    A native viewer is started if none listens, to take that much `memory`; one at an `address` is there.
     As a context manager it is closed at the end, and an error leaves no file.
     """
 
-    def __init__(self, path: PathLike | None, live: bool = False) -> None:
+    def __init__(
+        self,
+        path: PathLike | None,
+        live: bool = False,
+        *,
+        address: str | None = None,
+        memory: str | None = None,
+    ) -> None:
         self.path = None if path is None else Path(path)
         if self.path is not None and self.path.suffix != ".rrd":
             raise ValueError(f"a recording's name ends in .rrd, got {path}")
@@ -51,8 +61,10 @@ class Sink:
                 raise OSError(f"cannot write the recording {self.path}: {error.strerror or error}") from error
         elif live:
             follow(self.stream)
+        elif address is not None:
+            self.stream.connect_grpc(address)
         else:
-            self._viewer = start_viewer()
+            self._viewer = start_viewer(memory=memory)
             self.stream.connect_grpc(viewer_address())
 
     @property
@@ -70,6 +82,18 @@ class Sink:
     def gone(self) -> bool:
         """Whether the user has closed the viewer's window."""
         return self._viewer is not None and self._viewer.poll() is not None
+
+    @property
+    def sent(self) -> bool:
+        """Whether a viewer has got all that was logged; RuntimeError if it is not there any more."""
+        try:
+            # Hardly waiting: Rerun lets no other thread run meanwhile.
+            self.stream.flush(timeout_sec=LOOK)
+        except RuntimeError as error:
+            if "timed out" in str(error):
+                return False
+            raise
+        return True
 
     def begin(self) -> None:
         """Start keeping what is logged."""
@@ -117,6 +141,16 @@ class Sink:
                     self._stream.flush(timeout_sec=60)
         finally:
             self.drop()
+
+    def leave(self, patience: float) -> None:
+        """Let go of a viewer, which gets so many seconds to take what it has not got yet."""
+        until = time.monotonic() + patience
+        with contextlib.suppress(RuntimeError):  # it is gone
+            while not self.sent and time.monotonic() < until:
+                time.sleep(LOOK)
+            if self._viewer is not None and not self.sent:
+                self._viewer.kill()  # it hangs, and Rerun would wait for it for good
+        self.drop()
 
     def drop(self) -> None:
         """Let go of what was logged and is not written yet; a second call does nothing."""
@@ -193,7 +227,7 @@ def palette_png(places: NDArray[np.uint8], colours: NDArray[np.uint8]) -> rr.Enc
     parts = {
         b"IHDR": struct.pack(">2I5B", width, height, 8, 3, 0, 0, 0),
         b"PLTE": colours.tobytes(),
-        b"IDAT": squeezed.compress(rows) + squeezed.flush(),
+        b"IDAT": squeezed.compress(rows.tobytes()) + squeezed.flush(),
         b"IEND": b"",
     }
     contents = b"\x89PNG\r\n\x1a\n" + b"".join(
