@@ -239,7 +239,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
         tally = _follow(arguments, calibration, keywords, views, rows)
         if arguments.out is not None:
             if not rows:
-                raise ValueError(f"{arguments.frame}: no frame was taken")
+                raise KeyboardInterrupt
             write_rows(folder / LIVE_FILES[0], [*rows[0]], rows)
     print(tally)
     for view in views:

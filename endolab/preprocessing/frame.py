@@ -162,7 +162,7 @@ def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str 
     axis or as good as black (below 4 of 255). ValueError that names the frame, if none is left, or if what
     is left is constant or all saturated.
     """
-    field = mask & (np.nan_to_num(cos_alpha, nan=-1.0) > np.cos(np.deg2rad(MAX_ALPHA)))
+    field = mask & (cos_alpha > np.cos(np.deg2rad(MAX_ALPHA)))
     if not field.any():
         raise ValueError(f"{name}: the mask and the camera's field of view have no pixel in common")
     bright = field & (image > DARK)
@@ -183,7 +183,10 @@ def field_of_view(image: FloatArray) -> BoolArray:
     All True if there is no such frame. Else two pixels narrower than the bright part, since lenses and
     codecs blur its edge, and without bright islands (text) in the frame.
     """
-    rim = np.pad(image < FRAME, 1, constant_values=True)
+    dark = image < FRAME
+    if not any(side.any() for side in (dark[0], dark[-1], dark[:, 0], dark[:, -1])):
+        return np.ones(image.shape, dtype=bool)
+    rim = np.pad(dark, 1, constant_values=True)
     labels = cv2.connectedComponents(rim.astype(np.uint8), connectivity=4)[1]
     frame = (labels == labels[0, 0])[1:-1, 1:-1]
     if not frame.any() or frame.all():

@@ -58,9 +58,9 @@ class SequenceRecorder:
         if self._range is None:
             self._range = self._begin(distance[mask], camera)
         sink.at(TIMELINE, number)
-        sink.log("input", jpeg(picture[every(picture.shape[1], self.max_width)], QUALITY))
+        sink.log("input", self._coded(picture[every(picture.shape[1], self.max_width)]))
         sink.log("depth", depth_map(distance[thin], self.unit == "mm", self._range))
-        sink.log("normals", jpeg((normals[thin] + 1) / 2, QUALITY))
+        sink.log("normals", self._coded((normals[thin] + 1) / 2))
         inside = mask[sparse]
         cloud = distance[sparse][inside][:, None] * camera.field.rays[sparse][inside]
         if picture.shape[:2] != distance.shape:  # it may be larger than the depth map
@@ -72,6 +72,10 @@ class SequenceRecorder:
     def close(self) -> None:
         """Write the file, whole or not at all; without a frame there is none."""
         self._sink.close()
+
+    def _coded(self, colours: FloatArray) -> rr.AsComponents:
+        """A picture, small in a file; as it is for a viewer, which would show none while it decodes."""
+        return rr.Image(as_bytes(colours)) if self._sink.path is None else jpeg(colours, QUALITY)
 
     def _begin(self, known: FloatArray, camera: Camera) -> tuple[float, float]:
         """Log what stays; return the limits of the colours of distances."""
