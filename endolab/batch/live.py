@@ -9,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from statistics import median
 from typing import Any
 
@@ -250,7 +251,7 @@ class Tally:
     @property
     def rate(self) -> float:
         """Surfaces a second, of the last `WINDOW`; nan before there are two."""
-        late = [moment for moment in reversed(self._times) if moment >= self._times[-1] - WINDOW]
+        late = [*takewhile(lambda moment: moment >= self._times[-1] - WINDOW, reversed(self._times))]
         return (len(late) - 1) / (late[0] - late[-1]) if len(late) > 1 else math.nan
 
     def __str__(self) -> str:

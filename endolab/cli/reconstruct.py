@@ -374,7 +374,8 @@ def add_reconstruct_commands(commands: Any) -> None:
     option("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
     option("--every", type=whole, metavar="N", help="of a video, every N-th frame only")
     option("--limit", type=whole, metavar="N", help="of a video, N frames at most")
-    how = "show a camera's surfaces as it sees them, or a video's at its own rate; frames are left out"
+    how = "show a camera's surfaces, or a video's at its own rate: always the newest frame's, by default "
+    how += "320 px wide and from green alone"
     option("--live", action=_Live, nargs=0, default=False, help=how)
 
     command = add_command(

@@ -40,6 +40,7 @@ HANDED = {
     "flags": (np.bool_, 1),
 }  # arrays of `Carried`: kind, dimensions
 FARTHEST = 100.0  # that a log-distance can be, in any unit
+DEPTH = 2**16 - 1  # levels of a picture
 GRAZING = 0.25  # cosine between ray and normal below which a surface says little of its place
 
 
@@ -217,9 +218,12 @@ def _thinned(mask: BoolArray) -> tuple[slice, slice]:
 
 def _light(frame: Frame, gamma: float) -> float:
     """Brightness of a picture: the median of its lit pixels, as light."""
-    image = frame.image[frame.mask]
-    lit = image[image > 0]
-    return float(np.median(lit)) ** gamma if lit.size else 1.0
+    image = frame.image if frame.mask.all() else frame.image[frame.mask]
+    # Counted, which takes a third of the time of sorting: to 16 bits, as fine as pictures are.
+    counts = np.bincount(np.rint(image * DEPTH).astype(np.uint16).ravel(), minlength=2)
+    counts[0] = 0
+    below = np.cumsum(counts)
+    return float(np.searchsorted(below, below[-1] / 2) / DEPTH) ** gamma if below[-1] else 1.0
 
 
 def _as_bright(last: Result, ratio: float) -> Result:
