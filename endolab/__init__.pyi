@@ -15,6 +15,7 @@ from . import recording as recording
 from . import reports as reports
 from . import synthetic as synthetic
 from . import tuning as tuning
+from .batch.live import reconstruct_live as reconstruct_live
 from .batch.sweep import sweep as sweep
 from .batch.video import reconstruct_video as reconstruct_video
 from .calibration.geometric.fit import calibrate_camera as calibrate_camera
@@ -33,6 +34,7 @@ from .io.descriptions import make_calibration as make_calibration
 from .io.images import read_frame as read_frame
 from .io.surfaces import write_mesh as write_mesh
 from .io.video import open_frames as open_frames
+from .io.video import open_stream as open_stream
 from .model.brdf import Glossy as Glossy
 from .model.brdf import Lambertian as Lambertian
 from .model.brdf import TabulatedBRDF as TabulatedBRDF

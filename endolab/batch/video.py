@@ -296,9 +296,8 @@ class SequenceFolder:
         """Read what a frame that is done came to."""
         if name is None:
             return None
-        maps, row = read_depth(self.depth(name), ("distance", "normals")), self.rows[name]
-        distance, normals = (maps[name].astype(np.float64) for name in ("distance", "normals"))
-        return Surface(distance, normals, row["gain"], row["unit"] == "mm")
+        distance, row = read_depth(self.depth(name))["distance"].astype(np.float64), self.rows[name]
+        return Surface(distance, row["gain"], row["unit"] == "mm")
 
     def carried(self, name: str | None, calibration: Endoscope) -> Carried | None:
         """Read what a frame hands to the next; None if it is not there, or does not go with the frame."""

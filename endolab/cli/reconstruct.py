@@ -63,7 +63,7 @@ class _Progress:
 
 
 def _reconstruct(arguments: argparse.Namespace) -> None:
-    from endolab.io.video import is_sequence
+    from endolab.io.video import is_sequence, is_stream
 
     source, *others = arguments.frame
     if others:
@@ -72,7 +72,9 @@ def _reconstruct(arguments: argparse.Namespace) -> None:
             f"reconstruct takes {wanted}, got {len(others) + 1}; sweep takes pictures that are apart"
         )
     arguments.frame = source
-    if is_sequence(arguments.frame):
+    if arguments.live or is_stream(source):
+        _reconstruct_live(arguments)
+    elif is_sequence(arguments.frame):
         _reconstruct_video(arguments)
     else:
         _reconstruct_frame(arguments)
@@ -256,6 +258,113 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
     print(f"written to {arguments.out}: {', '.join(written)}")
 
 
+LIVE_FILES = ("frames.csv", "recording.rrd")
+
+
+def _reconstruct_live(arguments: argparse.Namespace) -> None:
+    """Follow a camera until it ends, or the user ends it, which is how a live view ends."""
+    from contextlib import ExitStack
+
+    from endolab.batch.table import write_rows
+    from endolab.io.atomic import staged_folder
+
+    for option in ("mesh", "prepare", "snapshots", "every"):
+        if getattr(arguments, option):
+            raise ValueError(f"--{option} is not of a camera, whose frames are taken as they come")
+    calibration = calibration_of(arguments)
+    keywords = solving_keywords(arguments) | known_length(arguments)
+    keywords = {name: value for name, value in keywords.items() if value is not None}
+    if arguments.regulariser == "auto":
+        del keywords["regulariser"]  # that of a live view
+    rows: list[dict[str, Any]] = []
+    with ExitStack() as ending:
+        views, files = [], [*LIVE_FILES][: 1 if lacking("rerun") else 2]
+        if arguments.out is not None:
+            inputs = [arguments.frame, arguments.calibration, arguments.mask]
+            how = {"overwrite": arguments.overwrite, "inputs": inputs}
+            folder = ending.enter_context(staged_folder(arguments.out, files, **how))
+            if len(files) > 1:
+                from endolab.recording.live import LiveView
+
+                views.append(LiveView(folder / LIVE_FILES[1]))
+        if arguments.live:
+            from endolab.recording.live import LiveView
+
+            try:
+                views.append(LiveView())
+            except OSError as error:
+                if arguments.out is None:
+                    raise
+                print(error)
+        for view in views:
+            ending.callback(view.close)
+        tally = _follow(arguments, calibration, keywords, views, rows)
+        if arguments.out is not None:
+            if not rows:
+                raise KeyboardInterrupt
+            write_rows(folder / LIVE_FILES[0], [*rows[0]], rows)
+    print(tally)
+    for view in views:
+        if view.left_out and not view.gone:
+            where = "the recording" if view.full else "the view"
+            print(f"{view.left_out} of them are not in {where}")
+    if arguments.out is not None:
+        print(f"written to {arguments.out}: {', '.join(files)}")
+
+
+def _follow(
+    arguments: argparse.Namespace,
+    calibration: Any,
+    keywords: dict[str, Any],
+    views: list[Any],
+    rows: list[dict[str, Any]],
+) -> Any:
+    """Take frame after frame, show it and note a row of it, until the end; return the tally."""
+    from contextlib import closing, suppress
+
+    from tqdm import tqdm
+
+    from endolab.batch.live import LIVE_WIDTH, Tally, live_row, reconstruct_live
+
+    width, channel = (
+        arguments.width or min(LIVE_WIDTH, calibration.camera.width),
+        arguments.channel or "green",
+    )
+    print(f"live: {width} px wide, channel {channel} (--width, --channel); Ctrl-C ends it", flush=True)
+    tally, how = Tally(), {"mask": arguments.mask, "limit": arguments.limit}
+    steps = reconstruct_live(arguments.frame, calibration, **how, **keywords)
+    with (
+        tqdm(unit="frame", leave=False, disable=None, desc="live") as bar,
+        closing(steps),
+        suppress(KeyboardInterrupt),
+    ):
+        for step in steps:
+            tally.add(step)
+            row = live_row(step)
+            if arguments.out is not None:
+                rows.append(row)
+            if step.result is not None:
+                plotted = {"rate": tally.rate, "lag": 1000 * step.lag, "dropped": step.dropped}
+                plotted["median_distance"] = row["median_distance"]
+                for view in views:
+                    view(step.index, step.result, plotted)
+            bar.set_postfix_str(f"lag {1000 * step.lag:.0f} ms, {tally.dropped} dropped", refresh=False)
+            bar.update()
+            if arguments.live and arguments.out is None and all(view.gone for view in views):
+                break  # the window is closed
+    return tally
+
+
+class _Live(argparse.Action):
+    """Take a live view, for which nothing need be written."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, *given: Any) -> None:
+        setattr(namespace, self.dest, True)
+        for action in parser._actions:
+            if action.dest == "out":
+                action.required = False
+
+
 def _sweep(arguments: argparse.Namespace) -> None:
     from tqdm import tqdm
 
@@ -311,9 +420,10 @@ def add_reconstruct_commands(commands: Any) -> None:
         "endolab reconstruct frame.png --calibration paper --width 480 --out quick",
         "endolab reconstruct frame.png --calibration c3vd --channel green --out r",
         "endolab reconstruct video.mp4 --calibration paper --every 5 --out video",
+        "endolab reconstruct 0 --calibration endoscope.json --live",
     )
     option = command.add_argument
-    how = "PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video"
+    how = "PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video; or a camera's number or URL"
     option("frame", nargs="+", metavar="FRAME", help=how)
     add_solving_options(command)
     option("--out", required=True, metavar="DIR", help="folder for the results")
@@ -326,6 +436,9 @@ def add_reconstruct_commands(commands: Any) -> None:
     option("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
     option("--every", type=whole, metavar="N", help="of a video, every N-th frame only")
     option("--limit", type=whole, metavar="N", help="of a video, N frames at most")
+    how = "show a camera's surfaces, or a video's at its own rate: always the newest frame's, by default "
+    how += "320 px wide and from green alone"
+    option("--live", action=_Live, nargs=0, default=False, help=how)
 
     command = add_command(
         commands,

@@ -1,7 +1,9 @@
-"""Frames of a folder or a video, in order; and a video written."""
+"""Frames of a folder or a video, in order, or of a camera, as they come; and a video written."""
 
 import os
 import re
+import threading
+import time
 import zlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -11,6 +13,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, as_path, one_sentence, staged_file
 from endolab.io.images import DECODED, read_image
@@ -20,6 +23,9 @@ from endolab.numerics.memory import check_memory
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv")
+SCHEMES = ("rtsp", "rtmp", "http", "https", "udp", "tcp", "file")  # of URLs that a stream may have
+PATIENCE = 5000  # ms after which a stream that does not answer is given up
+USUAL_RATE = 25.0  # frames per second of a video that does not tell its own
 LEAST = 64  # bytes of a video for each frame that it may promise; others are counted
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what FFmpeg would print is said in one sentence
 
@@ -71,7 +77,7 @@ class Frames:
             for name in self.names:
                 stored = _next(capture, name in wanted)  # after a break some go on, with the next whole frame
                 if name in wanted:
-                    yield name, None if stored is None else stored[..., ::-1] / 255.0
+                    yield name, None if stored is None else as_image(stored)
                     wanted.discard(name)
                 if not wanted:
                     break
@@ -199,6 +205,103 @@ def open_frames(*paths: PathLike) -> Frames:
     if count == 0:
         raise ValueError(f"{source}: a video without a frame that can be decoded")
     return Frames(source, tuple(f"{number:06d}" for number in range(count)))
+
+
+def is_stream(source: int | PathLike) -> bool:
+    """Whether this names a camera, by its number, or a stream, by its URL, rather than a file."""
+    if isinstance(source, int):
+        return True
+    name = os.fspath(source)
+    return bool(re.match(r"[a-z]+://", name)) or (name.isdecimal() and not os.path.lexists(name))
+
+
+class Stream:
+    """The frames of a camera, of a stream, or of a video that is played as if it were one; see `open_stream`.
+
+    Iterating gives ``(name, image)`` as `Frames` does, but once, and without knowing an end: the names are
+    the frames' numbers as they come. `close` ends it, from any thread.
+    """
+
+    def __init__(self, capture: cv2.VideoCapture, name: str, rate: float | None) -> None:
+        self.name = name
+        self.rate = rate  # frames per second at which it is played; None if it comes by itself
+        self._capture, self._closed = capture, threading.Event()
+
+    def __iter__(self) -> Iterator[tuple[str, FloatArray]]:
+        for name, stored in self.stored():
+            yield name, as_image(stored)
+
+    def stored(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+        """Give names and bytes, (H, W, 3), in OpenCV's order B, G, R; `as_image` makes pictures of them."""
+        started, count = time.perf_counter(), 0
+        try:
+            while not self._closed.is_set():
+                # Not quietly: a camera's next frame takes its time, and others may have something to say.
+                done, stored = self._read()
+                if not done:
+                    break
+                if self.rate is not None:
+                    self._closed.wait(max(0.0, started + count / self.rate - time.perf_counter()))
+                yield f"{count:06d}", stored
+                count += 1
+        finally:
+            self._capture.release()
+        if count == 0 and not self._closed.is_set():
+            raise ValueError(f"{self.name} gives no picture")
+
+    def close(self) -> None:
+        """Let it end with the frame that is being read."""
+        self._closed.set()
+
+    def _read(self) -> tuple[bool, NDArray[np.uint8]]:
+        with suppress(cv2.error):
+            done, stored = self._capture.read()
+            if done and stored.dtype == np.uint8 and stored.shape[2:] == (3,):
+                return True, stored.astype(np.uint8, copy=False)
+        return False, np.empty(0, np.uint8)
+
+
+def as_image(stored: NDArray[np.uint8]) -> FloatArray:
+    """Make a picture, R, G, B in [0, 1], of OpenCV's bytes."""
+    return stored[..., ::-1] / 255.0
+
+
+def open_stream(source: int | PathLike) -> Stream:
+    """Open a camera, a stream, or a video to be played at its own rate.
+
+    Parameters
+    ----------
+    source : int, str or path
+        The number of a camera of this machine, as OpenCV counts them; a URL (`SCHEMES`); or a video.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        In one sentence, if there is no such thing, or it cannot be opened.
+    """
+    if not is_stream(source):
+        path = as_path(source)  # type: ignore[arg-type]
+        if path.is_dir():
+            raise ValueError(f"{path} is a folder: a live view takes a camera, a stream or a video")
+        with one_sentence(f"{path}: cannot be read"):
+            if not path.exists():
+                raise FileNotFoundError(f"{path}: there is no such video")
+        capture = _open(path)
+        told = capture.get(cv2.CAP_PROP_FPS)
+        return Stream(capture, str(path), told if 1 <= told <= 1000 else USUAL_RATE)
+    text = str(source)
+    scheme = text.partition("://")[0] if "://" in text else ""
+    if scheme and scheme not in SCHEMES:
+        raise ValueError(f"{text}: not a stream that can be opened; URLs begin with {', '.join(SCHEMES)}")
+    limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, PATIENCE, cv2.CAP_PROP_READ_TIMEOUT_MSEC, PATIENCE]
+    with quiet(), suppress(cv2.error):
+        capture = cv2.VideoCapture(text, cv2.CAP_FFMPEG, limits) if scheme else cv2.VideoCapture(int(text))
+        if capture.isOpened():
+            capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # what a camera keeps back is old when it comes
+            return Stream(capture, text if scheme else f"camera {text}", None)
+    if scheme:
+        raise ValueError(f"{text}: the stream cannot be opened, or holds no video")
+    raise ValueError(f"camera {text} cannot be opened: it is not there, or in use")
 
 
 def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0) -> None:

@@ -19,7 +19,8 @@ from endolab.depth.problem import Problem, Scale
 from endolab.depth.result import Iterate, Result
 from endolab.depth.solvers import DEFAULT_SOLVER, SOLVERS
 from endolab.model.endoscope import Endoscope
-from endolab.numerics.arrays import FloatArray, frozen
+from endolab.model.thinned import thinned_normals
+from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
@@ -29,7 +30,9 @@ WORSE = 1.3  # times the energy of the last cold start: then a warm start is not
 REFRESH = 25  # frames after which a cold start is tried anyway
 GAIN_STEP = 0.1  # standard deviation of the change of log gain from frame to frame
 MOTION_STEP = 0.05  # of the camera's motion: median distances, and rad
-SAMPLES, INDEPENDENT = 20_000, 100.0  # pixels that are compared; how many tell their own story
+# Pixels that are compared, whose link is that of all within 1e-4, and how many tell their own story.
+SAMPLES, INDEPENDENT = 8000, 100.0
+ROUNDS, SETTLED = 20, 1e-5  # of reweighting, and the change of its unknowns after which there is no other
 SCALES = ("median_distance", "known_distance", "known_diameter")  # options that fix a frame's scale
 HANDED = {
     "log_distance": (np.float64, 2),
@@ -37,6 +40,7 @@ HANDED = {
     "flags": (np.bool_, 1),
 }  # arrays of `Carried`: kind, dimensions
 FARTHEST = 100.0  # that a log-distance can be, in any unit
+DEPTH = 2**16 - 1  # levels of a picture
 GRAZING = 0.25  # cosine between ray and normal below which a surface says little of its place
 
 
@@ -45,7 +49,6 @@ class Surface:
     """What the next frame's scale is linked to."""
 
     distance: FloatArray  # (H, W), at its linked scale, mm or relative; nan where unknown
-    normals: FloatArray  # (H, W, 3), unit normals in the camera frame
     gain: float  # that belongs to this scale
     metric: bool  # whether distances are in mm
 
@@ -53,7 +56,7 @@ class Surface:
     def of(cls, result: Result) -> Surface:
         """Take it from a result."""
         gain = result.problem.photometry.gain or 1.0
-        return cls(result.distance, result.normals, gain, result.metric)
+        return cls(result.distance, gain, result.metric)
 
 
 @dataclass(frozen=True)
@@ -208,11 +211,19 @@ def framed(name: str, picture: Frame | FloatArray | None) -> Frame:
     return Frame(picture, np.ones(np.shape(picture)[:2], dtype=bool), name)
 
 
+def _thinned(mask: BoolArray) -> tuple[slice, slice]:
+    """Rows and columns of the pixels that are compared, of one frame or of two."""
+    return (slice(None, None, max(1, int(np.sqrt(mask.size / SAMPLES)))),) * 2
+
+
 def _light(frame: Frame, gamma: float) -> float:
     """Brightness of a picture: the median of its lit pixels, as light."""
-    image = frame.image[frame.mask]
-    lit = image[image > 0]
-    return float(np.median(lit)) ** gamma if lit.size else 1.0
+    image = frame.image if frame.mask.all() else frame.image[frame.mask]
+    # Counted, which takes a third of the time of sorting: to 16 bits, as fine as pictures are.
+    counts = np.bincount(np.rint(image * DEPTH).astype(np.uint16).ravel(), minlength=2)
+    counts[0] = 0
+    below = np.cumsum(counts)
+    return float(np.searchsorted(below, below[-1] / 2) / DEPTH) ** gamma if below[-1] else 1.0
 
 
 def _as_bright(last: Result, ratio: float) -> Result:
@@ -250,10 +261,10 @@ def scale_between(before: Surface, result: Result) -> float:
     prior = 0.5 * np.log(before.gain / gain)
     if before.distance.shape != result.mask.shape:
         return float(np.exp(prior))
-    stride = max(1, int(np.sqrt(result.mask.size / SAMPLES)))
-    thin = np.s_[::stride, ::stride]
+    field, thin = result.problem.field, _thinned(result.mask)
     old, new = before.distance[thin], result.distance[thin]
-    n, u = before.normals[thin], result.problem.field.rays[thin]
+    n = thinned_normals(np.log(before.distance), field, np.isfinite(before.distance), thin[0].step)
+    u = field.rays[thin]
     facing = np.einsum("...i,...i->...", n, u)
     with np.errstate(invalid="ignore"):
         good = (old > 0) & (new > 0) & (facing < -GRAZING)
@@ -265,11 +276,13 @@ def scale_between(before: Surface, result: Result) -> float:
     a = np.concatenate([np.ones_like(facing), by_motion, np.cross(u, n) / facing], axis=-1)
     trust = np.array([2 / GAIN_STEP, *[1 / MOTION_STEP] * 6]) ** 2
     x = np.array([np.median(y), *[0.0] * 6])
-    for _ in range(20):
-        residual = y - a @ x
+    for _ in range(ROUNDS):
+        residual, last = y - a @ x, x
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
         weight = 1 / (1 + (residual / (2 * spread)) ** 2) / spread**2
         weight *= min(1.0, INDEPENDENT / len(y))
         information = (a * weight[:, None]).T @ a + np.diag(trust)
         x = np.linalg.solve(information, a.T @ (weight * y) + trust * np.array([prior, *[0.0] * 6]))
+        if np.abs(x - last).max() < SETTLED:
+            break
     return float(np.exp(x[0]))

@@ -172,14 +172,17 @@ def comparison(runs: Sequence[Shown]) -> Layout:
     return _opened(rrb.Horizontal(*columns, plots, column_shares=[*(1.0 for _ in runs), 1.2]))
 
 
-def sequence(unit: str, middle: float, far: float, timeline: str) -> Layout:
+def sequence(
+    unit: str, middle: float, far: float, timeline: str, curves: Mapping[str, Sequence[str]] | None = None
+) -> Layout:
     """Pictures of a video's frame above, its surface and the curves over the frames below.
 
-    `middle` and `far` are distances of the first surface, in `unit`.
+    `middle` and `far` are distances of the first surface, in `unit`; `curves` are titles of what lies below
+    ``plots``.
     """
     titles = {"input": "Frame", "depth": f"Distance [{unit}]", "normals": "Normals"}
     pictures = [rrb.Spatial2DView(origin=f"/{entity}", name=title) for entity, title in titles.items()]
-    curves = {
+    curves = curves or {
         "Energy": ["energy"],
         f"Median distance [{unit}]": ["median_distance"],
         "Gain": ["gain"],

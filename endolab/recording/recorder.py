@@ -16,11 +16,11 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from endolab.depth.energy import model_image
 from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate
 from endolab.io.atomic import PathLike
 from endolab.model.schema import unknown_name
+from endolab.model.thinned import thinned_normals, thinned_slant
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import blue_white_red, in_colour, round_length
 from endolab.recording.layouts import BLUEPRINTS, TIMELINE, Shown, comparison
@@ -35,6 +35,7 @@ from endolab.recording.stream import (
     depth_map,
     every,
     grey,
+    palette_png,
     png,
     stage_text,
 )
@@ -44,9 +45,8 @@ CLOUD_WIDTH = 160  # columns of a cloud: coordinates would be most of a recordin
 WAITING = 4  # iterates that may wait to be encoded
 SHADES = 65  # of the residual: fewer than a byte tells, and a picture that is half as large
 DIVERGING = np.append(blue_white_red(np.linspace(-1, 1, SHADES)), np.zeros((1, 3), np.uint8), axis=0)
-
-# How PNG is compressed, which costs more than all else: few shades repeat themselves as they are.
-PLAIN = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, 0, cv2.IMWRITE_PNG_FILTER, 8)
+# How PNG is compressed, which costs more than all else, where colours change little from row to row.
+SMOOTH = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, 2, cv2.IMWRITE_PNG_FILTER, 32)
 COLOURS = {"energy": (230, 159, 0), "data": (86, 180, 233), "regulariser": (213, 94, 0)}
 RUNS = ((230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66))  # none like the start's
 
@@ -177,7 +177,8 @@ class Recorder:
         self._pictured = -1  # k of the last iterate whose pictures were logged
         self._open = True
         self._encoder = ThreadPoolExecutor(1)
-        self._jobs: deque[Future[None]] = deque()
+        self._jobs: deque[tuple[Future[None], Callable[[], None]]] = deque()
+        self._staged: Future[None] | None = None  # by when the last stage has begun
         self._curves: dict[str, list[tuple[int, float]]] = {}  # what is still to be logged
         # What stays for a stage, until it is known whether it stays for ever.
         self._held: list[tuple[str, tuple[rr.AsComponents, ...]]] | None = None if self.path is None else []
@@ -200,7 +201,7 @@ class Recorder:
                     self._several = True
                     self._defer(self._release, self._began[0])
                 self._before += last.k + 1 - iterate.k
-            self._defer(partial(self._begin, iterate, truth), self._before + iterate.k)
+            self._staged = self._defer(partial(self._begin, iterate, truth), self._before + iterate.k)
         self._last = iterate
         self._note_scalars(iterate)
         often = iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * self._pictured
@@ -217,8 +218,7 @@ class Recorder:
                 self._end_stage(self._last)
                 self._defer(self._finish, self._began[0])
             self._log_scalars()
-            while self._jobs:
-                self._jobs.popleft().result()
+            self._help()
             whole = True
         finally:
             self._encoder.shutdown()
@@ -237,16 +237,29 @@ class Recorder:
         self._pictured = iterate.k
         self._defer(partial(self._log_pictures, iterate), self._before + iterate.k)
 
-    def _defer(self, task: Callable[[], None], place: int) -> None:
+    def _defer(self, task: Callable[[], None], place: int) -> Future[None]:
         """Let the thread do it at a place of the timeline, but not fall behind: iterates take memory."""
 
         def job() -> None:
             self._sink.at(TIMELINE, place)
             task()
 
-        self._jobs.append(self._encoder.submit(job))
+        done = self._encoder.submit(job)
+        self._jobs.append((done, job))
         while len(self._jobs) > 3 * WAITING:
-            self._jobs.popleft().result()
+            self._jobs.popleft()[0].result()
+        return done
+
+    def _help(self) -> None:
+        """Do the newest of what waits, while the thread does the oldest, until nothing is left."""
+        if self._staged is not None:
+            self._staged.result()  # then all that waits is of one stage, and in any order
+        while self._jobs:
+            done, job = self._jobs.pop()
+            if done.cancel():
+                job()
+            else:
+                done.result()
 
     def _truth_of(self, iterate: Iterate) -> FloatArray | None:
         """The truth on the grid of an iterate; stages before the solution may have a smaller one."""
@@ -283,30 +296,31 @@ class Recorder:
         self._thin = thin = every(problem.camera.width, self.max_width)
         # Clouds are thinned further, by a whole number.
         step = thin[0].step
-        step *= max(1, -(-problem.camera.width // (step * CLOUD_WIDTH)))
-        self._sparse = sparse = (slice(None, None, step),) * 2
-        near, middle, far = (float(value) for value in np.percentile(iterate.distance[inside], [1, 50, 99]))
+        wide = step * max(1, -(-problem.camera.width // (step * CLOUD_WIDTH)))
+        self._sparse = sparse = (slice(None, None, wide),) * 2
+        seen, distance = inside[thin], np.exp(iterate.log_distance[thin])
+        near, middle, far = (float(value) for value in np.percentile(distance[seen], [1, 50, 99]))
         self._range = near, far
-        error = model_image(problem, iterate.log_distance)[inside] - problem.image[inside]
-        self._grey_levels = max(5.0, float(np.ceil(255 * np.percentile(np.abs(error), 98))))
+        error = np.abs(_misfit(iterate, step)[seen])
+        self._grey_levels = max(5.0, float(np.ceil(255 * np.percentile(error, 98))))
         picture = in_colour(problem.shown)
         self._log_of_stage("input", png(picture[thin]))
         classes = rr.AnnotationContext([(0, "left out", (0, 0, 0, 255)), (1, "used", (0, 0, 0, 0))])
-        mask = rr.SegmentationImage(inside[thin].astype(np.uint8), opacity=1.0)
+        mask = rr.SegmentationImage(seen.astype(np.uint8), opacity=1.0)
         self._log_of_stage("mask", classes, mask)
         self._log_of_stage("settings", rr.TextDocument(self._settings(problem), media_type="text/markdown"))
         self._log_of_stage("world/camera", camera_shape(problem.camera, 0.35 * middle))
         # The colours of the cloud never change: logged once.
-        seen = as_bytes(picture[sparse][inside[sparse]])
-        colours = rr.Points3D.from_fields(colors=seen, radii=rr.Radius.ui_points(2.5))
+        own = as_bytes(picture[sparse][inside[sparse]])
+        colours = rr.Points3D.from_fields(colors=own, radii=rr.Radius.ui_points(2.5))
         self._log_of_stage("world/cloud", colours)
-        self._log_of_stage("section/start", _section(iterate.distance, problem, START))
-        shown = iterate.points[thin][inside[thin]]
+        self._log_of_stage("section/start", _section(iterate.log_distance, problem, START))
+        shown = (distance[..., None] * problem.field.rays[thin])[seen]
         if truth is not None and np.isfinite(truth[inside]).any():
-            unit = 1.0 if problem.metric else np.nanmedian((iterate.distance / truth)[inside])
-            distance = np.where(inside, unit * truth, np.nan)
-            self._log_of_stage("section/truth", _section(distance, problem, TRUTH))
-            points = (distance[..., None] * problem.field.rays)[thin]
+            unit = 1.0 if problem.metric else np.nanmedian((distance / truth[thin])[seen])
+            true = np.where(inside & (truth > 0), unit * truth, np.nan)
+            self._log_of_stage("section/truth", _section(np.log(true), problem, TRUTH))
+            points = true[thin][..., None] * problem.field.rays[thin]
             shown = points[np.isfinite(points).all(axis=-1)]
             self._log_of_stage("world/truth", rr.Points3D(shown, colors=TRUTH, radii=THIN))
         far = float(np.percentile(shown[:, 2], 99))
@@ -396,30 +410,39 @@ class Recorder:
 
     def _log_pictures(self, iterate: Iterate) -> None:
         problem, thin, sparse = iterate.problem, self._thin, self._sparse
+        # Nothing is made larger than it is shown: not the iterate's own maps, which it would keep as well.
+        v, step = iterate.log_distance, thin[0].step
         # The viewer paints nan like the nearest distance: the blueprint lays the mask over it.
-        self._log("depth", depth_map(iterate.distance[thin], problem.metric, self._range))
-        self._log("normals", png((iterate.normals[thin] + 1) / 2))
-        error = model_image(problem, iterate.log_distance)[thin] - problem.image[thin]
-        self._log("residual", png(_residual(255 * error / self._grey_levels), PLAIN))
+        self._log("depth", depth_map(np.exp(v[thin]), problem.metric, self._range))
+        self._log("normals", png((thinned_normals(v, problem.field, problem.mask, step) + 1) / 2, SMOOTH))
+        places = _shades(255 * _misfit(iterate, step) / self._grey_levels)
+        self._log("residual", palette_png(places, DIVERGING))
         for name, values in iterate.maps.items():
             self._log(f"front/{name}", png(grey(np.asarray(values)[thin], problem.mask[thin])))
-        # Not the iterate's points: to make them all and keep them takes longer.
-        cloud = (iterate.distance[sparse][..., None] * problem.field.rays[sparse])[problem.mask[sparse]]
-        self._log("world/cloud", rr.Points3D.from_fields(positions=cloud))
-        self._log("section/now", _section(iterate.distance, problem, self._colour))
+        cloud = np.exp(v[sparse])[..., None] * problem.field.rays[sparse]
+        self._log("world/cloud", rr.Points3D.from_fields(positions=cloud[problem.mask[sparse]]))
+        self._log("section/now", _section(v, problem, self._colour))
 
 
-def _section(distance: FloatArray, problem: Problem, colour: tuple[int, ...]) -> rr.LineStrips2D:
+def _misfit(iterate: Iterate, step: int) -> FloatArray:
+    """What `energy.model_image` has more than the picture, at every `step`-th pixel; nan outside the mask."""
+    problem, thin, v = iterate.problem, np.s_[::step, ::step], iterate.log_distance
+    tan2 = thinned_slant(v, problem.field, problem.mask, problem.cuts, step)
+    model = problem.photometry.shade(v[thin], tan2, problem.field.cos_alpha[thin])[0]
+    return model - problem.image[thin]
+
+
+def _section(log_distance: FloatArray, problem: Problem, colour: tuple[int, ...]) -> rr.LineStrips2D:
     """Where the middle column cuts the surface: z to the right, y down."""
-    middle = distance.shape[1] // 2
-    line = distance[:, middle, None] * problem.field.rays[:, middle][:, [2, 1]]
+    middle = log_distance.shape[1] // 2
+    line = np.exp(log_distance[:, middle, None]) * problem.field.rays[:, middle][:, [2, 1]]
     seen = np.isfinite(line).all(axis=-1)
     runs = np.ma.clump_unmasked(np.ma.masked_array(seen, ~seen))
     strips = [line[run] for run in runs if run.stop - run.start > 1]
     return rr.LineStrips2D(strips, colors=[colour] * len(strips), radii=THIN)
 
 
-def _residual(values: FloatArray) -> NDArray[np.uint8]:
-    """Map -1…1 to shades of blue, white, red, (h, w, 3); nan is black."""
+def _shades(values: FloatArray) -> NDArray[np.uint8]:
+    """Places of -1…1, (h, w), in the table of blue, white, red; nan is black, its last."""
     index = np.rint((np.clip(values, -1, 1) + 1) * ((SHADES - 1) / 2))
-    return DIVERGING.take(np.where(np.isnan(index), SHADES, index).astype(np.uint8), axis=0)
+    return np.where(np.isnan(index), SHADES, index).astype(np.uint8)

@@ -1,6 +1,6 @@
 """A recording of a video's frames for the Rerun viewer, on the timeline "frame"."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -23,12 +23,19 @@ class SequenceRecorder:
 
     Per frame: ``input``, ``depth`` (distance), ``normals`` ((n + 1)/2), ``world/cloud`` and
     ``plots/<name>``; ``world/camera`` is the same for all. The file is written by `close`, whole or
-    not at all. Distances are in `unit`; pictures wider than `max_width`, px, are thinned.
+    not at all. Distances are in `unit`; pictures wider than `max_width`, px, are thinned. `path` may be any
+    other `Sink` too; `curves` are titles of what is plotted, see `layouts.sequence`.
     """
 
-    def __init__(self, path: PathLike, unit: str, max_width: int = 320) -> None:
-        self.unit, self.max_width = unit, max_width
-        self._sink = Sink(path)
+    def __init__(
+        self,
+        path: PathLike | Sink,
+        unit: str,
+        max_width: int = 320,
+        curves: Mapping[str, Sequence[str]] | None = None,
+    ) -> None:
+        self.unit, self.max_width, self._curves = unit, max_width, curves
+        self._sink = path if isinstance(path, Sink) else Sink(path)
         self._range: tuple[float, float] | None = None
 
     def log(
@@ -51,9 +58,9 @@ class SequenceRecorder:
         if self._range is None:
             self._range = self._begin(distance[mask], camera)
         sink.at(TIMELINE, number)
-        sink.log("input", jpeg(picture[every(picture.shape[1], self.max_width)], QUALITY))
+        sink.log("input", self._coded(picture[every(picture.shape[1], self.max_width)]))
         sink.log("depth", depth_map(distance[thin], self.unit == "mm", self._range))
-        sink.log("normals", jpeg((normals[thin] + 1) / 2, QUALITY))
+        sink.log("normals", self._coded((normals[thin] + 1) / 2))
         inside = mask[sparse]
         cloud = distance[sparse][inside][:, None] * camera.field.rays[sparse][inside]
         if picture.shape[:2] != distance.shape:  # it may be larger than the depth map
@@ -66,11 +73,15 @@ class SequenceRecorder:
         """Write the file, whole or not at all; without a frame there is none."""
         self._sink.close()
 
+    def _coded(self, colours: FloatArray) -> rr.AsComponents:
+        """A picture, small in a file; as it is for a viewer, which would show none while it decodes."""
+        return rr.Image(as_bytes(colours)) if self._sink.path is None else jpeg(colours, QUALITY)
+
     def _begin(self, known: FloatArray, camera: Camera) -> tuple[float, float]:
         """Log what stays; return the limits of the colours of distances."""
         self._sink.begin()
         low, middle, high = (float(value) for value in np.percentile(known, [1, 50, 99]))
         self._sink.log("world", rr.ViewCoordinates.RDF, static=True)
         self._sink.log("world/camera", camera_shape(camera, 0.2 * middle), static=True)
-        self._sink.arrange(sequence(self.unit, middle, high, TIMELINE))
+        self._sink.arrange(sequence(self.unit, middle, high, TIMELINE, self._curves))
         return low, high

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import struct
 import subprocess
 import tempfile
+import time
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -22,16 +25,25 @@ from endolab.recording.viewer import follow, start_viewer, viewer_address
 
 NOW, START, TRUTH, OUTLIER = (230, 159, 0), (86, 180, 233), (160, 160, 160), (213, 94, 0)
 THIN = rr.Radius.ui_points(1.5)
+LOOK = 0.002  # s
 
 
 class Sink:
     """Where a recording goes: a file, ``.rrd``, or the viewer, native or (`live`) in the notebook.
 
     A file is kept in memory until it is whole: Rerun's own writer can hang for good on a full disk.
+    A native viewer is started if none listens, to take that much `memory`; one at an `address` is there.
     As a context manager it is closed at the end, and an error leaves no file.
     """
 
-    def __init__(self, path: PathLike | None, live: bool = False) -> None:
+    def __init__(
+        self,
+        path: PathLike | None,
+        live: bool = False,
+        *,
+        address: str | None = None,
+        memory: str | None = None,
+    ) -> None:
         self.path = None if path is None else Path(path)
         if self.path is not None and self.path.suffix != ".rrd":
             raise ValueError(f"a recording's name ends in .rrd, got {path}")
@@ -49,8 +61,10 @@ class Sink:
                 raise OSError(f"cannot write the recording {self.path}: {error.strerror or error}") from error
         elif live:
             follow(self.stream)
+        elif address is not None:
+            self.stream.connect_grpc(address)
         else:
-            self._viewer = start_viewer()
+            self._viewer = start_viewer(memory=memory)
             self.stream.connect_grpc(viewer_address())
 
     @property
@@ -68,6 +82,18 @@ class Sink:
     def gone(self) -> bool:
         """Whether the user has closed the viewer's window."""
         return self._viewer is not None and self._viewer.poll() is not None
+
+    @property
+    def sent(self) -> bool:
+        """Whether a viewer has got all that was logged; RuntimeError if it is not there any more."""
+        try:
+            # Hardly waiting: Rerun lets no other thread run meanwhile.
+            self.stream.flush(timeout_sec=LOOK)
+        except RuntimeError as error:
+            if "timed out" in str(error):
+                return False
+            raise
+        return True
 
     def begin(self) -> None:
         """Start keeping what is logged."""
@@ -116,6 +142,16 @@ class Sink:
         finally:
             self.drop()
 
+    def leave(self, patience: float) -> None:
+        """Let go of a viewer, which gets so many seconds to take what it has not got yet."""
+        until = time.monotonic() + patience
+        with contextlib.suppress(RuntimeError):  # it is gone
+            while not self.sent and time.monotonic() < until:
+                time.sleep(LOOK)
+            if self._viewer is not None and not self.sent:
+                self._viewer.kill()  # it hangs, and Rerun would wait for it for good
+        self.drop()
+
     def drop(self) -> None:
         """Let go of what was logged and is not written yet; a second call does nothing."""
         memory, stream = self._memory, self._stream
@@ -147,20 +183,18 @@ def camera_shape(camera: Camera, size: float) -> rr.Pinhole | rr.LineStrips3D:
         )
     # Rerun's Pinhole knows no distortion, and near 90° off the axis no pinhole comes close: draw
     # the rim of what the camera really sees. Outwards from the axis a model ends once and for all.
-    centre = camera.project([0.0, 0.0, 1.0])
+    centre, end = camera.project([0.0, 0.0, 1.0]), np.array([camera.width, camera.height]) - 0.5
     angle = np.linspace(0, 2 * np.pi, 97)
     outwards = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    end = np.array([camera.width, camera.height]) - 0.5
     room = np.where(outwards > 0, end - centre, centre + 0.5)  # to the picture's edges
-    edge = np.min(room / np.maximum(np.abs(outwards), 1e-9), axis=-1)
-    seen, share = edge.copy(), np.linspace(0, 1, 25)[:, None]
-    blind = ~np.isfinite(camera.unproject(centre + edge[:, None] * outwards)).all(axis=-1)
-    length, seen[blind] = edge[blind], 0.0
-    for _ in range(2 * bool(blind.any())):  # ever more finely
-        tried = np.minimum(seen[blind] + share * length, edge[blind])
-        good = np.isfinite(camera.unproject(centre + tried[..., None] * outwards[blind])).all(axis=-1)
-        seen[blind], length = np.where(good, tried, 0).max(axis=0), length / 24
-    rim = size * camera.unproject(centre + seen[:, None] * outwards)
+    edge = outwards * np.min(room / np.maximum(np.abs(outwards), 1e-9), axis=-1)[:, None]
+    # The rays at the model's largest angle make an ellipse in the picture, beyond which there is none.
+    most = camera.max_angle * (1 - 1e-6)  # single precision must not lead out again
+    axes = camera.project([[np.sin(most), 0, np.cos(most)], [0, np.sin(most), np.cos(most)]]) - centre
+    side = edge @ np.linalg.inv(axes)
+    reach = np.linalg.norm(side, axis=-1, keepdims=True)
+    last = np.concatenate([np.sin(most) * side / reach, np.full(reach.shape, np.cos(most))], axis=-1)
+    rim = size * np.where(reach < 1, camera.unproject(centre + np.where(reach < 1, edge, 0.0)), last)
     spokes = [np.array([[0.0, 0.0, 0.0], end]) for end in rim[:-1:12]]
     return rr.LineStrips3D([rim, *spokes], colors=START, radii=THIN)
 
@@ -179,6 +213,28 @@ def depth_map(distance: FloatArray, metric: bool, limits: tuple[float, float]) -
 def png(colours: NDArray, how: tuple[int, ...] = ()) -> rr.EncodedImage:
     """Encode (h, w) or (h, w, 3) bytes, or values in [0, 1]; nan is black."""
     return _encoded(colours, "png", how)
+
+
+def palette_png(places: NDArray[np.uint8], colours: NDArray[np.uint8]) -> rr.EncodedImage:
+    """Encode the places (h, w) of pixels in a table of colours (n, 3), R, G, B.
+
+    A third of what has to be compressed otherwise, and half of the file; OpenCV writes no palettes.
+    """
+    height, width = places.shape
+    rows = np.zeros((height, width + 1), np.uint8)  # each begins with its filter: none
+    rows[:, 1:] = places
+    squeezed = zlib.compressobj(1, zlib.DEFLATED, 15, 9, zlib.Z_RLE)
+    parts = {
+        b"IHDR": struct.pack(">2I5B", width, height, 8, 3, 0, 0, 0),
+        b"PLTE": colours.tobytes(),
+        b"IDAT": squeezed.compress(rows.tobytes()) + squeezed.flush(),
+        b"IEND": b"",
+    }
+    contents = b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(part)) + kind + part + struct.pack(">I", zlib.crc32(kind + part))
+        for kind, part in parts.items()
+    )
+    return rr.EncodedImage(contents=contents, media_type="image/png")
 
 
 def jpeg(colours: NDArray, quality: int = 95) -> rr.EncodedImage:

@@ -48,17 +48,19 @@ def viewer_address(port: int | None = None) -> str:
     return f"rerun+http://127.0.0.1:{PORT if port is None else port}/proxy"
 
 
-def start_viewer(path: Path | None = None) -> subprocess.Popen[bytes] | None:
+def start_viewer(path: Path | None = None, memory: str | None = None) -> subprocess.Popen[bytes] | None:
     """Start the native viewer and return it, or None if there is one; a recording is opened in either.
 
-    Not by ``rr.spawn``, which listens to the network. An OSError says that it does not start.
+    One that is started forgets what is oldest when it takes that much `memory`, such as "2GB". Not by
+    ``rr.spawn``, which listens to the network. An OSError says that it does not start.
     """
     there = is_listening(PORT)
     if there and path is None:
         return None
     if sys.platform == "linux" and not any(os.environ.get(name) for name in SCREENS):
         raise OSError(NO_SCREEN)
-    viewer = _start(PORT, "--expect-data-soon" if path is None else str(path.resolve()))
+    limit = () if memory is None else ("--memory-limit", memory)
+    viewer = _start(PORT, *limit, "--expect-data-soon" if path is None else str(path.resolve()))
     started = time.monotonic()
     # With a screen that it cannot use it listens for a moment before it gives up.
     while time.monotonic() < started + 1.5 or (not is_listening(PORT) and time.monotonic() < started + 20):

@@ -1,9 +1,13 @@
 """Frames of folders and videos, whole or broken."""
 
+import contextlib
+import http.server
 import os
 import re
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import cv2
@@ -12,7 +16,7 @@ import pytest
 
 from endolab.io import video as video_module
 from endolab.io.images import write_image
-from endolab.io.video import is_sequence, open_frames, write_video
+from endolab.io.video import is_sequence, is_stream, open_frames, open_stream, write_video
 
 
 @pytest.fixture
@@ -255,3 +259,141 @@ def test_a_folder_is_no_picture_and_a_link_to_nowhere_cannot_be_read(tmp_path, p
     assert sorted(frames.names) == ["1.png", "3.png", "\u00b2.png"]
     assert dict(frames)["3.png"] is None
     assert {name: changed for name, *changed in frames.stamp}["3.png"] == [-1, -1]
+
+
+class Camera:
+    """What OpenCV gives for a camera: so many pictures, and then no more."""
+
+    def __init__(self, pictures=(), opened=True):
+        self.pictures, self.opened, self.released = iter(pictures), opened, False
+
+    def isOpened(self):
+        return self.opened
+
+    def set(self, what, value):
+        return True
+
+    def get(self, what):
+        return 0.0
+
+    def read(self):
+        stored = next(self.pictures, None)
+        return stored is not None, stored
+
+    def release(self):
+        self.released = True
+
+
+def test_a_camera_gives_what_it_sees_and_is_let_go(monkeypatch, rng):
+    stored = [rng.integers(0, 256, (24, 32, 3), dtype=np.uint8) for _ in range(3)]
+    camera, asked = Camera(stored), []
+    monkeypatch.setattr(cv2, "VideoCapture", lambda *which: asked.append(which) or camera)
+    stream = open_stream("2")
+    assert (asked, stream.name, stream.rate) == ([(2,)], "camera 2", None)
+    seen = list(stream)
+    assert [name for name, _ in seen] == ["000000", "000001", "000002"]
+    for (_, image), one in zip(seen, stored, strict=True):
+        np.testing.assert_array_equal(np.round(255 * image), one[..., ::-1])
+    assert camera.released
+
+
+@pytest.mark.parametrize(
+    ("source", "camera", "sentence"),
+    [
+        (0, Camera(opened=False), "camera 0 cannot be opened: it is not there, or in use"),
+        ("1", Camera(), "camera 1 gives no picture"),
+        (0, Camera([np.zeros((4, 4), np.uint16)]), "camera 0 gives no picture"),
+        ("rtsp://127.0.0.1/x", Camera(opened=False), "rtsp://127.0.0.1/x: the stream cannot be opened"),
+        ("ftp://127.0.0.1/x", None, "URLs begin with rtsp, rtmp, http"),
+        ("concat:a|b", None, "there is no such video"),
+    ],
+)
+def test_a_camera_or_stream_that_gives_nothing_is_one_sentence(monkeypatch, source, camera, sentence):
+    monkeypatch.setattr(cv2, "VideoCapture", lambda *which: camera)
+    with pytest.raises((ValueError, FileNotFoundError), match=re.escape(sentence)):
+        list(open_stream(source))
+
+
+def test_there_is_no_camera_of_that_number(capfd):
+    with pytest.raises(ValueError, match="camera 99 cannot be opened"):
+        open_stream(99)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_video_is_played_at_its_own_rate_and_can_be_ended(tmp_path, pictures):
+    write_video(tmp_path / "v.mkv", pictures, rate=40.0)
+    stream = open_stream(tmp_path / "v.mkv")
+    assert stream.rate == pytest.approx(40)
+    started, at = time.perf_counter(), []
+    for name, image in stream:
+        np.testing.assert_allclose(image, pictures[int(name)], atol=1e-9)
+        at.append(time.perf_counter() - started)
+    assert len(at) == 12
+    assert (np.array(at) >= np.arange(12) / 40 - 0.002).all()
+    ended = open_stream(tmp_path / "v.mkv")
+    next(frames := iter(ended))
+    ended.close()
+    assert list(frames) == []
+
+
+@contextlib.contextmanager
+def served(content, kind="application/octet-stream"):
+    """The address of a server on this machine that sends these bytes."""
+
+    class Answer(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("Content-Type", kind)
+            self.end_headers()
+            with contextlib.suppress(OSError):
+                self.wfile.write(content)
+
+        def log_message(self, *said):
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Answer) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield f"http://127.0.0.1:{server.server_address[1]}/live"
+        finally:
+            server.shutdown()
+
+
+def motion_jpeg(pictures):
+    """Frames as cameras on a network send them: JPEG after JPEG."""
+    stored = [np.round(255 * picture).astype(np.uint8)[..., ::-1] for picture in pictures]
+    parts = [cv2.imencode(".jpg", one, (cv2.IMWRITE_JPEG_QUALITY, 95))[1].tobytes() for one in stored]
+    head = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n"
+    return b"".join(head % len(part) + part + b"\r\n" for part in parts) + b"--frame--\r\n"
+
+
+def test_a_stream_comes_from_a_server(video, pictures):
+    with served(video.read_bytes()) as address:
+        frames = list(open_stream(address))
+    assert len(frames) == 12
+    np.testing.assert_allclose(frames[11][1], pictures[11], atol=1e-9)
+
+
+def test_a_stream_of_jpegs_comes_from_a_server(rng):
+    smooth = [cv2.GaussianBlur(rng.random((48, 64, 3)), (0, 0), 4) for _ in range(5)]
+    with served(motion_jpeg(smooth), "multipart/x-mixed-replace; boundary=frame") as address:
+        frames = list(open_stream(address))
+    assert len(frames) == 5
+    assert np.abs(frames[3][1] - smooth[3]).mean() < 0.02
+
+
+def test_a_url_may_name_a_file(video):
+    assert len(list(open_stream(f"file://{video}"))) == 12
+
+
+def test_what_is_a_stream_is_known_by_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert is_stream(0)
+    assert is_stream("0")
+    assert is_stream("http://127.0.0.1/x")
+    assert not is_stream("0.png")
+    assert not is_stream(tmp_path / "video.mp4")
+    (tmp_path / "0").mkdir()
+    assert not is_stream("0")
+    with pytest.raises(ValueError, match="0 is a folder: a live view takes a camera, a stream or a video"):
+        open_stream("0")

@@ -1,0 +1,83 @@
+"""Normals and slants of every n-th pixel of a map, compiled: what is only shown need not be made whole.
+
+Each pixel's value is that of the whole map; `surface.normals` and `surface.slant` are the twins in NumPy.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from endolab.model.cameras import RayField
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.compiled import PAD, kernel, padded
+from endolab.numerics.derivatives import links
+
+
+@kernel
+def _derivative(f: Any, link: Any, order: int) -> float:
+    """See `derivatives.gradient`, from five values in a row and the four links between them."""
+    forward, backward = f[3] - f[2], f[2] - f[1]
+    if link[1] and link[2]:
+        return 0.5 * (forward + backward)
+    if link[2]:
+        return forward + 0.5 * (forward - (f[4] - f[3])) if order == 2 and link[3] else forward
+    if link[1]:
+        return backward + 0.5 * (backward - (f[1] - f[0])) if order == 2 and link[0] else backward
+    return 0.0
+
+
+@kernel
+def _fill_slopes(f: Any, right: Any, below: Any, step: int, order: int, f_u: Any, f_v: Any) -> None:
+    for row in range(f_u.shape[0]):
+        for column in range(f_u.shape[1]):
+            i, j = row * step + PAD, column * step + PAD
+            values = f[i, j - 2], f[i, j - 1], f[i, j], f[i, j + 1], f[i, j + 2]
+            joined = right[i, j - 2], right[i, j - 1], right[i, j], right[i, j + 1]
+            f_u[row, column] = _derivative(values, joined, order)
+            values = f[i - 2, j], f[i - 1, j], f[i, j], f[i + 1, j], f[i + 2, j]
+            joined = below[i - 2, j], below[i - 1, j], below[i, j], below[i + 1, j]
+            f_v[row, column] = _derivative(values, joined, order)
+
+
+@kernel
+def _fill_normals(f_u: Any, f_v: Any, rays: Any, jacobian: Any, metric: Any, out: Any) -> None:
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            guu, guv, gvv = metric[i, j, 0], metric[i, j, 1], metric[i, j, 2]
+            u, v = f_u[i, j], f_v[i, j]
+            raised_u, raised_v = guu * u + guv * v, guv * u + gvv * v
+            length = np.sqrt(1 + (guu * u * u + 2 * guv * u * v + gvv * v * v))
+            for k in range(3):
+                tangent = raised_u * jacobian[i, j, k, 0] + raised_v * jacobian[i, j, k, 1]
+                out[i, j, k] = (tangent - rays[i, j, k]) / length
+
+
+def _slopes(
+    log_distance: FloatArray, inside: BoolArray, cuts: BoolArray | None, step: int, edge_order: int
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives along columns and rows at every `step`-th pixel; nan outside the mask."""
+    seen = inside[::step, ::step]
+    f_u, f_v = np.empty(seen.shape), np.empty(seen.shape)
+    right, below = padded(links(inside, cuts))
+    _fill_slopes(padded(np.asarray(log_distance, np.float64)), right, below, step, edge_order, f_u, f_v)
+    f_u[~seen] = f_v[~seen] = np.nan
+    return f_u, f_v
+
+
+def thinned_normals(log_distance: FloatArray, field: RayField, mask: BoolArray, step: int) -> FloatArray:
+    """Unit normals of every `step`-th pixel in the camera frame, (h, w, 3); see `surface.normals`."""
+    every = np.s_[::step, ::step]
+    f_u, f_v = _slopes(log_distance, field.valid & mask, None, step, 2)
+    out = np.empty((*f_u.shape, 3))
+    _fill_normals(f_u, f_v, field.rays[every], field.jacobian[every], field.inverse_metric[every], out)
+    return out
+
+
+def thinned_slant(
+    log_distance: FloatArray, field: RayField, mask: BoolArray, cuts: BoolArray | None, step: int
+) -> FloatArray:
+    """P = tan²θ of every `step`-th pixel, (h, w), as the energy sees it; nan outside the mask."""
+    every = np.s_[::step, ::step]
+    f_u, f_v = _slopes(log_distance, mask, cuts, step, 1)
+    guu, guv, gvv = np.moveaxis(field.inverse_metric[every], -1, 0)
+    return guu * f_u**2 + 2 * guv * f_u * f_v + gvv * f_v**2

@@ -1,0 +1,34 @@
+"""Every n-th pixel's normal and slant are those of the whole map, whatever the mask and the cuts."""
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab.model.surface import normals, slant
+from endolab.model.thinned import thinned_normals, thinned_slant
+from endolab.numerics.derivatives import gradient
+
+
+@pytest.mark.parametrize("step", [1, 2, 3, 7])
+@pytest.mark.parametrize("torn", [False, True])
+def test_every_nth_is_as_in_the_whole(step, torn, rng):
+    field = el.load_calibration("paper", width=48).camera.field
+    v = rng.normal(3, 0.2, field.shape)
+    mask = field.valid & (rng.random(field.shape) > 0.3)  # holes, borders and lonely pixels
+    v[~mask] = np.nan
+    cuts = rng.random((2, *field.shape)) < 0.3 if torn else None
+    every = np.s_[::step, ::step]
+    found = thinned_normals(v, field, mask, step)
+    np.testing.assert_allclose(found, normals(v, field, mask)[every], rtol=1e-12, equal_nan=True)
+    expected = slant(*gradient(v, mask, cuts, edge_order=1), field)[every]
+    np.testing.assert_allclose(
+        thinned_slant(v, field, mask, cuts, step), expected, rtol=1e-12, equal_nan=True
+    )
+    assert np.array_equal(np.isfinite(found[..., 0]), mask[every])
+
+
+def test_maps_of_a_pixel_or_two():
+    camera = el.load_calibration("simple", width=48).camera.resize(2, 1)
+    v, mask = np.array([[1.0, 1.5]]), np.ones((1, 2), dtype=bool)
+    np.testing.assert_allclose(thinned_normals(v, camera.field, mask, 1), normals(v, camera.field, mask))
+    assert thinned_normals(v, camera.field, mask, 5).shape == (1, 1, 3)
