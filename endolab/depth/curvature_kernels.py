@@ -16,6 +16,12 @@ from endolab.numerics.threads import band_rows, bands, on_cores
 
 ROWS, COLUMNS = (0, 0, 0, 1, -1, 1), (0, 1, -1, 0, 0, 1)  # of the six, from the pixel
 
+DIFFERENCES = (
+    (-2.0, 1.0, 1.0, 0.0, 0.0, 0.0),
+    (1.0, -1.0, 0.0, -1.0, 0.0, 1.0),
+    (-2.0, 0.0, 0.0, 1.0, 1.0, 0.0),
+)
+
 
 @on_cores
 def fill_shares(rays: FloatArray, link: Any, out: FloatArray) -> None:
@@ -240,17 +246,18 @@ def stencils_row(link: Any, shares: Any, i: int, t: Any) -> None:
     known = np.empty((3, count))
     _know_row(link, i, known)
     for k in range(3):
-        a, b, c = shares[k, 0, i], shares[k, 1, i], shares[k, 2, i]
-        centre, side, mixed = (1.0, 0.0, 1.0) if k == 1 else (-2.0, 1.0, 0.0)
-        e, w = (-1.0, 0.0) if k == 1 else (side if k == 0 else 0.0, side if k == 0 else 0.0)
-        s, n = (-1.0, 0.0) if k == 1 else (side if k == 2 else 0.0, side if k == 2 else 0.0)
+        centre, e, w, s, n, mixed = DIFFERENCES[k]
         for j in range(count):
             right, left = float(next_to[j + 2]), float(next_to[j + 1])
+            part = shares[k, 0, i, PAD + j]
+            t[k, 1, j] = known[k, j] * e - part * right
+            t[k, 2, j] = known[k, j] * w + part * left
+            t[k, 0, j] = known[k, j] * centre - part * (left - right) - shares[k, 2, i, PAD + j]
+        for j in range(count):
             south, north = float(below[j + 2]), float(above[j + 2])
-            there, a_j, b_j = known[k, j], a[j + 2], b[j + 2]
-            t[k, 0, j] = there * centre - a_j * (left - right) - b_j * (north - south) - c[j + 2]
-            t[k, 1, j] = there * e - a_j * right
-            t[k, 2, j] = there * w + a_j * left
-            t[k, 3, j] = there * s - b_j * south
-            t[k, 4, j] = there * n + b_j * north
-            t[k, 5, j] = there * mixed
+            part = shares[k, 1, i, PAD + j]
+            t[k, 3, j] = known[k, j] * s - part * south
+            t[k, 4, j] = known[k, j] * n + part * north
+            t[k, 0, j] -= part * (north - south)
+        for j in range(count):
+            t[k, 5, j] = known[k, j] * mixed

@@ -29,13 +29,12 @@ def _prolong_add(x: Any, share: Any, step: Any) -> None:
         between = np.empty(step.shape[1], step.dtype)
         for i in range(first, last):
             ci, ni = PAD + (i - PAD) // 2, 1 if (i - PAD) % 2 else -1
-            near, far = step[ci], step[ci + ni]
             for cj in range(between.size):
-                between[cj] = 3 * near[cj] + far[cj]
-            row, part = x[i, PAD:], share[i, PAD:]
+                between[cj] = 3 * step[ci, cj] + step[ci + ni, cj]
             for cj in range(between.size - 2 * PAD):
-                row[2 * cj] += part[2 * cj] * (3 * between[cj + 2] + between[cj + 1])
-                row[2 * cj + 1] += part[2 * cj + 1] * (3 * between[cj + 2] + between[cj + 3])
+                near, left, right = 3 * between[cj + 2], between[cj + 1], between[cj + 3]
+                x[i, 2 * cj + 2] += share[i, 2 * cj + 2] * (near + left)
+                x[i, 2 * cj + 3] += share[i, 2 * cj + 3] * (near + right)
 
 
 @on_cores
@@ -47,15 +46,12 @@ def _restrict(r: Any, share: Any, coarse: Any, out: Any) -> None:
         column = np.empty(r.shape[1], r.dtype)
         for ci in range(first, last):
             i = 2 * ci - PAD
-            up, near, below, down = r[i - 1], r[i], r[i + 1], r[i + 2]
-            up_s, near_s, below_s, down_s = share[i - 1], share[i], share[i + 1], share[i + 2]
             for j in range(column.size):
-                amid = 3 * (near_s[j] * near[j] + below_s[j] * below[j])
-                column[j] = amid + up_s[j] * up[j] + down_s[j] * down[j]
-            row, known = out[ci, PAD:], coarse[ci, PAD:]
-            for cj in range(row.size - PAD):
+                amid = 3 * (share[i, j] * r[i, j] + share[i + 1, j] * r[i + 1, j])
+                column[j] = amid + share[i - 1, j] * r[i - 1, j] + share[i + 2, j] * r[i + 2, j]
+            for cj in range(out.shape[1] - 2 * PAD):
                 amid = 3 * (column[2 * cj + 2] + column[2 * cj + 3])
-                row[cj] = known[cj] * (amid + column[2 * cj + 1] + column[2 * cj + 4])
+                out[ci, cj + 2] = coarse[ci, cj + 2] * (amid + column[2 * cj + 1] + column[2 * cj + 4])
 
 
 @kernel

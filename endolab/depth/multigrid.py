@@ -36,27 +36,24 @@ SWEEPS = 2  # on finer grids, before and after the coarser one; with one, torn s
 def _from_other_rows(m: Any, x: Any, i: int, out: Any) -> None:
     """Row i of the matrix times x, but for what comes from row i; out[j] is of column PAD + j.
 
-    This and the following loops are over whole rows, each an array of its own: so they compile to
-    instructions that take many pixels at once.
+    In this and the following loops, j begins at 0 and what is added to it is not negative: so they compile to
+    instructions that take many pixels at once. Views of rows would do as well, but counting who holds a view
+    takes longer than a row, and the cores wait for one another to count.
     """
-    above2, above, below, below2 = x[i - 2], x[i - 1], x[i + 1], x[i + 2]
-    s, ss, se, sw, see, sse = m[S, i], m[SS, i], m[SE, i], m[SW, i], m[SEE, i], m[SSE, i]
-    s_up, se_up, sw_up, see_up = m[S, i - 1], m[SE, i - 1], m[SW, i - 1], m[SEE, i - 1]
-    ss_up, sse_up = m[SS, i - 2], m[SSE, i - 2]
     for j in range(x.shape[1] - 2 * PAD):
         out[j] = (
-            s[j + 2] * below[j + 2]
-            + ss[j + 2] * below2[j + 2]
-            + se[j + 2] * below[j + 3]
-            + sw[j + 2] * below[j + 1]
-            + see[j + 2] * below[j + 4]
-            + sse[j + 2] * below2[j + 3]
-            + s_up[j + 2] * above[j + 2]
-            + ss_up[j + 2] * above2[j + 2]
-            + se_up[j + 1] * above[j + 1]
-            + sw_up[j + 3] * above[j + 3]
-            + see_up[j] * above[j]
-            + sse_up[j + 1] * above2[j + 1]
+            m[S, i, j + 2] * x[i + 1, j + 2]
+            + m[SS, i, j + 2] * x[i + 2, j + 2]
+            + m[SE, i, j + 2] * x[i + 1, j + 3]
+            + m[SW, i, j + 2] * x[i + 1, j + 1]
+            + m[SEE, i, j + 2] * x[i + 1, j + 4]
+            + m[SSE, i, j + 2] * x[i + 2, j + 3]
+            + m[S, i - 1, j + 2] * x[i - 1, j + 2]
+            + m[SS, i - 2, j + 2] * x[i - 2, j + 2]
+            + m[SE, i - 1, j + 1] * x[i - 1, j + 1]
+            + m[SW, i - 1, j + 3] * x[i - 1, j + 3]
+            + m[SEE, i - 1, j] * x[i - 1, j]
+            + m[SSE, i - 2, j + 1] * x[i - 2, j + 1]
         )
 
 
@@ -64,34 +61,30 @@ def _from_other_rows(m: Any, x: Any, i: int, out: Any) -> None:
 def _row_times(m: Any, x: Any, i: int, out: Any) -> None:
     """Row i of the matrix times x; out[j] is of column PAD + j."""
     _from_other_rows(m, x, i, out)
-    centre, e, ee, here = m[CENTRE, i], m[E, i], m[EE, i], x[i]
     for j in range(x.shape[1] - 2 * PAD):
-        right = centre[j + 2] * here[j + 2] + e[j + 2] * here[j + 3] + ee[j + 2] * here[j + 4]
-        out[j] += right + e[j + 1] * here[j + 1] + ee[j] * here[j]
-
-
-@kernel
-def _dot_of_rows(a: Any, b: Any) -> float:
-    """Scalar product of two rows, by four sums, which are added up while others wait for memory."""
-    one = two = three = four = 0.0
-    whole = a.size - a.size % 4
-    for j in range(0, whole, 4):
-        one += a[j] * b[j]
-        two += a[j + 1] * b[j + 1]
-        three += a[j + 2] * b[j + 2]
-        four += a[j + 3] * b[j + 3]
-    for j in range(whole, a.size):
-        one += a[j] * b[j]
-    return (one + two) + (three + four)
+        here = (
+            m[CENTRE, i, j + 2] * x[i, j + 2] + m[E, i, j + 2] * x[i, j + 3] + m[EE, i, j + 2] * x[i, j + 4]
+        )
+        out[j] += here + m[E, i, j + 1] * x[i, j + 1] + m[EE, i, j] * x[i, j]
 
 
 @on_cores
 def _dots(a: Any, b: Any, out: FloatArray) -> None:
-    """Scalar products of the rows of two vectors."""
+    """Scalar products of the rows of two vectors, by four sums, so that none waits for the last."""
+    width = a.shape[1]
+    whole = width - width % 4
     for band in prange(bands(a.shape[0])):
         first, last = band_rows(band, 0, a.shape[0])
         for i in range(first, last):
-            out[i] = _dot_of_rows(a[i], b[i])
+            one = two = three = four = 0.0
+            for j in range(0, whole, 4):
+                one += a[i, j] * b[i, j]
+                two += a[i, j + 1] * b[i, j + 1]
+                three += a[i, j + 2] * b[i, j + 2]
+                four += a[i, j + 3] * b[i, j + 3]
+            for j in range(whole, width):
+                one += a[i, j] * b[i, j]
+            out[i] = (one + two) + (three + four)
 
 
 def dot(a: Any, b: Any) -> float:
@@ -104,29 +97,32 @@ def dot(a: Any, b: Any) -> float:
 @on_cores
 def multiply(m: Any, x: Any, out: Any) -> None:
     """out = M x."""
-    last_row = x.shape[0] - PAD
+    last_row, count = x.shape[0] - PAD, x.shape[1] - 2 * PAD
     for band in prange(bands(last_row - PAD)):
         first, last = band_rows(band, PAD, last_row)
+        row = np.empty(count, x.dtype)
         for i in range(first, last):
-            _row_times(m, x, i, out[i, PAD:])
+            _row_times(m, x, i, row)
+            for j in range(count):
+                out[i, j + 2] = row[j]
 
 
 @on_cores
 def residual(m: Any, x: Any, b: Any, out: Any) -> None:
     """out = b - M x."""
-    last_row = x.shape[0] - PAD
+    last_row, count = x.shape[0] - PAD, x.shape[1] - 2 * PAD
     for band in prange(bands(last_row - PAD)):
         first, last = band_rows(band, PAD, last_row)
+        row = np.empty(count, x.dtype)
         for i in range(first, last):
-            row, wanted = out[i, PAD:], b[i, PAD:]
             _row_times(m, x, i, row)
-            for j in range(x.shape[1] - 2 * PAD):
-                row[j] = wanted[j] - row[j]
+            for j in range(count):
+                out[i, j + 2] = b[i, j + 2] - row[j]
 
 
 @kernel
 def _sweep_rows(m: Any, inverse: Any, x: Any, b: Any, first: int, last: int, step: int) -> None:
-    """Gauss-Seidel on some rows in turn; in a row every third column at once: those know nothing of another.
+    """Gauss-Seidel on some rows in turn; in a row every third column at once: they are not coupled.
 
     `step` 1 goes down the rows and from left to right, -1 back: the adjoint.
     """
@@ -138,20 +134,15 @@ def _sweep_rows(m: Any, inverse: Any, x: Any, b: Any, first: int, last: int, ste
     start, stop = (first, last) if step > 0 else (last - 1, first - 1)
     for i in range(start, stop, step):
         _from_other_rows(m, x, i, rest)
-        e, ee, here, wanted, divisor = m[E, i], m[EE, i], x[i], b[i], inverse[i]
         for turn in range(3):
-            now = chosen[turn if step > 0 else 2 - turn]
+            now = turn if step > 0 else 2 - turn
             for j in range(count):
-                beside = (
-                    e[j + 2] * here[j + 3]
-                    + ee[j + 2] * here[j + 4]
-                    + e[j + 1] * here[j + 1]
-                    + ee[j] * here[j]
-                )
-                solved = (wanted[j + 2] - rest[j] - beside) * divisor[j + 2]
-                new[j] = here[j + 2] + now[j] * (solved - here[j + 2])
+                right = m[E, i, j + 2] * x[i, j + 3] + m[EE, i, j + 2] * x[i, j + 4]
+                left = m[E, i, j + 1] * x[i, j + 1] + m[EE, i, j] * x[i, j]
+                solved = (b[i, j + 2] - rest[j] - right - left) * inverse[i, j + 2]
+                new[j] = x[i, j + 2] + chosen[now, j] * (solved - x[i, j + 2])
             for j in range(count):
-                here[j + 2] = new[j]
+                x[i, j + 2] = new[j]
 
 
 @on_cores
@@ -191,9 +182,8 @@ def _conjugate(z: Any, share: float, direction: FloatArray) -> None:
     for band in prange(bands(z.shape[0])):
         first, last = band_rows(band, 0, z.shape[0])
         for i in range(first, last):
-            row, towards = z[i], direction[i]
-            for j in range(row.size):
-                towards[j] = row[j] + share * towards[j]
+            for j in range(z.shape[1]):
+                direction[i, j] = z[i, j] + share * direction[i, j]
 
 
 @on_cores
@@ -202,12 +192,11 @@ def _proceed(direction: Any, length: float, product: Any, x: Any, r: Any, b: Any
     for band in prange(bands(x.shape[0])):
         first, last = band_rows(band, 0, x.shape[0])
         for i in range(first, last):
-            towards, by, at, left, short = direction[i], product[i], x[i], r[i], b[i]
-            for j in range(at.size):
-                at[j] += length * towards[j]
-                left[j] -= length * by[j]
-            for j in range(at.size):
-                short[j] = left[j]
+            for j in range(x.shape[1]):
+                x[i, j] += length * direction[i, j]
+            for j in range(x.shape[1]):
+                r[i, j] -= length * product[i, j]
+                b[i, j] = r[i, j]
 
 
 @on_cores
@@ -217,12 +206,11 @@ def _shorten(m: Any, active: Any, out: Any, inverse: Any) -> None:
         first, last = band_rows(band, 0, m.shape[1])
         for i in range(first, last):
             for k in range(9):
-                row, short = m[k, i], out[k, i]
-                for j in range(row.size):
-                    short[j] = row[j]
-            centre, held, over = m[CENTRE, i], active[i], inverse[i]
-            for j in range(centre.size):
-                over[j] = 1 / centre[j] if held[j] and centre[j] > 0 else 0.0
+                for j in range(m.shape[2]):
+                    out[k, i, j] = m[k, i, j]
+            for j in range(m.shape[2]):
+                centre = m[CENTRE, i, j]
+                inverse[i, j] = 1 / centre if active[i, j] and centre > 0 else 0.0
 
 
 @dataclass(frozen=True)

@@ -26,44 +26,43 @@ from endolab.numerics.threads import band_rows, bands, on_cores
 CENTRE, E, EE, S, SS, SE, SW, SEE, SSE = range(9)  # a pixel's own entry and those towards later pixels
 # Of each pair of the six pixels of `curvature_kernels`, the entry, and which of the two holds it: that above
 # or, in a row, that on the left.
-PAIRS = np.array(
-    [
-        *((k, k, CENTRE) for k in range(6)),
-        *((0, 1, E), (2, 0, E), (3, 5, E), (2, 1, EE), (4, 3, SS)),
-        *((0, 3, S), (4, 0, S), (1, 5, S), (0, 5, SE), (4, 1, SE), (2, 3, SE)),
-        *((1, 3, SW), (4, 2, SW), (2, 5, SEE), (4, 5, SSE)),
-    ]
-)
+PAIRS = [
+    *((k, k, CENTRE) for k in range(6)),
+    *((0, 1, E), (2, 0, E), (3, 5, E), (2, 1, EE), (4, 3, SS)),
+    *((0, 3, S), (4, 0, S), (1, 5, S), (0, 5, SE), (4, 1, SE), (2, 3, SE)),
+    *((1, 3, SW), (4, 2, SW), (2, 5, SEE), (4, 5, SSE)),
+]
+# Which of the six are in the three differences, or parts of the form, for each of `problem.REGULARISERS`;
+# those of a row of J, which comes fourth, are the first five.
+TAKEN = [
+    [{0, 1}, set[int](), {0, 3}],
+    [{0, 1, 2}, {0, 1, 3, 5}, {0, 3, 4}],
+    [{0, 1, 2, 3, 4}, {0, 1, 2, 3, 4, 5}, {0, 1, 2, 3, 4}],
+]
+ENTRIES = [np.array([(term, k) for term in range(3) for k in sorted(taken[term])]) for taken in TAKEN]
+PRODUCTS = [
+    np.array(
+        [
+            (k, other, entry, term)
+            for k, other, entry in PAIRS
+            for term, those in enumerate([*taken, {0, 1, 2, 3, 4}])
+            if {k, other} <= those
+        ]
+    )
+    for taken in TAKEN
+]
 # The maps of `Coefficients`: the last are the smoothness, one or, of a form, six.
 BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
 
-Q_ROWS = SMOOTHNESS + np.array([(0, 1, 2), (1, 3, 4), (2, 4, 5)])  # which of the six are where in Q
-
 
 @kernel
-def _add_products(left: Any, right: Any, i: int, m: Any) -> None:
-    """Add the products of the six pixels' four numbers to their entries of m."""
-    for n in range(len(PAIRS)):
-        k, other, entry = PAIRS[n]
-        row = m[entry, i + ROWS[k], PAD + COLUMNS[k] :]
-        a, b, c, d = left[0, k], left[1, k], left[2, k], left[3, k]
-        p, q, r, s = right[0, other], right[1, other], right[2, other], right[3, other]
-        for j in range(a.size):
-            row[j] += a[j] * p[j] + b[j] * q[j] + c[j] * r[j] + d[j] * s[j]
-
-
-@kernel
-def _mix_row(a: Any, b: Any, c: Any, x: Any, y: Any, z: Any, out: Any) -> None:
-    """out = a x + b y + c z, on a row."""
-    for j in range(out.size):
-        out[j] = a[j] * x[j] + b[j] * y[j] + c[j] * z[j]
-
-
-@kernel
-def _multiply_rows(a: Any, b: Any, out: Any) -> None:
-    """out = a b, on a row."""
-    for j in range(out.size):
-        out[j] = a[j] * b[j]
+def _add_products(left: Any, right: Any, products: Any, i: int, m: Any) -> None:
+    """Add products of the six pixels' numbers to their entries of m."""
+    for n in range(len(products)):
+        k, other, entry, term = products[n]
+        row, column = i + ROWS[k], PAD + COLUMNS[k]
+        for j in range(left.shape[2]):
+            m[entry, row, column + j] += left[term, k, j] * right[term, other, j]
 
 
 @kernel
@@ -72,72 +71,90 @@ def _data_row(parts: Any, link: Any, i: int, damping: float, t: Any, qt: Any, m:
     across, below, above = link[0, i], link[1, i], link[1, i - 1]
     by_v, by_u, by_w, weight = parts[BY_V, i], parts[BY_U, i], parts[BY_W, i], parts[WEIGHT, i]
     cautious_u, cautious_w = parts[CAUTION_U, i], parts[CAUTION_W, i]
-    for j in range(t.shape[1]):
+    count = t.shape[2]
+    for j in range(count):
         right, left = float(across[j + 2]), float(across[j + 1])
+        u = by_u[j + 2] * (1 - 0.5 * right * left)
+        t[3, 1, j], t[3, 2, j] = u * right, -u * left
+    for j in range(count):
         south, north = float(below[j + 2]), float(above[j + 2])
-        u, w = by_u[j + 2] * (1 - 0.5 * right * left), by_w[j + 2] * (1 - 0.5 * south * north)
-        t[0, j] = by_v[j + 2] + u * (left - right) + w * (north - south)
-        t[1, j], t[2, j], t[3, j], t[4, j], t[5, j] = u * right, -u * left, w * south, -w * north, 0.0
-    for k in range(6):
-        _multiply_rows(weight[PAD:], t[k], qt[k])
+        w = by_w[j + 2] * (1 - 0.5 * south * north)
+        t[3, 3, j], t[3, 4, j] = w * south, -w * north
+    for j in range(count):
+        t[3, 0, j] = by_v[j + 2] - (t[3, 1, j] + t[3, 2, j]) - (t[3, 3, j] + t[3, 4, j])
+    for k in range(5):
+        for j in range(count):
+            qt[3, k, j] = weight[j + 2] * t[3, k, j]
     centre, beneath, e, s = m[CENTRE, i], m[CENTRE, i + 1], m[E, i], m[S, i]
-    for j in range(t.shape[1]):
-        u, w = float(across[j + 2]) * cautious_u[j + 2], float(below[j + 2]) * cautious_w[j + 2]
-        centre[j + 2] += u + w + damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
-        beneath[j + 2] += w
+    for j in range(count):
+        centre[j + 2] += damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
+    for j in range(count):
+        u = float(across[j + 2]) * cautious_u[j + 2]
+        centre[j + 2] += u
         e[j + 2] -= u
-        s[j + 2] -= w
-    for j in range(t.shape[1]):
+    for j in range(count):
         centre[j + 3] += float(across[j + 2]) * cautious_u[j + 2]
+    for j in range(count):
+        w = float(below[j + 2]) * cautious_w[j + 2]
+        centre[j + 2] += w
+        beneath[j + 2] += w
+        s[j + 2] -= w
 
 
 @kernel
 def _differences_row(link: Any, kind: int, i: int, t: Any) -> None:
-    """Weights (3, 6, ...) of the six pixels for the gradient or the Hessian, on a row."""
+    """Weights of the six pixels for the gradient or the Hessian, on a row: those that are `TAKEN`."""
     across, below, above, beneath = link[0, i], link[1, i], link[1, i - 1], link[0, i + 1]
-    for term in range(3):
-        for k in range(6):
-            clear_row(t[term, k])
+    count = t.shape[2]
+    if kind == FIRST:
+        for j in range(count):
+            t[0, 1, j], t[2, 3, j] = float(across[j + 2]), float(below[j + 2])
+            t[0, 0, j], t[2, 0, j] = -float(across[j + 2]), -float(below[j + 2])
+        return
     root2 = np.sqrt(2.0)
-    for j in range(t.shape[2]):
-        right, left = float(across[j + 2]), float(across[j + 1])
-        south, north = float(below[j + 2]), float(above[j + 2])
-        square = root2 * right * south * float(beneath[j + 2]) * float(below[j + 3])
-        if kind == FIRST:
-            t[0, 0, j], t[0, 1, j], t[2, 0, j], t[2, 3, j] = -right, right, -south, south
-        else:
-            t[0, 0, j], t[0, 1, j], t[0, 2, j] = -2 * right * left, right * left, right * left
-            t[1, 0, j], t[1, 1, j], t[1, 3, j], t[1, 5, j] = square, -square, -square, square
-            t[2, 0, j], t[2, 3, j], t[2, 4, j] = -2 * south * north, south * north, south * north
+    for j in range(count):
+        both = float(across[j + 2]) * float(across[j + 1])
+        t[0, 0, j], t[0, 1, j], t[0, 2, j] = -2 * both, both, both
+    for j in range(count):
+        both = float(below[j + 2]) * float(above[j + 2])
+        t[2, 0, j], t[2, 3, j], t[2, 4, j] = -2 * both, both, both
+    for j in range(count):
+        square = root2 * float(across[j + 2]) * float(below[j + 2])
+        square *= float(beneath[j + 2]) * float(below[j + 3])
+        t[1, 0, j], t[1, 1, j], t[1, 3, j], t[1, 5, j] = square, -square, -square, square
 
 
 @kernel
-def _smooth_row(parts: Any, link: Any, shares: Any, kind: int, i: int, t: Any, qt: Any) -> None:
+def _smooth_row(parts: Any, link: Any, shares: Any, kind: int, entries: Any, i: int, t: Any, qt: Any) -> None:
     """Write D X of a row and Q D X."""
     if kind == CURVATURE:
         stencils_row(link, shares, i, t)
     else:
         _differences_row(link, kind, i, t)
+    count = t.shape[2]
+    for n in range(len(entries)):
+        term, k = entries[n]
+        row, column = i + ROWS[k], PAD + COLUMNS[k]
+        for j in range(count):
+            t[term, k, j] *= parts[SLOPE, row, column + j]
+    if kind != CURVATURE:
+        for n in range(len(entries)):
+            term, k = entries[n]
+            for j in range(count):
+                qt[term, k, j] = parts[SMOOTHNESS, i, PAD + j] * t[term, k, j]
+        return
     for k in range(6):
-        slope = parts[SLOPE, i + ROWS[k], PAD + COLUMNS[k] :]
-        uu, uv, vv = t[0, k], t[1, k], t[2, k]
-        for j in range(uu.size):
-            uu[j] *= slope[j]
-            uv[j] *= slope[j]
-            vv[j] *= slope[j]
-        if kind == CURVATURE:
-            for term in range(3):  # the rows of Q
-                a, b, c = Q_ROWS[term]
-                row = parts[a, i, PAD:], parts[b, i, PAD:], parts[c, i, PAD:]
-                _mix_row(*row, uu, uv, vv, qt[term, k])
-        else:
-            q = parts[SMOOTHNESS, i, PAD:]
-            for term in range(3):
-                _multiply_rows(q, t[term, k], qt[term, k])
+        for term in range(3):  # the rows of Q
+            a, b, c = SMOOTHNESS + term, SMOOTHNESS + (1, 3, 4)[term], SMOOTHNESS + (2, 4, 5)[term]
+            for j in range(count):
+                here = parts[a, i, PAD + j] * t[0, k, j] + parts[b, i, PAD + j] * t[1, k, j]
+                qt[term, k, j] = here + parts[c, i, PAD + j] * t[2, k, j]
 
 
 @on_cores
-def assemble(m: Any, parts: Any, link: Any, shares: Any, kind: int, damping: float) -> None:
+def _assemble(
+    m: Any, parts: Any, link: Any, shares: Any, kind: int, entries: Any, products: Any, damping: float
+) -> None:
     """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; `parts` are those of `Coefficients`.
 
     A pixel's row of J is a + b·∇ with the mean of the differences that `link` allows, D is the
@@ -156,9 +173,9 @@ def assemble(m: Any, parts: Any, link: Any, shares: Any, kind: int, damping: flo
             first, last = band_rows(2 * k + odd, PAD, rows - PAD)
             t, qt = np.empty((4, 6, count)), np.empty((4, 6, count))
             for i in range(first, last):
-                _smooth_row(parts, link, shares, kind, i, t[:3], qt[:3])
-                _data_row(parts, link, i, damping, t[3], qt[3], m)
-                _add_products(t, qt, i, m)
+                _smooth_row(parts, link, shares, kind, entries, i, t, qt)
+                _data_row(parts, link, i, damping, t, qt, m)
+                _add_products(t, qt, products, i, m)
 
 
 @kernel
@@ -303,7 +320,8 @@ class Coefficients:
         """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
         m = np.empty((9, *self.active.shape)) if out is None else out
         on = self.structure
-        assemble(m, self.parts, on.link, on.shares, on.kind, damping)
+        lists = ENTRIES[on.kind], PRODUCTS[on.kind]
+        _assemble(m, self.parts, on.link, on.shares, on.kind, *lists, damping)
         return m
 
     def coarser(self, out: FloatArray | None = None) -> Coefficients:

@@ -31,7 +31,7 @@ ROWS = 16  # of a band
 
 # Turns, some microseconds, that a thread waits for the next loop before it sleeps. OpenMP's own choice,
 # milliseconds, takes the cores from other programs, and from the very threads that are waited for.
-os.environ.setdefault("GOMP_SPINCOUNT", "100")
+os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 _limit: ContextVar[int | None] = ContextVar("limit", default=None)
 _cores = threading.Lock()
