@@ -46,10 +46,10 @@ PRODUCTS = [
             (k, other, entry, term)
             for k, other, entry in PAIRS
             for term, those in enumerate([*taken, {0, 1, 2, 3, 4}])
-            if {k, other} <= those
+            if k in those and (other in those or (kind == CURVATURE and term < 3))  # the form's Q mixes terms
         ]
     )
-    for taken in TAKEN
+    for kind, taken in enumerate(TAKEN)
 ]
 # The maps of `Coefficients`: the last are the smoothness, one or, of a form, six.
 BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
