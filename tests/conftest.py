@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 os.environ["MPLBACKEND"] = "Agg"  # no windows
+if "PYTEST_XDIST_WORKER" in os.environ:  # there are as many of these as cores
+    os.environ.setdefault("ENDOLAB_THREADS", "1")
 os.environ.setdefault("CI", "1")  # the one variable by which a Rerun viewer sends no usage data
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -25,6 +27,12 @@ def missing_system(sentence: str) -> NoReturn:
 def rng() -> np.random.Generator:
     """Give random numbers that are the same in every run."""
     return np.random.default_rng(0)
+
+
+@pytest.fixture
+def all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let compiled loops have as many threads as there are cores."""
+    monkeypatch.delenv("ENDOLAB_THREADS", raising=False)
 
 
 @pytest.fixture(scope="session")

@@ -22,7 +22,7 @@ from endolab.cli.calibrate import (
     add_sheet_options,
     simulate_sheet,
 )
-from endolab.cli.options import add_command, add_overwrite, number, whole
+from endolab.cli.options import add_command, add_overwrite, number, threads_of, whole
 from endolab.cli.reconstruct import add_reconstruct_commands
 from endolab.cli.signals import ended_like_interrupted
 from endolab.cli.stopwatch import process_began
@@ -234,7 +234,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         with patient_streams(), ended_like_interrupted(ended):
             arguments = _parser().parse_args(sys.argv[1:] if argv is None else argv)
             arguments.began = began
-            arguments.run(arguments)
+            with threads_of(arguments):
+                arguments.run(arguments)
     except (ValueError, OSError, MemoryError, MissingPackage) as error:
         return _failed(2, error)
     except KeyboardInterrupt as interrupt:

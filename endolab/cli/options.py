@@ -1,7 +1,9 @@
 """How the command line says how to solve: the options, in one place, and the keywords they stand for."""
 
 import argparse
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -115,6 +117,24 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
         add("--known-diameter", metavar=KNOWN["diameter"], help=length)
     add("--width", type=whole, metavar="PX", help="shrink the frame to this width first")
     add("--smooth", type=number, metavar="PX", help="blur the light first (default: by the noise)")
+    add("--threads", type=whole, metavar="N", help="cores at most (default: ENDOLAB_THREADS, or all)")
+
+
+@contextmanager
+def threads_of(arguments: argparse.Namespace) -> Iterator[None]:
+    """Let loops, and processes that are started, have as many cores as the options say, within."""
+    count, before = getattr(arguments, "threads", None), os.environ.get("ENDOLAB_THREADS")
+    if count is not None and count < 1:
+        raise ValueError(f"--threads must be at least 1, got {count}")
+    try:
+        if count is not None:
+            os.environ["ENDOLAB_THREADS"] = str(count)
+        yield
+    finally:
+        if count is not None and before is None:
+            os.environ.pop("ENDOLAB_THREADS", None)
+        elif before is not None:
+            os.environ["ENDOLAB_THREADS"] = before
 
 
 def solver_of(arguments: argparse.Namespace) -> str:

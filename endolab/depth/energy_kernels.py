@@ -20,7 +20,7 @@ from endolab.depth.normal_equations import (
     SMOOTHNESS,
     WEIGHT,
 )
-from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, FIRST, NONE
+from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, FIRST
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, clear_row, copy_row, kernel
@@ -131,21 +131,6 @@ def fill_slants(v: FloatArray, metric: FloatArray, link: Any, out: FloatArray) -
         raised = np.empty((2, count))
         for i in range(first, last):
             slopes_row(v, metric, link, i, raised[0], raised[1], out[i, PAD:-PAD])
-
-
-@kernel
-def listen(
-    model: FloatArray, image: FloatArray, evidence: Any, wanted: FloatArray, limit: FloatArray
-) -> None:
-    """Write what the picture wants of a row: the model's own value where no residual counts.
-
-    No data bind the step of such a pixel, so that its limit is lifted.
-    """
-    for j in range(wanted.size):
-        above = evidence[j] == AT_LEAST and model[j] > image[j]
-        silent = above or evidence[j] == NONE
-        wanted[j] = model[j] if silent else image[j]
-        limit[j] = 0.999 if silent else limit[j]
 
 
 @kernel

@@ -25,6 +25,7 @@ from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, knows_curvatur
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import told as said
+from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.contours import OneChannel, judged
 from endolab.reconstruction.problem_setup import (
@@ -166,6 +167,7 @@ def reconstruct(
     start: Result | None = None,
     observers: Iterable[Observer] = (),
     max_iterations: int | None = None,
+    threads: int | None = None,
     **options: Any,
 ) -> Result:
     """Find the depth map that explains a frame.
@@ -220,6 +222,9 @@ def reconstruct(
         length is given; one that returns True stops the run.
     max_iterations : int, optional
         The most steps to take.
+    threads : int, optional
+        The most cores to use, on which no result depends; all by default, or `ENDOLAB_THREADS` of the
+        environment.
     **options
         `epsilon`, `threshold` and `cuts` of the energy, see `Problem`; others are the solver's own,
         such as `inflow` of `fast_marching` and `gauss_newton`.
@@ -251,7 +256,8 @@ def reconstruct(
     channel = channel_for(channel, solver)
     how: dict[str, Any] = {"width": width, "smooth": smooth, "highlights": highlights}
     contours = _wanted(contours, channel)
-    prepared = _prepared(frame, calibration, contours, channel=channel, **how, **of_problem)
+    with limited_threads(threads):
+        prepared = _prepared(frame, calibration, contours, channel=channel, **how, **of_problem)
 
     def scaled(answer: Iterate) -> Iterate:
         if answer.stage != SOLUTION:  # stopped on the way
@@ -260,7 +266,8 @@ def reconstruct(
         return known_scale(answer, **lengths)
 
     stages = _stages(prepared, contours, regulariser == AUTO, start, solver, options, told)
-    return run(stages, observers, max_iterations, scaled)
+    with limited_threads(threads):
+        return run(stages, observers, max_iterations, scaled)
 
 
 callable_as_before(__name__)

@@ -16,6 +16,7 @@ from endolab.depth.grid import ABOVE
 from endolab.depth.problem import Problem
 from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.numerics.derivatives import shifted
+from endolab.numerics.threads import limited_threads
 from endolab.reconstruction.contours import torn_at_contours
 from endolab.reconstruction.problem_setup import make_problem
 from tests.tools.problems import (
@@ -24,6 +25,7 @@ from tests.tools.problems import (
     check_it_falls,
     energies,
     errors_of,
+    every_regulariser,
     every_variant,
     every_xi,
     percent_off,
@@ -316,6 +318,18 @@ def test_distances_scale_with_the_root_of_the_gain(xi):
     brighter = replace(problem, photometry=replace(problem.photometry, gain=4 * problem.photometry.gain))
     ratio = solved(brighter).distance / solved(problem).distance
     np.testing.assert_allclose(ratio[problem.mask], 2.0, rtol=1e-6)  # a cycle is in single precision
+
+
+@every_regulariser
+def test_a_run_is_the_same_bit_for_bit_on_any_number_of_threads(all_cores, regulariser):
+    problem, seen = problem_of("colon", 160, regulariser=regulariser, noise=1, bits=8)
+    torn = replace(problem, cuts=occlusion_cuts(seen.distance))
+    for each in (problem, torn):
+        maps = []
+        for count in (1, 2):
+            with limited_threads(count):
+                maps.append(solved(each, max_iterations=8).iterate.log_distance)
+        np.testing.assert_array_equal(*maps)
 
 
 def test_what_lies_outside_the_mask_is_not_read():

@@ -81,7 +81,7 @@ def test_steps_less_than_the_last_digit_add_up():
 
 
 @papers_regulariser
-def test_steps_are_the_same_bit_for_bit_on_any_number_of_threads(rng, regulariser):
+def test_steps_are_the_same_bit_for_bit_on_any_number_of_threads(rng, all_cores, regulariser):
     problem, _ = problem_of("colon", xi="1/z", regulariser=regulariser, lam=0.1)
     problem = replace(problem, cuts=rng.random((2, *problem.mask.shape)) < 0.02)
     paths = [_Path.at(problem, problem.log_facing, 4, 0.7) for _ in range(2)]

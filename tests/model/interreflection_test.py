@@ -84,7 +84,7 @@ def test_a_wall_in_between_blocks():
     assert _exchange(x, n, area, cells, nearest)[0, 1] == 0
 
 
-def test_what_blocks_is_found_as_by_walking_every_chord(colon):
+def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
     """Cell by cell, as one would write it down; and the same on one core as on all, to the bit."""
     v, field = colon
     walls = Walls.of(v, np.isfinite(v), field, 2.5)

@@ -26,7 +26,7 @@ def test_results_come_in_order_and_errors_too(pixels):
         side_by_side(lambda one: 1 / one, [1, 0, 2], pixels)
 
 
-def test_a_limit_holds_within():
+def test_a_limit_holds_within(all_cores):
     with limited_threads(1):
         assert side_by_side(lambda _: threads(), range(4), LARGE) == [1] * 4
     if threads() > 1:
