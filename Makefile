@@ -54,6 +54,7 @@ lint: $(READY) ## check style, format and types
 	$(BIN)/mypy
 
 bench: $(READY) ## measure speed
+	$(BIN)/python -m tests.benchmarks.ratios
 	$(BIN)/python -m tests.benchmarks.speed
 	$(BIN)/python -m tests.benchmarks.solvers
 	$(BIN)/python -m tests.benchmarks.calibration
@@ -63,6 +64,7 @@ bench: $(READY) ## measure speed
 	$(BIN)/python -m tests.benchmarks.light traced
 	$(BIN)/python -m tests.benchmarks.highlights
 	$(BIN)/python -m tests.benchmarks.sequence
+	$(BIN)/python -m tests.benchmarks.live
 
 unseen: $(READY) ## score random frames that nobody tuned to; Mitsuba makes them first (20 minutes)
 	$(PIP) install --quiet 'mitsuba>=3.9'

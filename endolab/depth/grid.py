@@ -229,8 +229,14 @@ class Grid:
         march.advance(mask.size)
         return padded(np.where(mask, march.log_distance, 0.0))
 
+    @cached_property
+    def _room(self) -> FloatArray:
+        """Memory for ξ and two maps of `linearised`: fresh pages take longer than what is written there."""
+        return np.empty((3, *self.image.shape))
+
     def _xi(self, v: FloatArray) -> FloatArray:
-        xi = np.empty_like(v)
+        """ξ/ξ̃, until the next call."""
+        xi = self._room[0]
         fill_xi(v, self.factor, self.active, 1.0 if self.problem.xi == "d" else -1.0, xi)
         return xi
 
@@ -276,11 +282,12 @@ class Grid:
         The model is far from linear in the slope of v where the wall faces the camera. A step whose own slope
         has tan² = S darkens it by ½ |∂²M| S beside what is linear; half the square of that, as it would be
         for `slants`, those of a likely step, is added: see `gauss_newton`. Pixels near the ceiling that
-        are drawn beyond it are held. The memory of `old` is used; it is spoilt.
+        are drawn beyond it are held. The memory of `old` is used; it is spoilt, as is the right-hand side by
+        the next call.
         """
         count = SMOOTHNESS + (6 if self._kind == CURVATURE else 1)
         parts = np.zeros((count, *v.shape)) if old is None else old.parts
-        xi, descent, smooth = self._xi(v), np.empty_like(v), np.empty_like(v)
+        xi, (_, descent, smooth) = self._xi(v), self._room
         sign = 1.0 if self.problem.xi == "d" else -1.0
         linearise(v, xi, *self._energy(), lam, (parts, descent, smooth))
         free = self.free

@@ -244,7 +244,7 @@ class Multigrid:
         if old is not None and old.levels[0].structure is not coefficients.structure:
             old = None
         self.matrix: FloatArray = coefficients.matrix(damping, None if old is None else old.matrix)
-        self.room: FloatArray = np.empty((3, *coefficients.active.shape)) if old is None else old.room
+        self.room: FloatArray = np.empty((4, *coefficients.active.shape)) if old is None else old.room
         self.levels: list[_Level] = [_Level.on(coefficients.structure)] if old is None else old.levels
         self.coarse: list[tuple[FloatArray, FloatArray]] = [] if old is None else old.coarse
         matrix, depth = self.matrix, 0
@@ -286,9 +286,9 @@ class Multigrid:
         and that share.
         """
         top = self.levels[0]
-        x, direction, product = self.room
-        self.room[:] = 0.0
-        r = b.copy()
+        x, direction, product, r = self.room
+        self.room[:3] = 0.0
+        r[:] = b
         top.b[:] = b
         start, last, done = 0.0, 1.0, 0.0
         for step in range(most + 1):
