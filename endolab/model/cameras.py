@@ -7,6 +7,7 @@ Frame: x right, y down, z forward. Pixel coordinates are (column, row), the orig
 centre of the top-left pixel.
 """
 
+from collections import deque
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -162,18 +163,17 @@ class Camera:
 
         The same one as before, if this size was asked for lately: its ray field is computed once.
         """
-        resized: Self | None = self._resized.get((width, height))
-        if resized is None:
-            scale = np.array([width / self.width, height / self.height])
-            resized = self._transformed(scale, 0.5 * scale - 0.5, width, height)
-            for last in list(self._resized)[: 1 - KEPT]:
-                self._resized.pop(last, None)
-            self._resized[width, height] = resized
+        for kept in self._resized if isinstance(width, int) and isinstance(height, int) else ():
+            if (kept.width, kept.height) == (width, height):
+                return kept
+        scale = np.array([width / self.width, height / self.height])
+        resized = self._transformed(scale, 0.5 * scale - 0.5, width, height)
+        self._resized.append(resized)
         return resized
 
     @cached_property
-    def _resized(self) -> dict[tuple[int, int], Any]:
-        return {}
+    def _resized(self) -> deque[Self]:
+        return deque(maxlen=KEPT)
 
     def crop(self, left: int, top: int, width: int, height: int) -> Self:
         """Return the camera of a window of the picture: first column and row that are kept, and size, px.

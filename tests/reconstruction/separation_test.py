@@ -114,7 +114,9 @@ def test_with_an_unknown_gain_the_shape_is_the_same(dry):
     unknown = without(dry.calibration, gain=None)
     known, relative = (solved(dry.frame, each, contours=False) for each in (dry.calibration, unknown))
     assert (known.metric, relative.metric) == (True, False)
-    assert np.std(np.log(relative.distance / known.distance)[known.mask]) < 1e-6
+    assert (
+        np.std(np.log(relative.distance / known.distance)[known.mask]) < 2e-5
+    )  # a cycle is in single precision
 
 
 def test_a_known_distance_fixes_the_scale(dry):
