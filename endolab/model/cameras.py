@@ -10,7 +10,7 @@ centre of the top-left pixel.
 from collections import deque
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
