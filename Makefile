@@ -94,6 +94,10 @@ $(READY): requirements.lock pyproject.toml | $(BIN)/python
 	$(PIP) install --quiet --no-deps --no-build-isolation -e .
 	$(BIN)/python -m compileall -q endolab
 	$(BIN)/python -m endolab.cli.lab $(VENV)
+	@echo 'Compiling the loops: a minute or two.'
+	-@$(BIN)/endolab simulate colon --width 200 --out $(VENV)/first --overwrite >/dev/null 2>&1 && \
+	  $(BIN)/endolab reconstruct $(VENV)/first/frame.png --calibration $(VENV)/first/endoscope.json \
+	    --out $(VENV)/first/result --overwrite >/dev/null 2>&1
 	@touch $@
 
 $(BIN)/python:

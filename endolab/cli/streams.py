@@ -9,7 +9,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from typing import Any
 
 LONGEST = 600  # characters of a complaint; what was typed may be as long as it likes
-COMPILING = "Compiling for this machine, up to half a minute"
+COMPILING = "Compiling for this machine, a minute or two"
 ONCE = f"{COMPILING}; only the first run does."
 EACH_TIME = f"{COMPILING}, in each run: no folder can keep it; let NUMBA_CACHE_DIR name one."
 UNREAD = (errno.EPIPE, errno.EINVAL)  # a closed pipe; the second is how Windows calls it
