@@ -27,7 +27,7 @@ COARSE = 240  # px; light that has bounced is smooth, and contours are long: the
 LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
 # Of a whole run of gauss_newton with its recording and its files, measured at 0.2 to 12 Mpx.
 BYTES, BYTES_PER_PIXEL = 400e6, 720  # at the peak, of any channel
-SECONDS_PER_PIXEL, TO_SEPARATE = 4e-6, 4e-6  # on two cores; with contours, and less without
+SECONDS_PER_PIXEL, TO_SEPARATE = 4e-6, 5e-6  # on two cores; with contours, and less without
 
 
 def make_problem(

@@ -697,7 +697,7 @@ def test_what_a_large_frame_takes_is_said_before_it_is_begun(solve, tmp_path, ca
     monkeypatch.setattr(cli_reconstruct, "ENOUGH", 80)
     assert solve(*options) == 0
     first = capsys.readouterr().out.splitlines()[0]
-    assert first == "160x120 px: about 0.17 s and 0.41 GB; --width 80 takes about 0.04 s"
+    assert first == "160x120 px: about 0.077 s and 0.41 GB; --width 80 takes about 0.02 s"
     assert solve(*options, "--width", "80") == 0
     assert "GB" not in capsys.readouterr().out
 

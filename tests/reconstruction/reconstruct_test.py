@@ -279,7 +279,7 @@ def test_a_frame_too_large_for_the_memory_is_refused_at_once(small, monkeypatch)
 
 def test_what_a_frame_takes_is_told_and_a_speck_is_refused(small):
     seconds, needed = posing.effort(4000, 3000)
-    assert 70 < seconds < 200
+    assert 30 < seconds < 90  # measured 27 s, and files
     assert posing.effort(4000, 3000, "separated")[0] > 2 * seconds
     assert 7e9 < needed < 11e9
     for width, size in ((7, "7x5"), (1, "1x1")):
