@@ -45,6 +45,7 @@ ALL_UNTIL, GROWTH = 20, 1.5  # pictures of a stage's first iterates, then each t
 KEPT = 64_000_000  # bytes of iterates that may wait for the run's end
 WATCHED = 12  # jobs that may wait where someone is watching
 TOGETHER = 16  # iterates whose pictures are logged at once
+PAINTED = 5  # times that a pixel is computed for pictures of an iterate
 COLOURS = {"energy": (230, 159, 0), "data": (86, 180, 233), "regulariser": (213, 94, 0)}
 RUNS = ((230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66))  # none like the start's
 
@@ -186,6 +187,7 @@ class Recorder:
         self._waiting: list[_Place] = []  # what is not given to it yet
         self._kept = 0  # bytes of that
         self._painter: Painter | None = None
+        self._input: tuple[FloatArray, rr.EncodedImage] | None = None  # a frame and its picture
         self._curves: dict[str, list[tuple[int, float]]] = {}  # what is still to be logged
         # What stays for a stage, until it is known whether it stays for ever.
         self._held: list[tuple[str, tuple[rr.AsComponents, ...]]] | None = None if self.path is None else []
@@ -231,7 +233,7 @@ class Recorder:
             whole = True
         finally:
             self._thread.shutdown()
-            self._last, self._waiting, self._painter = None, [], None
+            self._last, self._waiting, self._painter, self._input = None, [], None, None
             if not whole:
                 self._sink.drop()
             elif not self._run:
@@ -315,7 +317,9 @@ class Recorder:
         error = np.abs(painter.misfit(iterate.log_distance)[seen])
         self._grey_levels = max(5.0, float(np.ceil(255 * np.percentile(error, 98))))
         picture = in_colour(problem.shown)
-        self._log_of_stage("input", png(picture[thin]))
+        if self._input is None or self._input[0] is not problem.shown:
+            self._input = problem.shown, png(picture[thin])
+        self._log_of_stage("input", self._input[1])
         classes = rr.AnnotationContext([(0, "left out", (0, 0, 0, 255)), (1, "used", (0, 0, 0, 0))])
         mask = rr.SegmentationImage(seen.astype(np.uint8), opacity=1.0)
         self._log_of_stage("mask", classes, mask)
@@ -334,12 +338,12 @@ class Recorder:
             points = true[thin][..., None] * problem.field.rays[thin]
             shown = points[np.isfinite(points).all(axis=-1)]
             self._log_of_stage("world/truth", rr.Points3D(shown, colors=TRUTH, radii=THIN))
-        far = float(np.percentile(shown[:, 2], 99))
+        low, high = np.percentile(shown, [1, 99], axis=0)
+        far = float(high[2])
         length = round_length(far / 3)
         label = f"{length:g} {problem.unit}"
         bar = rr.LineStrips2D([[[0.0, 0.0], [length, 0.0]]], colors=TRUTH, radii=THIN, labels=label)
         self._log_of_stage("section/scale", bar)
-        low, high = np.percentile(shown, [1, 99], axis=0)
         self._log_views(iterate, low, high, far)
 
     def _log_views(self, iterate: Iterate, low: FloatArray, high: FloatArray, far: float) -> None:
@@ -427,7 +431,7 @@ class Recorder:
     def _log_pictures(self, places: Sequence[int], iterates: Sequence[Iterate]) -> None:
         """Log the pictures of a few iterates of one stage."""
         painted = [(self._painter_of(iterate.problem), iterate) for iterate in iterates]
-        pixels = sum(painter.seen.size for painter, _ in painted)
+        pixels = PAINTED * sum(painter.seen.size for painter, _ in painted)
         all_made = side_by_side(lambda one: one[0].paint(one[1], self._grey_levels), painted, pixels)
 
         def log(entity: str, *columns: Iterable[rr.ComponentColumn], at: Sequence[int] = places) -> None:

@@ -9,6 +9,7 @@ import tempfile
 import time
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.model.cameras import Camera, Pinhole
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.recording.decoder import CHECKSUM, UNKNOWN, stamped
 from endolab.recording.layouts import Layout
 from endolab.recording.viewer import follow, start_viewer, viewer_address
@@ -187,8 +188,16 @@ def camera_shape(camera: Camera, size: float) -> rr.Pinhole | rr.LineStrips3D:
         return rr.Pinhole(
             image_from_camera=matrix, resolution=[camera.width, camera.height], image_plane_distance=size
         )
-    # Rerun's Pinhole knows no distortion, and near 90° off the axis no pinhole comes close: draw
-    # the rim of what the camera really sees. Outwards from the axis a model ends once and for all.
+    rim = size * _rim(camera)
+    spokes = [np.array([[0.0, 0.0, 0.0], end]) for end in rim[:-1:12]]
+    return rr.LineStrips3D([rim, *spokes], colors=START, radii=THIN)
+
+
+@lru_cache(8)
+def _rim(camera: Camera) -> FloatArray:
+    """Rays of the rim of what a camera really sees, (97, 3)."""
+    # Rerun's Pinhole knows no distortion, and near 90° off the axis no pinhole comes close.
+    # Outwards from the axis a model ends once and for all.
     centre, end = camera.project([0.0, 0.0, 1.0]), np.array([camera.width, camera.height]) - 0.5
     angle = np.linspace(0, 2 * np.pi, 97)
     outwards = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -200,9 +209,7 @@ def camera_shape(camera: Camera, size: float) -> rr.Pinhole | rr.LineStrips3D:
     side = edge @ np.linalg.inv(axes)
     reach = np.linalg.norm(side, axis=-1, keepdims=True)
     last = np.concatenate([np.sin(most) * side / reach, np.full(reach.shape, np.cos(most))], axis=-1)
-    rim = size * np.where(reach < 1, camera.unproject(centre + np.where(reach < 1, edge, 0.0)), last)
-    spokes = [np.array([[0.0, 0.0, 0.0], end]) for end in rim[:-1:12]]
-    return rr.LineStrips3D([rim, *spokes], colors=START, radii=THIN)
+    return frozen(np.where(reach < 1, camera.unproject(centre + np.where(reach < 1, edge, 0.0)), last))
 
 
 def every(width: int, most: int) -> tuple[slice, slice]:
