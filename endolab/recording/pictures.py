@@ -89,7 +89,8 @@ def section(log_distance: FloatArray, problem: Problem) -> list[FloatArray]:
 
 def shades(values: FloatArray, most: float) -> NDArray[np.uint8]:
     """Places of values from -`most` to `most`, (h, w), in `DIVERGING`; nan is black, its last."""
-    unknown, half = np.isnan(values), (SHADES - 1) / 2
-    places = np.asarray(cv2.convertScaleAbs(np.clip(values, -most, most), alpha=half / most, beta=half))
-    places[unknown] = SHADES
+    half = (SHADES - 1) / 2
+    places: NDArray[np.uint8] = np.empty(values.shape, np.uint8)
+    cv2.convertScaleAbs(np.clip(values, -most, most), places, half / most, half)
+    places[np.isnan(values)] = SHADES
     return places

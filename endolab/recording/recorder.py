@@ -12,7 +12,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import replace
 from functools import partial
-from itertools import groupby
 
 import cv2
 import numpy as np
@@ -210,7 +209,8 @@ class Recorder:
                     self._several = True
                     self._defer(self._release, self._began[0])
                 self._before += last.k + 1 - iterate.k
-            self._defer(partial(self._begin, iterate, truth), self._before + iterate.k)
+            self._kept += _bytes(vars(iterate.problem).values())
+            self._defer(partial(self._begin, replace(iterate), truth), self._before + iterate.k)
         self._last = iterate
         self._note_scalars(iterate)
         often = iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * self._pictured
@@ -246,17 +246,17 @@ class Recorder:
 
     def _picture(self, iterate: Iterate) -> None:
         self._pictured = iterate.k
+        self._kept += _bytes((iterate.log_distance, *iterate.maps.values()))
         # Without what others have asked it for, which it would keep as well.
         self._defer(replace(iterate), self._before + iterate.k)
-        self._kept += sum(a.nbytes for a in (iterate.log_distance, *iterate.maps.values()))
-        if self._kept > KEPT:
-            self._hand_over(0)
 
     def _defer(self, what: Iterate | Callable[[], None], place: int) -> None:
         """Have pictures logged, or something done, at a place of the timeline: later, if nobody watches."""
         self._waiting.append((place, what))
         if self.path is None:
             self._hand_over(WATCHED)
+        elif self._kept > KEPT:
+            self._hand_over(0)
 
     def _hand_over(self, most: int) -> None:
         """Give the thread what waits, when it has no more than so many jobs left: iterates take memory."""
@@ -266,16 +266,16 @@ class Recorder:
         self._waiting, self._kept = [], 0
 
     def _log_all(self, waiting: list[_Place]) -> None:
-        for pictured, group in groupby(waiting, lambda one: isinstance(one[1], Iterate)):
-            some = list(group)
-            if pictured:
-                for first in range(0, len(some), TOGETHER):
-                    places, iterates = zip(*some[first : first + TOGETHER], strict=True)
-                    self._log_pictures(places, iterates)
+        pictured: list[tuple[int, Iterate]] = []
+        for place, what in waiting:
+            if isinstance(what, Iterate):
+                pictured.append((place, what))
                 continue
-            for place, task in some:
-                self._sink.at(TIMELINE, place)
-                task()
+            self._log_pictures(pictured)
+            pictured = []
+            self._sink.at(TIMELINE, place)
+            what()
+        self._log_pictures(pictured)
 
     def _truth_of(self, iterate: Iterate) -> FloatArray | None:
         """The truth on the grid of an iterate; stages before the solution may have a smaller one."""
@@ -428,8 +428,13 @@ class Recorder:
             self._painter = Painter(problem, self.max_width)
         return self._painter
 
-    def _log_pictures(self, places: Sequence[int], iterates: Sequence[Iterate]) -> None:
-        """Log the pictures of a few iterates of one stage."""
+    def _log_pictures(self, pictured: Sequence[tuple[int, Iterate]]) -> None:
+        """Log the pictures of iterates of one stage, at their places, a few at once."""
+        for first in range(0, len(pictured), TOGETHER):
+            places, iterates = zip(*pictured[first : first + TOGETHER], strict=True)
+            self._log_some(places, iterates)
+
+    def _log_some(self, places: Sequence[int], iterates: Sequence[Iterate]) -> None:
         painted = [(self._painter_of(iterate.problem), iterate) for iterate in iterates]
         pixels = PAINTED * sum(painter.seen.size for painter, _ in painted)
         all_made = side_by_side(lambda one: one[0].paint(one[1], self._grey_levels), painted, pixels)
@@ -451,7 +456,16 @@ class Recorder:
         sections = [made.section for made in all_made]
         strips, counts = [strip for one in sections for strip in one], [len(one) for one in sections]
         lines = rr.LineStrips2D.columns(strips=strips, colors=[self._colour] * len(strips))
-        log("section/now", lines.partition(counts), rr.LineStrips2D.columns(radii=[THIN] * len(places)))
+        log(
+            "section/now",
+            lines.partition(counts),
+            rr.LineStrips2D.columns(radii=np.full(len(places), THIN)),
+        )
+
+
+def _bytes(values: Iterable[object]) -> int:
+    """Size of the arrays among these."""
+    return sum(value.nbytes for value in values if isinstance(value, np.ndarray))
 
 
 def _strips(section: list[FloatArray], colour: tuple[int, ...]) -> rr.LineStrips2D:
