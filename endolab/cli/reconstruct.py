@@ -175,12 +175,13 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
                     clock.share("preparing", [("recording", recording.seconds)])
                     tasks["recording.rrd"] = recording.write
                 outputs = write_outputs(tasks, folder)
+            near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
+            said = [*notes(result), *of_evidence(result)]
             clock.lap("writing")
             seconds = clock.total
             spent = {"in_all": seconds, "stages": clock.stages, "outputs": outputs}
             write_report(result, folder, spent)
             written = sorted(path.name for path in folder.iterdir())
-    near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
     print(f"{result.status.name}: {result.status.value}")
     count, first = result.iterations, result.history[0]["energy"]
     print(
@@ -192,7 +193,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     if not result.metric:
         ways = "--median-distance, --known-distance or --known-diameter fixes the scale."
         print(f"The gain is unknown, so distances have no unit; {ways}")
-    for note in (*(prepared.notes if prepared is not None else ()), *notes(result), *of_evidence(result)):
+    for note in (*(prepared.notes if prepared is not None else ()), *said):
         print(note)
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -152,6 +153,16 @@ def test_the_report_says_where_all_the_time_went(work):
     assert solved == pytest.approx(report["seconds"], rel=1e-9)
     assert set(clock["outputs"]) == {"overview.png", "depth.npz", "cloud.ply", "recording.rrd"}
     assert 0 < max(clock["outputs"].values()) <= clock["stages"]["writing"]
+
+
+def test_the_stages_are_the_time_that_passed_outside(sim, tmp_path):
+    """From the start of the process until it has ended, but for moving the files and ending."""
+    command = [sys.executable, "-m", "endolab", "reconstruct", sim / "frame.png", "--out", tmp_path]
+    began = time.perf_counter()
+    subprocess.run([*command, "--calibration", sim / "endoscope.json"], check=True, capture_output=True)
+    passed = time.perf_counter() - began
+    stages = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["clock"]["stages"]
+    assert 0.9 * passed < sum(stages.values()) < passed + 0.05
 
 
 def test_the_summary_tells_the_same_time(solve, tmp_path, capsys):
