@@ -59,7 +59,7 @@ def cores() -> int:
     """
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     told = os.environ.get("LOKY_MAX_CPU_COUNT", "")
-    return max(1, min(count, _share(), int(told) if told.isdecimal() else count))
+    return max(1, int(min(count, _share(), int(told) if told.isdecimal() else count)))
 
 
 def _share() -> float:
