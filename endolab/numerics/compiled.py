@@ -52,7 +52,10 @@ def _without_blas() -> None:
     """
     from numba.np import linalg
 
-    look, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    look = getattr(linalg, "ensure_blas", None)
+    if look is None:  # another Numba's affair
+        return
+    linalg.ensure_blas = lambda: None
     try:
         import numba.np.arraymath  # noqa: F401
     finally:
