@@ -72,13 +72,15 @@ class Texture:
         left = field - np.divide(change, self._light, out=np.zeros_like(change), where=self._light > 0)
         self._left.append(around(left, self._said, AROUND * self._scale) ** 2)
 
-    def strength(self) -> FloatArray:
-        """Standard deviation of the light's logarithm, by the residual and what fits leave."""
+    def strength(self, noise: float) -> FloatArray:
+        """Standard deviation of the light's logarithm, by what fits leave and the residual beside noise."""
         residual, light = self._surface.residual, self._light
         unexplained = np.divide(residual, light, out=np.zeros_like(light), where=light > 0)
         left = np.sqrt(np.mean(self._left, axis=0))
         usual = float(np.median(left[self._said > 0])) if self._said.any() else 1.0
-        found = around(unexplained, self._said, AROUND * self._scale)
+        by_noise = np.divide(noise, light, out=np.zeros_like(light), where=light > 0)
+        squares = [around(one, self._said, AROUND * self._scale) ** 2 for one in (unexplained, by_noise)]
+        found = np.sqrt(np.maximum(squares[0] - squares[1], 0.0))
         return np.hypot(found / np.maximum(left, LEAST_LEFT * max(usual, 1e-6)), self._least)
 
 

@@ -24,6 +24,7 @@ class Doubts:
     gain: float = 0.05  # of the gain's logarithm
     albedo: float = 0.05  # of the logarithm of the wall's mean albedo
     texture: float = 0.03  # of the logarithm of its albedo from place to place, at least
+    bumps: float = 0.03  # of log d from place to place, where nothing tells of them
     bounced: float = 0.15  # share of the bounced light that was taken out, or was not
     lamp: float = 0.5  # of the lamps' common place off the optical centre, each way, mm
     lam: float = 1.5  # of λ's logarithm

@@ -21,7 +21,6 @@ from endolab.trust.causes import LENGTH, around, correlated
 from endolab.trust.linearised import DAMPING, MOST, PRECISION, Linearised
 
 OUTSIDE, DATA, BORDER, PRIOR = range(4)  # values of `decided_by`
-BUMPS = 6  # that are tried
 
 
 def rim(problem: Problem, log_distance: FloatArray) -> BoolArray:
@@ -37,37 +36,58 @@ def rim(problem: Problem, log_distance: FloatArray) -> BoolArray:
     return mask & enters
 
 
-def of_border(surface: Linearised, held: BoolArray) -> FloatArray:
-    """What log d follows if that of the pixels that are held moves by one, 0 to 1."""
-    coefficients = surface.coefficients
-    ones = padded(held.astype(np.float64))
-    moved = np.zeros_like(ones)
-    multiply(coefficients.matrix(DAMPING), ones, moved)
-    free = coefficients.active * padded((~held).astype(np.int8))
-    rest = Coefficients(coefficients.parts, replace(coefficients.structure, active=free))
-    x = Multigrid(rest, DAMPING).solve(-moved * free, PRECISION, MOST)[0]
-    return np.where(held, 1.0, np.clip(inner(x), 0.0, 1.0))
+class Rim:
+    """The same surface, the values at its rim being given: how all others follow them."""
+
+    def __init__(self, surface: Linearised, held: BoolArray) -> None:
+        coefficients = surface.coefficients
+        self._held, self._matrix = held, coefficients.matrix(DAMPING)
+        self._free = coefficients.active * padded((~held).astype(np.int8))
+        rest = replace(coefficients.structure, active=self._free)
+        self._multigrid = Multigrid(Coefficients(coefficients.parts, rest), DAMPING)
+
+    def moved(self, change: FloatArray) -> FloatArray:
+        """How log d answers to a change of it at the rim."""
+        given = padded(np.where(self._held, change, 0.0))
+        pulled = np.zeros_like(given)
+        multiply(self._matrix, given, pulled)
+        x = self._multigrid.solve(-pulled * self._free, PRECISION, MOST)[0]
+        return np.asarray(inner(given + x))
 
 
-def of_picture(surface: Linearised, rng: np.random.Generator) -> FloatArray:
-    """How much of a bump comes through from the picture, 0 to 1."""
-    mask = surface.problem.mask
-    length = LENGTH * surface.problem.camera.width / REFERENCE_WIDTH
-    there = mask.astype(np.float64)
-    seen, whole = np.zeros(mask.shape), np.zeros(mask.shape)
-    for _ in range(BUMPS):
-        bump = np.where(mask, correlated(rng, mask.shape, length), 0.0)
-        found = surface.to_picture(surface.applied(bump))
-        seen += around(bump + found, there, length) ** 2 - around(bump - found, there, length) ** 2
-        whole += 4 * around(bump, there, length) ** 2
-    return np.where(mask, np.clip(seen / np.maximum(whole, 1e-12), 0.0, 1.0), 0.0)
+def of_border(surface: Linearised, log_distance: FloatArray) -> FloatArray:
+    """What log d follows if that of the rim moves by one, 0 to 1."""
+    ones = np.ones(log_distance.shape)
+    return np.clip(Rim(surface, rim(surface.problem, log_distance)).moved(ones), 0.0, 1.0)
 
 
-def shares(surface: Linearised, log_distance: FloatArray, rng: np.random.Generator) -> FloatArray:
+class Bumps:
+    """Small bumps of the true surface, and how much of them comes through from the picture."""
+
+    def __init__(self, surface: Linearised, rng: np.random.Generator) -> None:
+        self._surface, self._rng = surface, rng
+        mask = surface.problem.mask
+        self._length = LENGTH * surface.problem.camera.width / REFERENCE_WIDTH
+        self._there = mask.astype(np.float64)
+        self._seen, self._whole = np.zeros(mask.shape), np.zeros(mask.shape)
+
+    def try_one(self) -> FloatArray:
+        """What is not found of a field of bumps of unit variance."""
+        bump = self._there * correlated(self._rng, self._there.shape, self._length)
+        found = self._surface.to_picture(self._surface.applied(bump))
+        here, length = self._there, self._length
+        self._seen += around(bump + found, here, length) ** 2 - around(bump - found, here, length) ** 2
+        self._whole += 4 * around(bump, here, length) ** 2
+        return np.asarray(bump - found)
+
+    def share(self) -> FloatArray:
+        """How much of bumps is found at each pixel, 0 to 1."""
+        return np.clip(self._seen / np.maximum(self._whole, 1e-12), 0.0, 1.0)
+
+
+def shares(mask: BoolArray, border: FloatArray, picture: FloatArray) -> FloatArray:
     """Shares of data, border or contour, and prior, (3, H, W); they sum to 1 in the mask, and are 0 outside."""
-    mask = surface.problem.mask
-    border = of_border(surface, rim(surface.problem, log_distance))
-    data = (1 - border) * of_picture(surface, rng)
+    data = (1 - border) * picture
     return np.where(mask, np.stack([data, border, 1 - border - data]), 0.0)
 
 

@@ -24,18 +24,19 @@ from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.checks import told, whole
 from endolab.numerics.compiled import inner, padded
-from endolab.numerics.derivatives import links
+from endolab.numerics.derivatives import REFERENCE_WIDTH, links
 from endolab.numerics.iteration import Status, checked_observers, closing, drive
 from endolab.preprocessing.frame import QUIET, noise_level
 from endolab.trust.causes import Texture, correlated, named, perhaps_torn
 from endolab.trust.doubts import Doubts
 from endolab.trust.linearised import Linearised
-from endolab.trust.shares import decided_by, of_border, rim, shares
+from endolab.trust.shares import Bumps, Rim, decided_by, of_border, rim, shares
 
-FACTOR = 1.0
+FACTOR = 1.1
 DRAWS, LEAST = 24, 4  # of each random field: by default, before an interrupt is heeded
-FEW = 8  # of those of noise and prior, which matter little
-TRIES = 6  # of random fields that tell what a fit leaves
+ALONG = 40.0  # of what enters along a rim, per 320 px of the width: values of one wall go together
+FEW = 8  # of those that are smooth, or matter little
+TRIES = 6  # of random fields that tell what a fit leaves, and what it does not find
 LARGEST = 1.0  # σ of log d at most: what is worse is not known at all
 LONGEST = 1.0  # of a step towards a torn surface, in log d
 SHARP = 0.5  # px, blur that is none
@@ -170,7 +171,10 @@ class _Estimate:
         problem, doubts, mask = self._iterate.problem, self._doubts, self._iterate.mask
         v = np.where(mask, self._iterate.log_distance, 0.0)
         surface, rng, add = Linearised.at(problem, v), np.random.default_rng(0), self._sums.add
-        self._parts = shares(surface, v, rng)
+        bumps = Bumps(surface, rng)
+        for _ in range(TRIES):
+            add("bumps", doubts.bumps * bumps.try_one())
+        self._parts = shares(mask, of_border(surface, v), bumps.share())
         for cause, light in named(problem, v, doubts):
             add(cause, surface.to_light(light))
         for cause in ("gain", "albedo"):  # they move all pixels alike
@@ -184,15 +188,18 @@ class _Estimate:
             torn = replace(problem, cuts=cuts)
             loose = Linearised.at(torn, v)
             add("contours", doubts.contours * _step(loose, v))
-        add("border", doubts.border * of_border(loose, rim(loose.problem, v)))
+        entering = Rim(loose, rim(loose.problem, v))
         texture = Texture(surface, rng, doubts.texture)
         for _ in range(TRIES):
             texture.try_one()
-        strength, (noise, blur) = texture.strength(), _noise(problem)
+        noise, blur = _noise(problem)
+        strength = texture.strength(noise)
         temperature = 2 * self._iterate.energy
         for draw in range(self._asked):
             add("texture", surface.to_light(strength * texture.field()))
             if draw < FEW:
+                along = correlated(rng, mask.shape, ALONG * mask.shape[1] / REFERENCE_WIDTH)
+                add("border", entering.moved(doubts.border * along))
                 white = correlated(rng, mask.shape, blur)
                 add("noise", surface.to_picture(noise * white))
                 add("prior", np.sqrt(temperature) * surface.solved(surface.prior_draw(rng)))

@@ -70,18 +70,18 @@ def test_answers_are_those_of_the_dense_inverse(tiny, rng):
 
 
 def test_draws_of_picture_and_prior_have_the_covariance_of_the_inverse(tiny, rng):
-    """Perturb and solve: at 400 draws a variance is off by 7 % (one σ), their mean over pixels by less."""
+    """Perturb and solve: 1000 draws tell a variance to 4.5 %, one σ; smooth maps are off alike everywhere."""
     surface, twin = tiny
     mask = surface.problem.mask
     expected = np.diag(np.linalg.inv(hessian(twin)))
     white = np.divide(1, np.sqrt(surface.weight), out=np.zeros(mask.shape), where=surface.weight > 0)
     draws = [
         surface.to_picture(white * rng.standard_normal(mask.shape)) + surface.solved(surface.prior_draw(rng))
-        for _ in range(400)
+        for _ in range(1000)
     ]
     ratio = np.mean(np.square(draws), axis=0)[mask] / expected
     assert np.median(ratio) == pytest.approx(1, abs=0.1)
-    assert np.abs(np.log(ratio)).max() < 0.5
+    assert np.abs(np.log(ratio)).max() < 0.3
 
 
 def test_probing_finds_the_same_inverse(tiny):
