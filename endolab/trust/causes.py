@@ -123,7 +123,7 @@ def _bounced(problem: Problem, log_distance: FloatArray) -> FloatArray:
 
 
 def perhaps_torn(problem: Problem) -> BoolArray | None:
-    """Cuts at every line of the picture that may be a contour, beside those of the problem, which may be all."""
+    """Cuts at every line of the picture that may be a contour, beside those of the problem."""
     cuts = (find_contours(problem.log_facing, problem.mask) > MAYBE) & links(problem.mask, problem.cuts)
     if not cuts.any():
         return problem.cuts

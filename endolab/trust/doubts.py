@@ -40,17 +40,16 @@ class Doubts:
     @classmethod
     def of(cls, calibration: Endoscope | None = None) -> Doubts:
         """Standard errors of a calibration's evidence, as far as it has them."""
-        evidence = getattr(calibration, "evidence", None) or {}
-        found = _standard_errors(evidence)
-        doubts, stated = replace(cls(), **found), cls()
-        taken = [f"{name} ± {getattr(stated, name):g}" for name in ("k", "gamma") if name not in found]
+        found, stated = _standard_errors(getattr(calibration, "evidence", None) or {}), cls()
         notes = []
         if found:
             told = ", ".join(f"{name} ± {value:.2g}" for name, value in found.items())
             notes.append(f"The calibration's standard errors are used: {told}.")
-        if taken:
-            notes.append(f"The calibration gives no standard errors of these, so they are taken: {', '.join(taken)}.")
-        return replace(doubts, notes=tuple(notes))
+        if len(found) < 2:
+            told = ", ".join(f"{n} ± {getattr(stated, n):g}" for n in ("k", "gamma") if n not in found)
+            notes.append(f"No standard errors of the calibration are known: taken are {told}.")
+        k, gamma = (found.get(name, getattr(stated, name)) for name in ("k", "gamma"))
+        return replace(stated, k=k, gamma=gamma, notes=tuple(notes))
 
 
 def _standard_errors(evidence: Mapping[str, Any]) -> dict[str, float]:

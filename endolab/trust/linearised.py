@@ -51,7 +51,6 @@ class Linearised:
         # Pixels that the solver holds beneath their ceiling are as free to be wrong as others.
         coefficients = Coefficients(found.parts, grid.structure(grid.free))
         model = np.where(mask, model_image(problem, v), 0.0)
-        residual = np.where(mask, model - problem.image, 0.0)
         return cls(
             problem,
             coefficients,
@@ -144,8 +143,8 @@ class Linearised:
             u, w = uu * right, vv * below
             return shifted(u, -1, 1, 0.0) + shifted(w, -1, 0, 0.0) - u - w
         if self.problem.regulariser != REGULARISERS[CURVATURE]:
-            known = hessian_stencils(self.link > 0)
-            return _second(uu * known[0], np.sqrt(2) * uv * known[1], vv * known[2])
+            along_u, mixed, along_v = hessian_stencils(self.link > 0)
+            return _second(uu * along_u, np.sqrt(2) * uv * mixed, vv * along_v)
         known = whole(self.problem.mask, self.problem.cuts)
         uu, uv, vv = uu * known[0], uv * known[1], vv * known[2]
         shares = inner(self.coefficients.structure.shares)

@@ -1,8 +1,9 @@
 """Who decided a pixel: the picture there, what comes in over borders and contours, or the prior.
 
-Borders and contours: what a pixel's log d follows if the values are all moved by one over which the
-light's equation enters: at the mask's rim and behind contours, wherever the distance falls towards them. Of the rest, the picture's share is how much of a small bump of the true
-surface would come through from the picture, and the prior's what would not.
+Borders and contours: what a pixel's log d follows if the values are all moved by one over which the light's
+equation enters: at the mask's rim and behind contours, wherever the distance falls towards them. Of the
+rest, the picture's share is how much of a small bump of the true surface would come through from the
+picture, and the prior's what would not.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ class Bumps:
 
 
 def shares(mask: BoolArray, border: FloatArray, picture: FloatArray) -> FloatArray:
-    """Shares of data, border or contour, and prior, (3, H, W); they sum to 1 in the mask, and are 0 outside."""
+    """Shares of data, border or contour, and prior, (3, H, W): 1 in all in the mask, 0 outside."""
     data = (1 - border) * picture
     return np.where(mask, np.stack([data, border, 1 - border - data]), 0.0)
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -32,7 +31,7 @@ from endolab.trust.doubts import Doubts
 from endolab.trust.linearised import Linearised
 from endolab.trust.shares import Bumps, Rim, decided_by, of_border, rim, shares
 
-FACTOR = 1.1
+FACTOR = 1.05
 DRAWS, LEAST = 24, 4  # of each random field: by default, before an interrupt is heeded
 ALONG = 40.0  # of what enters along a rim, per 320 px of the width: values of one wall go together
 FEW = 8  # of those that are smooth, or matter little
@@ -80,34 +79,33 @@ class _Sums:
 
     def add(self, cause: str, answer: FloatArray) -> None:
         """Add what a cause does, or a draw of it, to the mean of its draws."""
-        inside = answer[self._mask]
-        common, held = float(inside.mean()), self._held
-        zero = 0.0 if held is None else common if held == () else float(np.mean([answer[one] for one in held]))
-        count = self._count.get(cause, 0)
-        for sums, square in (
-            (self.shape, (answer - common) ** 2),
-            (self.scale, (common - zero) ** 2),
-            (self.whole, (answer - zero) ** 2),
-        ):
-            before: Any = sums.get(cause, 0.0)
-            sums[cause] = before + (square - before) / (count + 1)  # type: ignore[index]
+        common, count = float(answer[self._mask].mean()), self._count.get(cause, 0)
+        kept = 0.0 if self._held is None else float(np.mean([answer[one] for one in self._held] or common))
+        share = 1 / (count + 1)
+        before = self.shape.get(cause, 0.0), self.scale.get(cause, 0.0), self.whole.get(cause, 0.0)
+        self.shape[cause] = before[0] + share * ((answer - common) ** 2 - before[0])
+        self.scale[cause] = before[1] + share * ((common - kept) ** 2 - before[1])
+        self.whole[cause] = before[2] + share * ((answer - kept) ** 2 - before[2])
         self._count[cause] = count + 1
 
 
-def _held(problem: Problem) -> tuple[tuple[int, int], ...] | None:
-    """Pixels (row, column) whose distance fixes the unit; () if all do together, None if the gain does."""
+def _held(problem: Problem) -> list[tuple[int, int]] | None:
+    """Pixels (row, column) whose distance fixes the unit; [] if all do together, None if the gain does."""
     scale = problem.origin.scale
     if scale is None:
-        return None if problem.metric else ()
-    given = scale.length if scale.by in ("known distance", "known diameter") else (0.0,)
-    pixels = [given[1:]] if scale.by == "known distance" else list(given[1:])
-    (height, width), size = problem.mask.shape, problem.origin.picture_size
-    wide, high = size or (width, height)
+        return None if problem.metric else []
+    pixels: list[tuple[float, float]] = []
+    if scale.by == "known distance":
+        pixels = [scale.length[1:]]
+    elif scale.by == "known diameter":
+        pixels = list(scale.length[1:])
+    height, width = problem.mask.shape
+    wide, high = problem.origin.picture_size or (width, height)
     found = []
     for column, row in pixels:
-        i, j = (row + 0.5) * height / high - 0.5, (column + 0.5) * width / wide - 0.5
-        found.append((int(np.clip(round(i), 0, height - 1)), int(np.clip(round(j), 0, width - 1))))
-    return tuple(found)
+        i, j = round((row + 0.5) * height / high - 0.5), round((column + 0.5) * width / wide - 0.5)
+        found.append((min(max(i, 0), height - 1), min(max(j, 0), width - 1)))
+    return found
 
 
 def trust_of(

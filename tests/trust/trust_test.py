@@ -1,4 +1,4 @@
-"""σ of the distance against what it is said to be: re-solved noise, known errors, units, causes one by one."""
+"""σ of the distance against what it should be: noise solved again, known errors, units, causes apart."""
 
 from dataclasses import fields, replace
 
@@ -63,7 +63,7 @@ def test_noise_alone_is_what_solving_again_with_other_noise_finds():
 
 @pytest.mark.parametrize("level", [1.0, 2.0])
 def test_a_noise_that_is_known_is_covered(level):
-    """Two of three pixels are within σ, and nineteen of twenty within two: measured 77 and 98, 75 and 96 %."""
+    """Two of three pixels are within σ, nineteen of twenty within two: measured 77 and 98, 75 and 96 %."""
     problem, seen = problem_of("curved", 80, noise=level)
     result = run(gauss_newton(problem, tolerance=1e-4))
     trust = trust_of(result, doubts=CERTAIN)
@@ -102,7 +102,7 @@ def test_texture_does_what_it_is_said_to_do_and_is_seen_in_what_is_left():
 
 
 def test_the_unit_does_not_matter(curved):
-    problem, _, result, trust = curved
+    problem, _, result, _ = curved
     gain = 9 * problem.photometry.gain
     far = replace(problem, photometry=replace(problem.photometry, gain=gain))
     doubts = replace(Doubts(), lamp=0.0)
@@ -113,7 +113,7 @@ def test_the_unit_does_not_matter(curved):
 
 
 def test_gain_and_albedo_move_all_pixels_alike(curved):
-    problem, _, result, _ = curved
+    _, _, result, _ = curved
     trust = trust_of(result, doubts=replace(CERTAIN, gain=0.3, albedo=0.4))
     assert trust.scales["gain"] == pytest.approx(FACTOR * 0.15)
     assert np.nanmax(trust.causes["albedo"]) == 0
@@ -159,8 +159,8 @@ def test_a_tube_is_trusted_less_towards_where_it_enters_the_picture():
 
 
 def test_what_a_picture_does_not_say_is_the_priors():
-    """A band that says nothing, wider than bumps are long: its middle is decided by the prior, and less sure."""
-    problem, seen = problem_of("curved", 120)
+    """A band that says nothing, wider than bumps: the prior decides its middle, which is less sure."""
+    problem, _ = problem_of("curved", 120)
     evidence = np.zeros(problem.mask.shape, np.int8)
     evidence[:, 45:75] = NONE
     result = solved(replace(problem, evidence=evidence))
@@ -216,7 +216,7 @@ def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():
 
 def test_standard_errors_come_from_the_calibration(curved):
     assert Doubts.of(None).k == Doubts().k
-    assert "no standard errors" in Doubts.of(None).notes[0]
+    assert "No standard errors" in Doubts.of(None).notes[0]
     base = el.load_calibration("paper", width=80)
     evidence = {"photometry": {"standard_errors": {"k": 0.011, "gamma": 0.0}}}
     doubts = Doubts.of(replace(base, evidence=evidence))
@@ -230,7 +230,9 @@ def test_standard_errors_come_from_the_calibration(curved):
 def test_solvers_without_an_energy_are_refused(solver):
     seen = el.render(el.SCENES["plane"], el.load_calibration("simple", width=40).camera, el.Photometry())
     frame = el.Frame(seen.image, seen.mask)
-    result = el.reconstruct(frame, el.Calibration(seen.camera, seen.photometry), solver=solver, channel="grey")
+    result = el.reconstruct(
+        frame, el.Calibration(seen.camera, seen.photometry), solver=solver, channel="grey"
+    )
     with pytest.raises(ValueError, match="minimises no energy"):
         trust_of(result)
 
