@@ -1,5 +1,5 @@
 """python -m endolab."""
 
-from endolab.cli.main import main
+from endolab.cli.main import run
 
-raise SystemExit(main())
+run()

@@ -8,6 +8,7 @@ from typing import Any
 
 from endolab._extras import lacking
 from endolab.cli.options import add_command, add_overwrite, matt_wall, number, whole
+from endolab.cli.streams import compiling_said
 
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
 SHEET_OPTIONS: dict[str, Any] = {  # what only that can be told, and what it is by default
@@ -167,6 +168,7 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
         staged_file(
             arguments.out, overwrite=arguments.overwrite, inputs=[arguments.camera, *arguments.source]
         ) as temporary,
+        compiling_said(),
         closing(_Bar()) as bar,
     ):
         pictures = (framed(name, picture) for name, picture in read)

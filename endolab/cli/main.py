@@ -1,14 +1,17 @@
 """The command line: python -m endolab reconstruct, sweep, calibrate, target, simulate, evaluate, lab."""
 
 import argparse
+import atexit
 import gc
 import itertools
 import json
+import os
 import signal
 import sys
 import time
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from typing import Any, NoReturn
 
@@ -245,6 +248,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         if argv is None:
             gc.freeze()  # nothing of it need be looked through when Python ends
     return 0
+
+
+def run() -> NoReturn:
+    """Run a command as a process of its own, and end it."""
+    ended: list[int] = []
+    atexit.register(_end, ended)  # called last, for it is the first
+    ended.append(main())
+    raise SystemExit(ended[0])
+
+
+def _end(ended: list[int]) -> None:
+    """End with this status at once: Python would take a tenth of a second to clear everything away."""
+    if ended:
+        with suppress(AttributeError, OSError, ValueError):  # no stream, or none to write to: Python's affair
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(ended[0])
 
 
 def _failed(status: int, why: object) -> int:

@@ -1,6 +1,7 @@
 """The commands that solve: reconstruct, of a frame or a video, and sweep."""
 
 import argparse
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext, suppress
@@ -47,12 +48,12 @@ def _say_effort(arguments: argparse.Namespace, calibration: Any, what: str = "")
 
 
 class _Progress:
-    """An observer that shows a bar on stderr, of the iterations of each stage that are done."""
+    """An observer that shows a bar in a terminal, of the iterations of each stage that are done."""
 
     def __init__(self, total: int | None) -> None:
         from tqdm import tqdm
 
-        self.bar = tqdm(total=total, unit="it", leave=False, disable=None, desc="solving")
+        self.bar = tqdm(total=total, unit="it", leave=False, desc="solving")
         self.close = self.bar.close
 
     def __call__(self, iterate: Any) -> None:
@@ -126,23 +127,29 @@ class _Recording:
 
 
 def _reconstruct_frame(arguments: argparse.Namespace) -> None:
+    from endolab.reports.draughtsman import Draughtsman
+
+    for option in ("every", "limit"):
+        if getattr(arguments, option) is not None:
+            raise ValueError(f"--{option} is of a folder or a video, and {arguments.frame} is one picture")
+    with Draughtsman() as draughtsman:  # which has its own to load
+        _reconstruct_drawn(arguments, draughtsman)
+
+
+def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
     import numpy as np
 
     from endolab.datasets.folders import depth_layout
     from endolab.io.atomic import staged_folder
     from endolab.io.images import read_frame
     from endolab.preprocessing.frame import looks_like_depth
-    from endolab.reports.draughtsman import Draughtsman
 
     clock = Stopwatch(arguments.began)
     clock.lap("starting")
-    for option in ("every", "limit"):
-        if getattr(arguments, option) is not None:
-            raise ValueError(f"--{option} is of a folder or a video, and {arguments.frame} is one picture")
     calibration = calibration_of(arguments)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
     clock.lap("reading")
-    with Draughtsman() as draughtsman, compiling_said():
+    with compiling_said():
         from endolab.preprocessing.prepare import prepare
         from endolab.reconstruction.assumptions import notes, of_evidence
         from endolab.reconstruction.reconstruct import reconstruct
@@ -165,7 +172,9 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
         files = (*files, *(() if unrecorded else ("recording.rrd",)))
         with staged_folder(arguments.out, files, overwrite=arguments.overwrite, inputs=inputs) as folder:
             with nullcontext() if unrecorded else _Recording(folder / "recording.rrd") as recording:
-                observers: list[Any] = [_Progress(snapshots), *([] if recording is None else [recording])]
+                observers: list[Any] = [] if recording is None else [recording]
+                if sys.stderr.isatty():
+                    observers.append(_Progress(snapshots))
                 picture = frame if prepared is None else prepared.frame
                 result = reconstruct(picture, calibration, observers=observers, **keywords)
                 clock.lap("preparing")
@@ -175,12 +184,13 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
                     clock.share("preparing", [("recording", recording.seconds)])
                     tasks["recording.rrd"] = recording.write
                 outputs = write_outputs(tasks, folder)
+            near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
+            said = [*notes(result), *of_evidence(result)]
             clock.lap("writing")
             seconds = clock.total
             spent = {"in_all": seconds, "stages": clock.stages, "outputs": outputs}
             write_report(result, folder, spent)
             written = sorted(path.name for path in folder.iterdir())
-    near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
     print(f"{result.status.name}: {result.status.value}")
     count, first = result.iterations, result.history[0]["energy"]
     print(
@@ -192,7 +202,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     if not result.metric:
         ways = "--median-distance, --known-distance or --known-diameter fixes the scale."
         print(f"The gain is unknown, so distances have no unit; {ways}")
-    for note in (*(prepared.notes if prepared is not None else ()), *notes(result), *of_evidence(result)):
+    for note in (*(prepared.notes if prepared is not None else ()), *said):
         print(note)
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")
@@ -219,7 +229,7 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
     depths = sorted(path.name for path in Path(arguments.frame).glob("*") if depth_layout(path))
     if depths:
         print(f"{arguments.frame} holds depth maps too, which are taken for frames, such as {depths[0]}.")
-    with tqdm(unit="frame", leave=False, disable=None, desc="video") as bar:
+    with compiling_said(), tqdm(unit="frame", leave=False, disable=None, desc="video") as bar:
 
         def show(done: int, total: int, row: dict[str, Any]) -> None:
             bar.total = total
@@ -258,7 +268,11 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
     print(f"written to {arguments.out}: {', '.join(written)}")
 
 
-LIVE_FILES = ("frames.csv", "recording.rrd")
+LIVE_FILES = {
+    "depth.npz": "the last frame's",
+    "frames.csv": "a row for each frame taken",
+    "recording.rrd": "the surfaces",
+}
 
 
 def _reconstruct_live(arguments: argparse.Namespace) -> None:
@@ -267,6 +281,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
 
     from endolab.batch.table import write_rows
     from endolab.io.atomic import staged_folder
+    from endolab.io.surfaces import save_depth
 
     for option in ("mesh", "prepare", "snapshots", "every"):
         if getattr(arguments, option):
@@ -278,15 +293,16 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
         del keywords["regulariser"]  # that of a live view
     rows: list[dict[str, Any]] = []
     with ExitStack() as ending:
-        views, files = [], [*LIVE_FILES][: 1 if lacking("rerun") else 2]
+        views, files = [], [*LIVE_FILES][: 2 if lacking("rerun") else 3]
+        depth, table, recording = LIVE_FILES
         if arguments.out is not None:
             inputs = [arguments.frame, arguments.calibration, arguments.mask]
             how = {"overwrite": arguments.overwrite, "inputs": inputs}
             folder = ending.enter_context(staged_folder(arguments.out, files, **how))
-            if len(files) > 1:
+            if recording in files:
                 from endolab.recording.live import LiveView
 
-                views.append(LiveView(folder / LIVE_FILES[1]))
+                views.append(LiveView(folder / recording))
         if arguments.live:
             from endolab.recording.live import LiveView
 
@@ -298,18 +314,22 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
                 print(error)
         for view in views:
             ending.callback(view.close)
-        tally = _follow(arguments, calibration, keywords, views, rows)
+        tally, last = _follow(arguments, calibration, keywords, views, rows)
         if arguments.out is not None:
             if not rows:
                 raise KeyboardInterrupt
-            write_rows(folder / LIVE_FILES[0], [*rows[0]], rows)
+            write_rows(folder / table, [*rows[0]], rows)
+            if last is None:
+                files.remove(depth)
+            else:
+                save_depth(folder / depth, last, last.metric)
     print(tally)
     for view in views:
         if view.left_out and not view.gone:
             where = "the recording" if view.full else "the view"
             print(f"{view.left_out} of them are not in {where}")
     if arguments.out is not None:
-        print(f"written to {arguments.out}: {', '.join(files)}")
+        print(f"written to {arguments.out}: {', '.join(f'{name} ({LIVE_FILES[name]})' for name in files)}")
 
 
 def _follow(
@@ -318,8 +338,11 @@ def _follow(
     keywords: dict[str, Any],
     views: list[Any],
     rows: list[dict[str, Any]],
-) -> Any:
-    """Take frame after frame, show it and note a row of it, until the end; return the tally."""
+) -> tuple[Any, Any]:
+    """Take frame after frame, show it and note a row of it, until the end.
+
+    Return the tally, and the last result, None if there was none.
+    """
     from contextlib import closing, suppress
 
     from tqdm import tqdm
@@ -331,9 +354,11 @@ def _follow(
         arguments.channel or "green",
     )
     print(f"live: {width} px wide, channel {channel} (--width, --channel); Ctrl-C ends it", flush=True)
+    last = None
     tally, how = Tally(), {"mask": arguments.mask, "limit": arguments.limit}
     steps = reconstruct_live(arguments.frame, calibration, **how, **keywords)
     with (
+        compiling_said(),
         tqdm(unit="frame", leave=False, disable=None, desc="live") as bar,
         closing(steps),
         suppress(KeyboardInterrupt),
@@ -344,6 +369,7 @@ def _follow(
             if arguments.out is not None:
                 rows.append(row)
             if step.result is not None:
+                last = step.result
                 plotted = {"rate": tally.rate, "lag": 1000 * step.lag, "dropped": step.dropped}
                 plotted["median_distance"] = row["median_distance"]
                 for view in views:
@@ -352,7 +378,7 @@ def _follow(
             bar.update()
             if arguments.live and arguments.out is None and all(view.gone for view in views):
                 break  # the window is closed
-    return tally
+    return tally, last
 
 
 class _Live(argparse.Action):
@@ -378,7 +404,7 @@ def _sweep(arguments: argparse.Namespace) -> None:
     calibration = calibration_of(arguments)
     _say_effort(arguments, calibration, " a row")
     made = 0
-    with tqdm(unit="row", leave=False, disable=None, desc="sweep") as bar:
+    with compiling_said(), tqdm(unit="row", leave=False, disable=None, desc="sweep") as bar:
 
         def show(done: int, total: int, row: dict[str, Any]) -> None:
             nonlocal made

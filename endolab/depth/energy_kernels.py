@@ -349,7 +349,7 @@ def finish(descent: Any, smooth: Any, xi: Any, sign: float, free: Any, parts: An
             down, rough, here, known, slope = descent[i], smooth[i], xi[i], free[i], parts[SLOPE, i]
             for j in range(down.size):
                 slope[j] = sign * here[j]
-                down[j] = float(known[j]) * (down[j] - slope[j] * rough[j])
+                down[j] = float(known[j]) * (down[j] - sign * here[j] * rough[j])
 
 
 @on_cores

@@ -6,6 +6,7 @@ of half the pixels, from averaged coefficients (Briggs, Henson, McCormick, "A mu
 tutorial", 2000, chapters 3 and 10).
 
 A cycle is in single precision: it is a guess that conjugate gradients, in double precision, put right.
+In single precision the matrix of a large frame may not be positive definite.
 On a grid, every second band of rows is swept at once (`numerics.threads`), and then those between.
 
 Vectors are padded (see `numerics.compiled`) and zero outside the mask, as the matrices are.
@@ -14,18 +15,15 @@ Vectors are padded (see `numerics.compiled`) and zero outside the mask, as the m
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numba import prange
-from numpy.typing import NDArray
 
 from endolab.depth.normal_equations import CENTRE, EE, SE, SEE, SS, SSE, SW, Coefficients, E, S, Structure
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import FloatArray, SingleArray
 from endolab.numerics.compiled import PAD, kernel
 from endolab.numerics.threads import band_rows, bands, on_cores
-
-SingleArray: TypeAlias = NDArray[np.float32]
 
 COARSEST = 64  # pixels; there the equations are swept until they are solved
 SETTLING = 20  # sweeps down and up
@@ -95,29 +93,27 @@ def dot(a: Any, b: Any) -> float:
 
 
 @on_cores
-def multiply(m: Any, x: Any, out: Any) -> None:
+def _combine(out: Any, m: Any, x: Any, share: float, b: Any, sign: float) -> None:
+    """out = share · b + sign · M x."""
+    last_row, count = x.shape[0] - PAD, x.shape[1] - 2 * PAD
+    for band in prange(bands(last_row - PAD)):
+        first, last = band_rows(band, PAD, last_row)
+        row = np.empty(count, x.dtype)
+        kept, times = x.dtype.type(share), x.dtype.type(sign)
+        for i in range(first, last):
+            _row_times(m, x, i, row)
+            for j in range(count):
+                out[i, j + 2] = kept * b[i, j + 2] + times * row[j]
+
+
+def multiply(m: FloatArray, x: FloatArray, out: FloatArray) -> None:
     """out = M x."""
-    last_row, count = x.shape[0] - PAD, x.shape[1] - 2 * PAD
-    for band in prange(bands(last_row - PAD)):
-        first, last = band_rows(band, PAD, last_row)
-        row = np.empty(count, x.dtype)
-        for i in range(first, last):
-            _row_times(m, x, i, row)
-            for j in range(count):
-                out[i, j + 2] = row[j]
+    _combine(out, m, x, 0.0, x, 1.0)
 
 
-@on_cores
-def residual(m: Any, x: Any, b: Any, out: Any) -> None:
+def residual(m: SingleArray, x: SingleArray, b: SingleArray, out: SingleArray) -> None:
     """out = b - M x."""
-    last_row, count = x.shape[0] - PAD, x.shape[1] - 2 * PAD
-    for band in prange(bands(last_row - PAD)):
-        first, last = band_rows(band, PAD, last_row)
-        row = np.empty(count, x.dtype)
-        for i in range(first, last):
-            _row_times(m, x, i, row)
-            for j in range(count):
-                out[i, j + 2] = b[i, j + 2] - row[j]
+    _combine(out, m, x, 1.0, b, -1.0)
 
 
 @kernel
@@ -200,17 +196,25 @@ def _proceed(direction: Any, length: float, product: Any, x: Any, r: Any, b: Any
 
 
 @on_cores
-def _shorten(m: Any, active: Any, out: Any, inverse: Any) -> None:
-    """The matrix in single precision, and one over its diagonal, 0 where a pixel is held at 0."""
+def _shorten(m: Any, out: Any) -> None:
+    """The matrix in single precision."""
     for band in prange(bands(m.shape[1])):
         first, last = band_rows(band, 0, m.shape[1])
         for i in range(first, last):
             for k in range(9):
                 for j in range(m.shape[2]):
                     out[k, i, j] = m[k, i, j]
+
+
+@on_cores
+def _invert_diagonal(m: Any, active: Any, out: Any) -> None:
+    """One over the matrix's diagonal, 0 where a pixel is held at 0."""
+    for band in prange(bands(m.shape[1])):
+        first, last = band_rows(band, 0, m.shape[1])
+        for i in range(first, last):
             for j in range(m.shape[2]):
                 centre = m[CENTRE, i, j]
-                inverse[i, j] = 1 / centre if active[i, j] and centre > 0 else 0.0
+                out[i, j] = 1 / centre if active[i, j] and centre > 0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -246,21 +250,23 @@ class Multigrid:
         self.matrix: FloatArray = coefficients.matrix(damping, None if old is None else old.matrix)
         self.room: FloatArray = np.empty((4, *coefficients.active.shape)) if old is None else old.room
         self.levels: list[_Level] = [_Level.on(coefficients.structure)] if old is None else old.levels
-        self.coarse: list[tuple[FloatArray, FloatArray]] = [] if old is None else old.coarse
-        matrix, depth = self.matrix, 0
+        self.coarse: list[SingleArray] = [] if old is None else old.coarse  # maps of `Coefficients`
+        depth = 0
         while True:
             level = self.levels[depth]
-            _shorten(matrix, coefficients.active, level.matrix, level.inverse)
+            if depth == 0:
+                _shorten(self.matrix, level.matrix)
+            else:
+                coefficients.matrix(damping, level.matrix)
+            _invert_diagonal(level.matrix, coefficients.active, level.inverse)
             if coefficients.structure.pixels <= COARSEST:
                 break
             if depth == len(self.coarse):
                 below = coefficients.structure.coarser
-                shape = below.active.shape
                 self.levels.append(_Level.on(below))
-                self.coarse.append((np.zeros((len(coefficients.parts), *shape)), np.empty((9, *shape))))
-            parts, room = self.coarse[depth]
-            coefficients, depth = coefficients.coarser(parts), depth + 1
-            matrix = coefficients.matrix(damping, room)
+                parts = np.zeros((len(coefficients.parts), *below.active.shape), np.float32)
+                self.coarse.append(parts)
+            coefficients, depth = coefficients.coarser(self.coarse[depth]), depth + 1
 
     def _cycle(self, depth: int = 0) -> None:
         """One V-cycle: x of a level from its right-hand side b, starting at nothing."""

@@ -19,7 +19,7 @@ from endolab.depth.curvature_kernels import COLUMNS, ROWS, fill_shares, stencils
 from endolab.depth.interpolation import Interpolation
 from endolab.depth.problem import CURVATURE, FIRST
 from endolab.depth.tears import Blocks, coarser_links, held, main_parts
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import FloatArray, SingleArray
 from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel
 from endolab.numerics.threads import band_rows, bands, on_cores
 
@@ -51,7 +51,8 @@ PRODUCTS = [
     )
     for kind, taken in enumerate(TAKEN)
 ]
-# The maps of `Coefficients`: the last are the smoothness, one or, of a form, six.
+ONE, HALF = np.float32(1), np.float32(0.5)  # a Python number would make double precision of all it meets
+# The maps of `Coefficients`, in single precision: the last are the smoothness, one or, of a form, six.
 BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
 
 
@@ -71,14 +72,14 @@ def _data_row(parts: Any, link: Any, i: int, damping: float, t: Any, qt: Any, m:
     across, below, above = link[0, i], link[1, i], link[1, i - 1]
     by_v, by_u, by_w, weight = parts[BY_V, i], parts[BY_U, i], parts[BY_W, i], parts[WEIGHT, i]
     cautious_u, cautious_w = parts[CAUTION_U, i], parts[CAUTION_W, i]
-    count = t.shape[2]
+    count, damped = t.shape[2], np.float32(damping)
     for j in range(count):
-        right, left = float(across[j + 2]), float(across[j + 1])
-        u = by_u[j + 2] * (1 - 0.5 * right * left)
+        right, left = np.float32(across[j + 2]), np.float32(across[j + 1])
+        u = by_u[j + 2] * (ONE - HALF * right * left)
         t[3, 1, j], t[3, 2, j] = u * right, -u * left
     for j in range(count):
-        south, north = float(below[j + 2]), float(above[j + 2])
-        w = by_w[j + 2] * (1 - 0.5 * south * north)
+        south, north = np.float32(below[j + 2]), np.float32(above[j + 2])
+        w = by_w[j + 2] * (ONE - HALF * south * north)
         t[3, 3, j], t[3, 4, j] = w * south, -w * north
     for j in range(count):
         t[3, 0, j] = by_v[j + 2] - (t[3, 1, j] + t[3, 2, j]) - (t[3, 3, j] + t[3, 4, j])
@@ -87,15 +88,15 @@ def _data_row(parts: Any, link: Any, i: int, damping: float, t: Any, qt: Any, m:
             qt[3, k, j] = weight[j + 2] * t[3, k, j]
     centre, beneath, e, s = m[CENTRE, i], m[CENTRE, i + 1], m[E, i], m[S, i]
     for j in range(count):
-        centre[j + 2] += damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
+        centre[j + 2] += damped * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
     for j in range(count):
-        u = float(across[j + 2]) * cautious_u[j + 2]
+        u = np.float32(across[j + 2]) * cautious_u[j + 2]
         centre[j + 2] += u
         e[j + 2] -= u
     for j in range(count):
-        centre[j + 3] += float(across[j + 2]) * cautious_u[j + 2]
+        centre[j + 3] += np.float32(across[j + 2]) * cautious_u[j + 2]
     for j in range(count):
-        w = float(below[j + 2]) * cautious_w[j + 2]
+        w = np.float32(below[j + 2]) * cautious_w[j + 2]
         centre[j + 2] += w
         beneath[j + 2] += w
         s[j + 2] -= w
@@ -108,19 +109,19 @@ def _differences_row(link: Any, kind: int, i: int, t: Any) -> None:
     count = t.shape[2]
     if kind == FIRST:
         for j in range(count):
-            t[0, 1, j], t[2, 3, j] = float(across[j + 2]), float(below[j + 2])
-            t[0, 0, j], t[2, 0, j] = -float(across[j + 2]), -float(below[j + 2])
+            t[0, 1, j], t[2, 3, j] = np.float32(across[j + 2]), np.float32(below[j + 2])
+            t[0, 0, j], t[2, 0, j] = -np.float32(across[j + 2]), -np.float32(below[j + 2])
         return
-    root2 = np.sqrt(2.0)
+    two, root2 = np.float32(2), np.float32(np.sqrt(2.0))
     for j in range(count):
-        both = float(across[j + 2]) * float(across[j + 1])
-        t[0, 0, j], t[0, 1, j], t[0, 2, j] = -2 * both, both, both
+        both = np.float32(across[j + 2]) * np.float32(across[j + 1])
+        t[0, 0, j], t[0, 1, j], t[0, 2, j] = -two * both, both, both
     for j in range(count):
-        both = float(below[j + 2]) * float(above[j + 2])
-        t[2, 0, j], t[2, 3, j], t[2, 4, j] = -2 * both, both, both
+        both = np.float32(below[j + 2]) * np.float32(above[j + 2])
+        t[2, 0, j], t[2, 3, j], t[2, 4, j] = -two * both, both, both
     for j in range(count):
-        square = root2 * float(across[j + 2]) * float(below[j + 2])
-        square *= float(beneath[j + 2]) * float(below[j + 3])
+        square = root2 * np.float32(across[j + 2]) * np.float32(below[j + 2])
+        square *= np.float32(beneath[j + 2]) * np.float32(below[j + 3])
         t[1, 0, j], t[1, 1, j], t[1, 3, j], t[1, 5, j] = square, -square, -square, square
 
 
@@ -171,7 +172,7 @@ def _assemble(
     for odd in range(2):  # what a row adds to its neighbours' must not meet
         for k in prange((many + 1 - odd) // 2):
             first, last = band_rows(2 * k + odd, PAD, rows - PAD)
-            t, qt = np.empty((4, 6, count)), np.empty((4, 6, count))
+            t, qt = np.empty((4, 6, count), m.dtype), np.empty((4, 6, count), m.dtype)
             for i in range(first, last):
                 _smooth_row(parts, link, shares, kind, entries, i, t, qt)
                 _data_row(parts, link, i, damping, t, qt, m)
@@ -181,9 +182,9 @@ def _assemble(
 @kernel
 def _halve_row(above: Any, below: Any, kept: Any, kept_below: Any, out: Any) -> None:
     """Sums over a row of 2×2 blocks, of the pixels that are kept."""
-    column = np.empty(2 * out.size)
+    column = np.empty(2 * out.size, out.dtype)
     for j in range(column.size):
-        column[j] = float(kept[j + 2]) * above[j + 2] + float(kept_below[j + 2]) * below[j + 2]
+        column[j] = np.float32(kept[j + 2]) * above[j + 2] + np.float32(kept_below[j + 2]) * below[j + 2]
     for j in range(out.size):
         out[j] = column[2 * j] + column[2 * j + 1]
 
@@ -194,8 +195,8 @@ def _coarsen(parts: Any, kept: Any, kind: int, out: Any) -> None:
     last_row, count = out.shape[1] - PAD, out.shape[2] - 2 * PAD
     for band in prange(bands(last_row - PAD)):
         first, last = band_rows(band, PAD, last_row)
-        said, known = np.empty(count), np.empty(count)
-        flags = np.empty((4, parts.shape[2]))
+        said, known = np.empty(count, out.dtype), np.empty(count, out.dtype)
+        flags = np.empty((4, parts.shape[2]), out.dtype)
         for ci in range(first, last):
             i = 2 * ci - PAD
             for below in range(2):
@@ -208,13 +209,14 @@ def _coarsen(parts: Any, kept: Any, kind: int, out: Any) -> None:
                 row = out[k, ci, PAD:-PAD]
                 _halve_row(parts[k, i], parts[k, i + 1], kept[i], kept[i + 1], row)
                 if k <= BY_W:  # of the pixels that data speak for
+                    halves = ONE if k == BY_V else HALF
                     for j in range(count):
-                        row[j] /= max(said[j], 1.0) * (1 if k == BY_V else 2)
+                        row[j] *= halves / max(said[j], ONE)
                 elif k == SLOPE:
                     for j in range(count):
-                        row[j] /= max(known[j], 1.0)
+                        row[j] /= max(known[j], ONE)
                 elif k != WEIGHT:
-                    share = 1 / 16 if k >= SMOOTHNESS and kind != FIRST else 1 / 4
+                    share = np.float32(1 / 16 if k >= SMOOTHNESS and kind != FIRST else 1 / 4)
                     for j in range(count):
                         row[j] *= share
 
@@ -240,9 +242,9 @@ class Structure:
         return main_parts(self.active, self.link, self.whole)
 
     @cached_property
-    def shares(self) -> FloatArray:
+    def shares(self) -> SingleArray:
         """Those of `curvature_kernels.fill_shares`."""
-        return shares_of(self.rays, self.link)
+        return shares_of(self.rays, self.link).astype(np.float32)
 
     @cached_property
     def coarser(self) -> Structure:
@@ -278,7 +280,7 @@ def shares_of(rays: FloatArray, link: Any) -> FloatArray:
 class Coefficients:
     """What the normal equations are made of: padded maps, (8 or 13, ...), and what they are on."""
 
-    parts: FloatArray
+    parts: SingleArray
     structure: Structure
 
     @property
@@ -287,46 +289,49 @@ class Coefficients:
         return self.structure.active
 
     @property
-    def by_v(self) -> FloatArray:
+    def by_v(self) -> SingleArray:
         """a of J's rows a + b·∇."""
         return self.parts[BY_V]
 
     @property
-    def by_v_u(self) -> FloatArray:
+    def by_v_u(self) -> SingleArray:
         """b of J, along rows."""
         return self.parts[BY_U]
 
     @property
-    def by_v_v(self) -> FloatArray:
+    def by_v_v(self) -> SingleArray:
         """b of J, along columns."""
         return self.parts[BY_W]
 
     @property
-    def weight(self) -> FloatArray:
+    def weight(self) -> SingleArray:
         """W."""
         return self.parts[WEIGHT]
 
     @property
-    def slope(self) -> FloatArray:
+    def slope(self) -> SingleArray:
         """X."""
         return self.parts[SLOPE]
 
     @property
-    def smoothness(self) -> FloatArray:
+    def smoothness(self) -> SingleArray:
         """Q, (1 or 6, ...)."""
         return self.parts[SMOOTHNESS:]
 
-    def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
-        """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
+    def matrix(self, damping: float, out: Any = None) -> Any:
+        """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal.
+
+        It has the precision of `out`: double, if there is none.
+        """
         m = np.empty((9, *self.active.shape)) if out is None else out
         on = self.structure
         lists = ENTRIES[on.kind], PRODUCTS[on.kind]
         _assemble(m, self.parts, on.link, on.shares, on.kind, *lists, damping)
         return m
 
-    def coarser(self, out: FloatArray | None = None) -> Coefficients:
+    def coarser(self, out: SingleArray | None = None) -> Coefficients:
         """The same on half the pixels."""
         below = self.structure.coarser
-        parts = np.zeros((len(self.parts), *below.active.shape)) if out is None else out
+        parts = np.zeros((len(self.parts), *below.active.shape), np.float32) if out is None else out
         _coarsen(self.parts, self.structure.main, self.structure.kind, parts)
         return Coefficients(parts, below)

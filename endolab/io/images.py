@@ -14,12 +14,12 @@ from endolab.io.picture_size import picture_size
 from endolab.io.quiet import quiet
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
-from endolab.preprocessing.frame import Frame, check_size
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from endolab.model.endoscope import Endoscope
+    from endolab.preprocessing.frame import Frame
 
 Check = Callable[[tuple[int, int]], None]  # refuses columns and rows by raising
 DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes, and what was stored
@@ -129,6 +129,8 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     MemoryError
         If it is too large for this machine, before it is decoded.
     """
+    # Here, for who only writes pictures needs no compiled loops.
+    from endolab.preprocessing.frame import Frame, check_size
 
     def fits(size: tuple[int, int]) -> None:
         if calibration is not None:

@@ -194,12 +194,22 @@ class Photometry:
         slant = np.asarray(slant, dtype=np.float64)
         cosine = 1 / np.sqrt(1 + slant)
         f, slope = self.brdf.value(cosine, cosine), sum(self.brdf.derivative(cosine, cosine))
-        falloff = np.exp(-2 * np.asarray(log_distance, dtype=np.float64))
-        linear = self.attenuation(cos_alpha) * self._known_gain() * falloff * f * cosine
-        intensity = linear ** (1 / self.gamma)
+        intensity = self._stored(log_distance, cosine, f, self.attenuation(cos_alpha))
         # d cos θ / dP = -cos³θ / 2
         by_slant = -intensity / self.gamma * (1 + cosine * slope / f) * cosine**2 / 2
         return intensity, -2 * intensity / self.gamma, by_slant
+
+    def brightness(self, log_distance: ArrayLike, slant: ArrayLike, attenuation: FloatArray) -> FloatArray:
+        """Stored value alone, see `shade`, of pixels whose `attenuation` is known already."""
+        cosine = 1 / np.sqrt(1 + np.asarray(slant, dtype=np.float64))
+        return self._stored(log_distance, cosine, self.brdf.value(cosine, cosine), attenuation)
+
+    def _stored(
+        self, log_distance: ArrayLike, cosine: FloatArray, f: FloatArray, attenuation: FloatArray
+    ) -> FloatArray:
+        falloff = np.exp(-2 * np.asarray(log_distance, dtype=np.float64))
+        linear = attenuation * self._known_gain() * falloff * f * cosine
+        return np.asarray(linear ** (1 / self.gamma))
 
     def canonical(self, image: ArrayLike, cos_alpha: ArrayLike, theta: ArrayLike = 0.0) -> FloatArray:
         """Canonical intensity I_c = I^γ / (μ′ f_r(θ) g) = cos θ / d², 1/mm², of stored values in [0, 1].

@@ -52,32 +52,52 @@ def _fill_normals(f_u: Any, f_v: Any, rays: Any, jacobian: Any, metric: Any, out
                 out[i, j, k] = (tangent - rays[i, j, k]) / length
 
 
-def _slopes(
-    log_distance: FloatArray, inside: BoolArray, cuts: BoolArray | None, step: int, edge_order: int
-) -> tuple[FloatArray, FloatArray]:
-    """Derivatives along columns and rows at every `step`-th pixel; nan outside the mask."""
-    seen = inside[::step, ::step]
-    f_u, f_v = np.empty(seen.shape), np.empty(seen.shape)
-    right, below = padded(links(inside, cuts))
-    _fill_slopes(padded(np.asarray(log_distance, np.float64)), right, below, step, edge_order, f_u, f_v)
-    f_u[~seen] = f_v[~seen] = np.nan
-    return f_u, f_v
+@kernel
+def _fill_slant(f_u: Any, f_v: Any, metric: Any, out: Any) -> None:
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            u, v = f_u[i, j], f_v[i, j]
+            out[i, j] = metric[i, j, 0] * u * u + 2 * metric[i, j, 1] * u * v + metric[i, j, 2] * v * v
+
+
+class ThinnedMaps:
+    """Normals and slants of every `step`-th pixel, of any number of surfaces seen by one camera in one mask.
+
+    Maps of v = log d, (H, W), in; (h, w, ...) out, nan outside the mask.
+    """
+
+    def __init__(self, field: RayField, mask: BoolArray, cuts: BoolArray | None, step: int) -> None:
+        self._field, self._step, self._every = field, step, np.s_[::step, ::step]
+        self._facing, self._slanted = field.valid & mask, mask
+        self._links_of_normals = padded(links(self._facing, None))
+        self._links_of_slant = padded(links(mask, cuts))
+
+    def normals(self, log_distance: FloatArray) -> FloatArray:
+        """Unit normals in the camera frame, (h, w, 3); see `surface.normals`."""
+        f_u, f_v = self._slopes(log_distance, self._facing, self._links_of_normals, 2)
+        field, every, out = self._field, self._every, np.empty((*f_u.shape, 3))
+        _fill_normals(f_u, f_v, field.rays[every], field.jacobian[every], field.inverse_metric[every], out)
+        return out
+
+    def slant(self, log_distance: FloatArray) -> FloatArray:
+        """P = tan²θ, (h, w), as the energy sees it; see `surface.slant`."""
+        f_u, f_v = self._slopes(log_distance, self._slanted, self._links_of_slant, 1)
+        out = np.empty(f_u.shape)
+        _fill_slant(f_u, f_v, self._field.inverse_metric[self._every], out)
+        return out
+
+    def _slopes(
+        self, log_distance: FloatArray, inside: BoolArray, joined: BoolArray, edge_order: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Derivatives along columns and rows; nan outside the mask."""
+        seen, (right, below) = inside[self._every], joined
+        f_u, f_v = np.empty(seen.shape), np.empty(seen.shape)
+        whole = padded(np.asarray(log_distance, np.float64))
+        _fill_slopes(whole, right, below, self._step, edge_order, f_u, f_v)
+        f_u[~seen] = f_v[~seen] = np.nan
+        return f_u, f_v
 
 
 def thinned_normals(log_distance: FloatArray, field: RayField, mask: BoolArray, step: int) -> FloatArray:
-    """Unit normals of every `step`-th pixel in the camera frame, (h, w, 3); see `surface.normals`."""
-    every = np.s_[::step, ::step]
-    f_u, f_v = _slopes(log_distance, field.valid & mask, None, step, 2)
-    out = np.empty((*f_u.shape, 3))
-    _fill_normals(f_u, f_v, field.rays[every], field.jacobian[every], field.inverse_metric[every], out)
-    return out
-
-
-def thinned_slant(
-    log_distance: FloatArray, field: RayField, mask: BoolArray, cuts: BoolArray | None, step: int
-) -> FloatArray:
-    """P = tan²θ of every `step`-th pixel, (h, w), as the energy sees it; nan outside the mask."""
-    every = np.s_[::step, ::step]
-    f_u, f_v = _slopes(log_distance, mask, cuts, step, 1)
-    guu, guv, gvv = np.moveaxis(field.inverse_metric[every], -1, 0)
-    return guu * f_u**2 + 2 * guv * f_u * f_v + gvv * f_v**2
+    """Unit normals of every `step`-th pixel of one surface, (h, w, 3); see `ThinnedMaps.normals`."""
+    return ThinnedMaps(field, mask, None, step).normals(log_distance)

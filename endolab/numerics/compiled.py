@@ -44,6 +44,22 @@ def _kept() -> bool:
     return False
 
 
+def _without_blas() -> None:
+    """Load what Numba knows of arrays without SciPy's BLAS, which takes as long as all the rest of it.
+
+    Numba does so before the first loop runs, for loops that multiply matrices; none here does. Those of
+    others find it all the same, for what needs it looks for it again.
+    """
+    from numba.np import linalg
+
+    look, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        linalg.ensure_blas = look
+
+
+_without_blas()
 COMPILED: dict[str, Any] = {"cache": _kept(), "nogil": True, "error_model": "numpy"}
 kernel: Callable[..., Any] = njit(**COMPILED)
 PAD = 2

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
-import matplotlib.pyplot as plt
+import matplotlib
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -62,7 +62,7 @@ def house(size: float = SIZE) -> Iterator[None]:
         return
     token = _SIZE.set(size)
     try:
-        with plt.rc_context(STYLE | {"font.size": size}):
+        with matplotlib.rc_context(STYLE | {"font.size": size}):
             yield
     finally:
         _SIZE.reset(token)
@@ -70,23 +70,27 @@ def house(size: float = SIZE) -> Iterator[None]:
 
 def use(size: float = SIZE) -> None:
     """Give the house style to all that pyplot draws from now on."""
-    plt.rcParams.update(STYLE | {"font.size": size})
+    matplotlib.rcParams.update(STYLE | {"font.size": size})
 
 
 def new_axes(ax: Axes | None) -> Axes:
     """Return the axes, or those of a new figure."""
-    return plt.subplots(layout="constrained")[1] if ax is None else ax
+    if ax is None:
+        from matplotlib import pyplot  # of which pages have no need
+
+        ax = pyplot.subplots(layout="constrained")[1]
+    return ax
 
 
 def decorate(ax: Axes, title: str, x: str, y: str, grid: bool = True) -> Axes:
     """Give axes, whoever made them, white paper, a title, a grid, and labels: quantity [unit]."""
     ax.set_facecolor(PAPER)
     ax.set_title(title)
-    ax.set_xlabel(x, size=plt.rcParams["axes.labelsize"])
-    ax.set_ylabel(y, size=plt.rcParams["axes.labelsize"])
-    ax.tick_params(which="both", labelsize=plt.rcParams["xtick.labelsize"])
+    ax.set_xlabel(x, size=matplotlib.rcParams["axes.labelsize"])
+    ax.set_ylabel(y, size=matplotlib.rcParams["axes.labelsize"])
+    ax.tick_params(which="both", labelsize=matplotlib.rcParams["xtick.labelsize"])
     if grid:
-        ax.grid(True, alpha=plt.rcParams["grid.alpha"], color=plt.rcParams["grid.color"])
+        ax.grid(True, alpha=matplotlib.rcParams["grid.alpha"], color=matplotlib.rcParams["grid.color"])
     return ax
 
 

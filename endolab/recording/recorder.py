@@ -7,23 +7,25 @@ A file is written when the run has ended, interrupted or not, whole or not at al
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import copy_context
+from dataclasses import replace
 from functools import partial
 
 import cv2
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate
 from endolab.io.atomic import PathLike
 from endolab.model.schema import unknown_name
-from endolab.model.thinned import thinned_normals, thinned_slant
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.scales import blue_white_red, in_colour, round_length
+from endolab.numerics.side_by_side import side_by_side
+from endolab.plots.scales import in_colour, round_length
 from endolab.recording.layouts import BLUEPRINTS, TIMELINE, Shown, comparison
+from endolab.recording.pictures import Painter, section
 from endolab.recording.stream import (
     NOW,
     START,
@@ -32,21 +34,17 @@ from endolab.recording.stream import (
     Sink,
     as_bytes,
     camera_shape,
-    depth_map,
-    every,
-    grey,
-    palette_png,
+    depth_columns,
     png,
+    png_columns,
     stage_text,
 )
 
 ALL_UNTIL, GROWTH = 20, 1.5  # pictures of a stage's first iterates, then each time k has grown by half
-CLOUD_WIDTH = 160  # columns of a cloud: coordinates would be most of a recording
-WAITING = 4  # iterates that may wait to be encoded
-SHADES = 65  # of the residual: fewer than a byte tells, and a picture that is half as large
-DIVERGING = np.append(blue_white_red(np.linspace(-1, 1, SHADES)), np.zeros((1, 3), np.uint8), axis=0)
-# How PNG is compressed, which costs more than all else, where colours change little from row to row.
-SMOOTH = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, 2, cv2.IMWRITE_PNG_FILTER, 32)
+KEPT = 64_000_000  # bytes of iterates that may wait for the run's end
+WATCHED = 12  # jobs that may wait where someone is watching
+TOGETHER = 16  # iterates whose pictures are logged at once
+PAINTED = 5  # times that a pixel is computed for pictures of an iterate
 COLOURS = {"energy": (230, 159, 0), "data": (86, 180, 233), "regulariser": (213, 94, 0)}
 RUNS = ((230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66))  # none like the start's
 
@@ -93,6 +91,11 @@ def record(
     if blueprint not in BLUEPRINTS:
         raise unknown_name("blueprint", blueprint, BLUEPRINTS)
     return Recorder(Sink(path, live), truth, max_width, blueprint)
+
+
+_Place = tuple[
+    int, Iterate | Callable[[], None]
+]  # on the timeline; whose pictures come there, or what is done
 
 
 class Comparison:
@@ -151,7 +154,9 @@ class Recorder:
     pictures for the first 20 of the solution, its last, and between them each time k has grown by
     half; of the stages before it only for the first and the last, as there may be a dozen.
     The timeline runs on over all stages. In a `Comparison` all names begin with the run's.
-    Encoding is left to a thread, so that the solver can go on meanwhile.
+
+    The solver needs all cores: for a file, iterates are but kept, and made into pictures when the run has
+    ended, or by a thread when what is kept passes `KEPT`. For a viewer a thread does it at once.
     """
 
     def __init__(
@@ -176,9 +181,12 @@ class Recorder:
         self._before = 0  # places on the timeline before this stage's k = 0
         self._pictured = -1  # k of the last iterate whose pictures were logged
         self._open = True
-        self._encoder = ThreadPoolExecutor(1)
-        self._jobs: deque[tuple[Future[None], Callable[[], None]]] = deque()
-        self._staged: Future[None] | None = None  # by when the last stage has begun
+        self._thread = ThreadPoolExecutor(1)
+        self._jobs: deque[Future[None]] = deque()  # of the thread
+        self._waiting: list[_Place] = []  # what is not given to it yet
+        self._kept = 0  # bytes of that
+        self._painter: Painter | None = None
+        self._input: tuple[FloatArray, rr.EncodedImage] | None = None  # a frame and its picture
         self._curves: dict[str, list[tuple[int, float]]] = {}  # what is still to be logged
         # What stays for a stage, until it is known whether it stays for ever.
         self._held: list[tuple[str, tuple[rr.AsComponents, ...]]] | None = None if self.path is None else []
@@ -201,7 +209,8 @@ class Recorder:
                     self._several = True
                     self._defer(self._release, self._began[0])
                 self._before += last.k + 1 - iterate.k
-            self._staged = self._defer(partial(self._begin, iterate, truth), self._before + iterate.k)
+            self._kept += _bytes(vars(iterate.problem).values())
+            self._defer(partial(self._begin, replace(iterate), truth), self._before + iterate.k)
         self._last = iterate
         self._note_scalars(iterate)
         often = iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * self._pictured
@@ -218,11 +227,13 @@ class Recorder:
                 self._end_stage(self._last)
                 self._defer(self._finish, self._began[0])
             self._log_scalars()
-            self._help()
+            while self._jobs:
+                self._jobs.popleft().result()
+            self._log_all(self._waiting)
             whole = True
         finally:
-            self._encoder.shutdown()
-            self._last = None
+            self._thread.shutdown()
+            self._last, self._waiting, self._painter, self._input = None, [], None, None
             if not whole:
                 self._sink.drop()
             elif not self._run:
@@ -235,31 +246,36 @@ class Recorder:
 
     def _picture(self, iterate: Iterate) -> None:
         self._pictured = iterate.k
-        self._defer(partial(self._log_pictures, iterate), self._before + iterate.k)
+        self._kept += _bytes((iterate.log_distance, *iterate.maps.values()))
+        # Without what others have asked it for, which it would keep as well.
+        self._defer(replace(iterate), self._before + iterate.k)
 
-    def _defer(self, task: Callable[[], None], place: int) -> Future[None]:
-        """Let the thread do it at a place of the timeline, but not fall behind: iterates take memory."""
+    def _defer(self, what: Iterate | Callable[[], None], place: int) -> None:
+        """Have pictures logged, or something done, at a place of the timeline: later, if nobody watches."""
+        self._waiting.append((place, what))
+        if self.path is None:
+            self._hand_over(WATCHED)
+        elif self._kept > KEPT:
+            self._hand_over(0)
 
-        def job() -> None:
+    def _hand_over(self, most: int) -> None:
+        """Give the thread what waits, when it has no more than so many jobs left: iterates take memory."""
+        while self._jobs and (len(self._jobs) > most or self._jobs[0].done()):
+            self._jobs.popleft().result()
+        self._jobs.append(self._thread.submit(copy_context().run, self._log_all, self._waiting))
+        self._waiting, self._kept = [], 0
+
+    def _log_all(self, waiting: list[_Place]) -> None:
+        pictured: list[tuple[int, Iterate]] = []
+        for place, what in waiting:
+            if isinstance(what, Iterate):
+                pictured.append((place, what))
+                continue
+            self._log_pictures(pictured)
+            pictured = []
             self._sink.at(TIMELINE, place)
-            task()
-
-        done = self._encoder.submit(job)
-        self._jobs.append((done, job))
-        while len(self._jobs) > 3 * WAITING:
-            self._jobs.popleft()[0].result()
-        return done
-
-    def _help(self) -> None:
-        """Do the newest of what waits, while the thread does the oldest, until nothing is left."""
-        if self._staged is not None:
-            self._staged.result()  # then all that waits is of one stage, and in any order
-        while self._jobs:
-            done, job = self._jobs.pop()
-            if done.cancel():
-                job()
-            else:
-                done.result()
+            what()
+        self._log_pictures(pictured)
 
     def _truth_of(self, iterate: Iterate) -> FloatArray | None:
         """The truth on the grid of an iterate; stages before the solution may have a smaller one."""
@@ -293,18 +309,17 @@ class Recorder:
 
     def _begin(self, iterate: Iterate, truth: FloatArray | None) -> None:
         problem, inside = iterate.problem, iterate.mask
-        self._thin = thin = every(problem.camera.width, self.max_width)
-        # Clouds are thinned further, by a whole number.
-        step = thin[0].step
-        wide = step * max(1, -(-problem.camera.width // (step * CLOUD_WIDTH)))
-        self._sparse = sparse = (slice(None, None, wide),) * 2
-        seen, distance = inside[thin], np.exp(iterate.log_distance[thin])
+        painter = self._painter_of(problem)
+        thin, sparse, seen = painter.thin, painter.sparse, painter.seen
+        distance = np.exp(iterate.log_distance[thin])
         near, middle, far = (float(value) for value in np.percentile(distance[seen], [1, 50, 99]))
         self._range = near, far
-        error = np.abs(_misfit(iterate, step)[seen])
+        error = np.abs(painter.misfit(iterate.log_distance)[seen])
         self._grey_levels = max(5.0, float(np.ceil(255 * np.percentile(error, 98))))
         picture = in_colour(problem.shown)
-        self._log_of_stage("input", png(picture[thin]))
+        if self._input is None or self._input[0] is not problem.shown:
+            self._input = problem.shown, png(picture[thin])
+        self._log_of_stage("input", self._input[1])
         classes = rr.AnnotationContext([(0, "left out", (0, 0, 0, 255)), (1, "used", (0, 0, 0, 0))])
         mask = rr.SegmentationImage(seen.astype(np.uint8), opacity=1.0)
         self._log_of_stage("mask", classes, mask)
@@ -314,21 +329,21 @@ class Recorder:
         own = as_bytes(picture[sparse][inside[sparse]])
         colours = rr.Points3D.from_fields(colors=own, radii=rr.Radius.ui_points(2.5))
         self._log_of_stage("world/cloud", colours)
-        self._log_of_stage("section/start", _section(iterate.log_distance, problem, START))
+        self._log_of_stage("section/start", _strips(section(iterate.log_distance, problem), START))
         shown = (distance[..., None] * problem.field.rays[thin])[seen]
         if truth is not None and np.isfinite(truth[inside]).any():
             unit = 1.0 if problem.metric else np.nanmedian((distance / truth[thin])[seen])
             true = np.where(inside & (truth > 0), unit * truth, np.nan)
-            self._log_of_stage("section/truth", _section(np.log(true), problem, TRUTH))
+            self._log_of_stage("section/truth", _strips(section(np.log(true), problem), TRUTH))
             points = true[thin][..., None] * problem.field.rays[thin]
             shown = points[np.isfinite(points).all(axis=-1)]
             self._log_of_stage("world/truth", rr.Points3D(shown, colors=TRUTH, radii=THIN))
-        far = float(np.percentile(shown[:, 2], 99))
+        low, high = np.percentile(shown, [1, 99], axis=0)
+        far = float(high[2])
         length = round_length(far / 3)
         label = f"{length:g} {problem.unit}"
         bar = rr.LineStrips2D([[[0.0, 0.0], [length, 0.0]]], colors=TRUTH, radii=THIN, labels=label)
         self._log_of_stage("section/scale", bar)
-        low, high = np.percentile(shown, [1, 99], axis=0)
         self._log_views(iterate, low, high, far)
 
     def _log_views(self, iterate: Iterate, low: FloatArray, high: FloatArray, far: float) -> None:
@@ -339,7 +354,7 @@ class Recorder:
             self._log("world", rr.ViewCoordinates.RDF, static=True)
         else:
             self._log("stage", rr.TextDocument(stage_text(iterate.stage, iterate.round)))
-            nothing = png(np.zeros_like(iterate.mask[self._thin], np.uint8))
+            nothing = png(np.zeros_like(self._painter_of(iterate.problem).seen, np.uint8))
             for name in set(earlier.maps) - set(maps):
                 self._log(f"front/{name}", nothing)  # the viewer would show the old one despite a Clear
             terms = tuple(dict.fromkeys(earlier.terms + terms))
@@ -408,41 +423,50 @@ class Recorder:
             self._sink.log_curve(f"{self._run}/plots/{name}", TIMELINE, at, values)
         self._curves.clear()
 
-    def _log_pictures(self, iterate: Iterate) -> None:
-        problem, thin, sparse = iterate.problem, self._thin, self._sparse
-        # Nothing is made larger than it is shown: not the iterate's own maps, which it would keep as well.
-        v, step = iterate.log_distance, thin[0].step
+    def _painter_of(self, problem: Problem) -> Painter:
+        if self._painter is None or self._painter.problem is not problem:
+            self._painter = Painter(problem, self.max_width)
+        return self._painter
+
+    def _log_pictures(self, pictured: Sequence[tuple[int, Iterate]]) -> None:
+        """Log the pictures of iterates of one stage, at their places, a few at once."""
+        for first in range(0, len(pictured), TOGETHER):
+            places, iterates = zip(*pictured[first : first + TOGETHER], strict=True)
+            self._log_some(places, iterates)
+
+    def _log_some(self, places: Sequence[int], iterates: Sequence[Iterate]) -> None:
+        painted = [(self._painter_of(iterate.problem), iterate) for iterate in iterates]
+        pixels = PAINTED * sum(painter.seen.size for painter, _ in painted)
+        all_made = side_by_side(lambda one: one[0].paint(one[1], self._grey_levels), painted, pixels)
+
+        def log(entity: str, *columns: Iterable[rr.ComponentColumn], at: Sequence[int] = places) -> None:
+            self._sink.log_rows(f"{self._run}/{entity}", TIMELINE, at, *columns)
+
         # The viewer paints nan like the nearest distance: the blueprint lays the mask over it.
-        self._log("depth", depth_map(np.exp(v[thin]), problem.metric, self._range))
-        self._log("normals", png((thinned_normals(v, problem.field, problem.mask, step) + 1) / 2, SMOOTH))
-        places = _shades(255 * _misfit(iterate, step) / self._grey_levels)
-        self._log("residual", palette_png(places, DIVERGING))
-        for name, values in iterate.maps.items():
-            self._log(f"front/{name}", png(grey(np.asarray(values)[thin], problem.mask[thin])))
-        cloud = np.exp(v[sparse])[..., None] * problem.field.rays[sparse]
-        self._log("world/cloud", rr.Points3D.from_fields(positions=cloud[problem.mask[sparse]]))
-        self._log("section/now", _section(v, problem, self._colour))
+        depths, metric = [made.depth for made in all_made], iterates[0].problem.metric
+        log("depth", depth_columns(depths, metric, self._range))
+        log("normals", png_columns([made.normals for made in all_made]))
+        log("residual", png_columns([made.residual for made in all_made]))
+        for name in dict.fromkeys(name for made in all_made for name in made.maps):
+            maps = {k: made.maps[name] for k, made in zip(places, all_made, strict=True) if name in made.maps}
+            log(f"front/{name}", png_columns([*maps.values()]), at=[*maps])
+        clouds = [made.cloud for made in all_made]
+        points = rr.Points3D.columns(positions=np.concatenate(clouds)).partition([len(c) for c in clouds])
+        log("world/cloud", points)
+        sections = [made.section for made in all_made]
+        strips, counts = [strip for one in sections for strip in one], [len(one) for one in sections]
+        lines = rr.LineStrips2D.columns(strips=strips, colors=[self._colour] * len(strips))
+        log(
+            "section/now",
+            lines.partition(counts),
+            rr.LineStrips2D.columns(radii=np.full(len(places), THIN)),
+        )
 
 
-def _misfit(iterate: Iterate, step: int) -> FloatArray:
-    """What `energy.model_image` has more than the picture, at every `step`-th pixel; nan outside the mask."""
-    problem, thin, v = iterate.problem, np.s_[::step, ::step], iterate.log_distance
-    tan2 = thinned_slant(v, problem.field, problem.mask, problem.cuts, step)
-    model = problem.photometry.shade(v[thin], tan2, problem.field.cos_alpha[thin])[0]
-    return model - problem.image[thin]
+def _bytes(values: Iterable[object]) -> int:
+    """Size of the arrays among these."""
+    return sum(value.nbytes for value in values if isinstance(value, np.ndarray))
 
 
-def _section(log_distance: FloatArray, problem: Problem, colour: tuple[int, ...]) -> rr.LineStrips2D:
-    """Where the middle column cuts the surface: z to the right, y down."""
-    middle = log_distance.shape[1] // 2
-    line = np.exp(log_distance[:, middle, None]) * problem.field.rays[:, middle][:, [2, 1]]
-    seen = np.isfinite(line).all(axis=-1)
-    runs = np.ma.clump_unmasked(np.ma.masked_array(seen, ~seen))
-    strips = [line[run] for run in runs if run.stop - run.start > 1]
-    return rr.LineStrips2D(strips, colors=[colour] * len(strips), radii=THIN)
-
-
-def _shades(values: FloatArray) -> NDArray[np.uint8]:
-    """Places of -1…1, (h, w), in the table of blue, white, red; nan is black, its last."""
-    index = np.rint((np.clip(values, -1, 1) + 1) * ((SHADES - 1) / 2))
-    return np.where(np.isnan(index), SHADES, index).astype(np.uint8)
+def _strips(section: list[FloatArray], colour: tuple[int, ...]) -> rr.LineStrips2D:
+    return rr.LineStrips2D(section, colors=[colour] * len(section), radii=THIN)

@@ -8,7 +8,8 @@ import subprocess
 import tempfile
 import time
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.model.cameras import Camera, Pinhole
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.recording.decoder import CHECKSUM, UNKNOWN, stamped
 from endolab.recording.layouts import Layout
 from endolab.recording.viewer import follow, start_viewer, viewer_address
@@ -117,12 +118,18 @@ class Sink:
             if np.isfinite(value):
                 self.log(entity, rr.Scalars(float(value)))
 
+    def log_rows(
+        self, entity: str, timeline: str, at: Sequence[int], *columns: Iterable[rr.ComponentColumn]
+    ) -> None:
+        """Log one thing at each of several places of a timeline: all at once costs little more than one."""
+        every_column = [column for one in columns for column in one]
+        self.stream.send_columns(entity, [rr.TimeColumn(timeline, sequence=at)], every_column, strict=True)
+
     def log_curve(
         self, entity: str, timeline: str, at: Sequence[int], values: Sequence[float] | FloatArray
     ) -> None:
-        """Log numbers at many places of a timeline: all at once costs little more than one."""
-        columns = rr.Scalars.columns(scalars=values)
-        self.stream.send_columns(entity, [rr.TimeColumn(timeline, sequence=at)], columns, strict=True)
+        """Log numbers at many places of a timeline."""
+        self.log_rows(entity, timeline, at, rr.Scalars.columns(scalars=values))
 
     def arrange(self, layout: Layout) -> None:
         """Tell the viewer how to open the recording."""
@@ -181,8 +188,16 @@ def camera_shape(camera: Camera, size: float) -> rr.Pinhole | rr.LineStrips3D:
         return rr.Pinhole(
             image_from_camera=matrix, resolution=[camera.width, camera.height], image_plane_distance=size
         )
-    # Rerun's Pinhole knows no distortion, and near 90° off the axis no pinhole comes close: draw
-    # the rim of what the camera really sees. Outwards from the axis a model ends once and for all.
+    rim = size * _rim(camera)
+    spokes = [np.array([[0.0, 0.0, 0.0], end]) for end in rim[:-1:12]]
+    return rr.LineStrips3D([rim, *spokes], colors=START, radii=THIN)
+
+
+@lru_cache(8)
+def _rim(camera: Camera) -> FloatArray:
+    """Rays of the rim of what a camera really sees, (97, 3)."""
+    # Rerun's Pinhole knows no distortion, and near 90° off the axis no pinhole comes close.
+    # Outwards from the axis a model ends once and for all.
     centre, end = camera.project([0.0, 0.0, 1.0]), np.array([camera.width, camera.height]) - 0.5
     angle = np.linspace(0, 2 * np.pi, 97)
     outwards = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -194,9 +209,7 @@ def camera_shape(camera: Camera, size: float) -> rr.Pinhole | rr.LineStrips3D:
     side = edge @ np.linalg.inv(axes)
     reach = np.linalg.norm(side, axis=-1, keepdims=True)
     last = np.concatenate([np.sin(most) * side / reach, np.full(reach.shape, np.cos(most))], axis=-1)
-    rim = size * np.where(reach < 1, camera.unproject(centre + np.where(reach < 1, edge, 0.0)), last)
-    spokes = [np.array([[0.0, 0.0, 0.0], end]) for end in rim[:-1:12]]
-    return rr.LineStrips3D([rim, *spokes], colors=START, radii=THIN)
+    return frozen(np.where(reach < 1, camera.unproject(centre + np.where(reach < 1, edge, 0.0)), last))
 
 
 def every(width: int, most: int) -> tuple[slice, slice]:
@@ -210,12 +223,37 @@ def depth_map(distance: FloatArray, metric: bool, limits: tuple[float, float]) -
     return rr.DepthImage(values, meter=meter, colormap="viridis", depth_range=limits)
 
 
+def depth_columns(
+    maps: Sequence[NDArray[np.float32]], metric: bool, limits: tuple[float, float]
+) -> Iterable[rr.ComponentColumn]:
+    """Distances, (h, w) each, one below the other; see `depth_map`."""
+    (height, width), count = maps[0].shape, len(maps)
+    form = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.F32)
+    return rr.DepthImage.columns(
+        buffer=[one.tobytes() for one in maps],
+        format=[form] * count,
+        meter=[1000.0 if metric else 1.0] * count,
+        colormap=["viridis"] * count,
+        depth_range=[limits] * count,
+    )
+
+
+def png_columns(contents: Sequence[bytes]) -> Iterable[rr.ComponentColumn]:
+    """Encoded pictures, one below the other."""
+    return rr.EncodedImage.columns(blob=contents, media_type=["image/png"] * len(contents))
+
+
 def png(colours: NDArray, how: tuple[int, ...] = ()) -> rr.EncodedImage:
     """Encode (h, w) or (h, w, 3) bytes, or values in [0, 1]; nan is black."""
+    return rr.EncodedImage(contents=png_bytes(colours, how), media_type="image/png")
+
+
+def png_bytes(colours: NDArray, how: tuple[int, ...] = ()) -> bytes:
+    """Encode as `png` does."""
     return _encoded(colours, "png", how)
 
 
-def palette_png(places: NDArray[np.uint8], colours: NDArray[np.uint8]) -> rr.EncodedImage:
+def palette_png(places: NDArray[np.uint8], colours: NDArray[np.uint8]) -> bytes:
     """Encode the places (h, w) of pixels in a table of colours (n, 3), R, G, B.
 
     A third of what has to be compressed otherwise, and half of the file; OpenCV writes no palettes.
@@ -230,23 +268,22 @@ def palette_png(places: NDArray[np.uint8], colours: NDArray[np.uint8]) -> rr.Enc
         b"IDAT": squeezed.compress(rows.tobytes()) + squeezed.flush(),
         b"IEND": b"",
     }
-    contents = b"\x89PNG\r\n\x1a\n" + b"".join(
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
         struct.pack(">I", len(part)) + kind + part + struct.pack(">I", zlib.crc32(kind + part))
         for kind, part in parts.items()
     )
-    return rr.EncodedImage(contents=contents, media_type="image/png")
 
 
 def jpeg(colours: NDArray, quality: int = 95) -> rr.EncodedImage:
     """Encode as `png` does, with losses."""
-    return _encoded(colours, "jpeg", (cv2.IMWRITE_JPEG_QUALITY, quality))
+    contents = _encoded(colours, "jpeg", (cv2.IMWRITE_JPEG_QUALITY, quality))
+    return rr.EncodedImage(contents=contents, media_type="image/jpeg")
 
 
-def _encoded(colours: NDArray, kind: str, how: tuple[int, ...]) -> rr.EncodedImage:
+def _encoded(colours: NDArray, kind: str, how: tuple[int, ...]) -> bytes:
     stored = colours if colours.dtype == np.uint8 else as_bytes(colours)
-    stored = stored[..., ::-1] if stored.ndim == 3 else stored
-    contents = cv2.imencode(f".{kind}", stored, how)[1].tobytes()
-    return rr.EncodedImage(contents=contents, media_type=f"image/{kind}")
+    stored = cv2.cvtColor(stored, cv2.COLOR_RGB2BGR) if stored.ndim == 3 else stored
+    return cv2.imencode(f".{kind}", stored, how)[1].tobytes()
 
 
 def as_bytes(colours: FloatArray) -> NDArray[np.uint8]:

@@ -1,17 +1,21 @@
 """A process that draws an overview while this one goes on: Matplotlib lets no other thread run meanwhile.
 
-It loads Matplotlib while the solver runs, which takes as long as a small frame, is sent plain values
-(`endolab.plots.contents`), and sends a PNG back. It knows no files, and ends when nobody writes to it.
+It loads Matplotlib while the frame is read and solved, which takes as long as a small frame, is sent plain
+values (`endolab.plots.contents`), and sends a PNG back. It knows no files, and ends when nobody writes to
+it. Of endolab it loads nothing that is compiled.
 """
+
+from __future__ import annotations
 
 import gc
 import os
 import pickle
 import subprocess
 import sys
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-from endolab.plots.contents import Page
+if TYPE_CHECKING:
+    from endolab.plots.contents import Page
 
 PATIENCE = 60.0  # s that a page may take there
 # With this process's own path: neither another endolab is found, nor what lies in the current folder.
@@ -60,11 +64,16 @@ class Draughtsman:
             self._process.communicate()
 
 
+def load() -> None:
+    """Load all that drawing takes, before there is anything to draw."""
+    from endolab.io import images  # noqa: F401
+    from endolab.plots import maps  # noqa: F401
+
+
 def serve() -> None:
     """Be the other process: read a page, draw it, write it."""
     gc.disable()  # it ends soon
-    from endolab.plots import maps  # noqa: F401  before there is anything to draw
-
+    load()
     page = pickle.load(sys.stdin.buffer)
     sys.stdout.buffer.write(drawn(page))
     sys.stdout.flush()

@@ -18,6 +18,7 @@ import numpy as np
 from endolab.numerics.arrays import FloatArray, IntArray
 
 RAYS_AT_ONCE = 16_000  # what is computed of so many stays in a core's cache
+SIDEWAYS = 0.3  # of its swing in x, that a colon makes in y
 
 
 class Scene(Protocol):
@@ -218,7 +219,7 @@ class Colon:
     def __post_init__(self) -> None:
         if not 0 <= self.fold_height < 0.8:
             raise ValueError(f"fold_height must be at least 0 and below 0.8, got {self.fold_height}")
-        if not (min(self.radius, self.fold_spacing, self.length) > 0 and self._inside(self._camera)[0] > 0):
+        if not (min(self.radius, self.fold_spacing, self.length) > 0 and self._inside(*self._camera)[0] > 0):
             raise ValueError(f"the camera must lie inside the colon, of radius {self.radius} mm")
 
     _period = 230.0  # of the winding, mm
@@ -237,25 +238,25 @@ class Colon:
         rho_s = rho_phi * self._twist - height * bump_s * lobe
         return self.radius - height * bump * lobe, rho_s, rho_phi
 
-    def _centre_line(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _winding(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How far the centre line swings in x, and its derivative by s; in y it is `SIDEWAYS` of both."""
         w = 2 * np.pi / self._period
-        swing, slope = self.winding * (1 - np.cos(w * s)), self.winding * w * np.sin(w * s)
-        return np.stack([swing, 0.3 * swing], -1), np.stack([slope, 0.3 * slope], -1)
+        return self.winding * (1 - np.cos(w * s)), self.winding * w * np.sin(w * s)
 
-    def _inside(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How far inside the tube a point of its frame is (mm, not a distance), and the gradient."""
-        s = x[..., 2]
-        centre, centre_s = self._centre_line(s)
-        side = x[..., :2] - centre
-        rho = np.maximum(np.hypot(side[..., 0], side[..., 1]), 1e-9)
-        out = side / rho[..., None]
-        angle = 3 * (np.arctan2(out[..., 1], out[..., 0]) + self._twist * s)
+    def _inside(self, x: FloatArray, y: FloatArray, s: FloatArray) -> tuple[FloatArray, ...]:
+        """How far inside the tube points of its frame are (mm, not a distance), and its three derivatives.
+
+        Map by map: in arrays of triples, each step takes several times as long.
+        """
+        swing, slope = self._winding(s)
+        x, y = x - swing, y - SIDEWAYS * swing
+        rho = np.maximum(np.hypot(x, y), 1e-9)
+        x, y = x / rho, y / rho
+        angle = 3 * (np.arctan2(y, x) + self._twist * s)
         wall, wall_s, wall_phi = self._shape(s, np.cos(angle), np.sin(angle))
-        around = np.stack([-out[..., 1], out[..., 0]], axis=-1)
-        by_side = (wall_phi / rho)[..., None] * around - out
-        by_s = wall_s - np.einsum("...i,...i->...", by_side, centre_s)
-        gradient = np.concatenate([by_side, by_s[..., None]], axis=-1)
-        return wall - rho, gradient
+        turn = wall_phi / rho
+        by_x, by_y = -turn * y - x, turn * x - y
+        return wall - rho, by_x, by_y, wall_s - (by_x * slope + by_y * (SIDEWAYS * slope))
 
     def distance(self, rays: FloatArray) -> FloatArray:
         """See `Scene.distance`; the first root along the ray, to rounding."""
@@ -280,26 +281,29 @@ class Colon:
         )
         bend = 1.5 * height * self.sharpness * wave**2 + 4 / narrowest + 16 * height / narrowest**2
         t = np.zeros(flat.shape[0])
+        rays = np.ascontiguousarray(flat.T)
         busy = np.flatnonzero(np.isfinite(flat).all(axis=-1))
         while busy.size:
-            inside, gradient = self._inside(self._camera + t[busy, None] * flat[busy])
+            now, ray = t[busy], rays[:, busy]
+            places = (at + now * along for at, along in zip(self._camera, ray, strict=True))
+            inside, by_x, by_y, by_s = self._inside(*places)
             inside = np.maximum(inside, 0.0)
-            slope = np.einsum("ij,ij->i", gradient, flat[busy])
+            slope = by_x * ray[0] + by_y * ray[1] + by_s * ray[2]
             # Steps that cannot cross a wall: F ≥ F₀ - steepest·t, and F ≥ F₀ + F₀'t - bend·t²/2,
             # whose root becomes Newton's step as F₀ → 0.
             root = np.sqrt(slope**2 + 2 * bend * inside)
             with np.errstate(invalid="ignore"):
                 curved = np.where(slope < 0, 2 * inside / (root - slope), (slope + root) / bend)
             step = np.minimum(np.maximum(curved, inside / steepest), narrowest / 4)
-            t[busy] += step
-            busy = busy[(step > 1e-14 * self.length) & (inside > 0) & (t[busy] < end[busy])]
+            now = t[busy] = now + step
+            busy = busy[(step > 1e-14 * self.length) & (inside > 0) & (now < end[busy])]
         t = np.minimum(t, end)
         return np.where(np.isfinite(flat).all(axis=-1) & (t < 4 * self.length), t, np.nan)
 
     def normals(self, points: FloatArray) -> FloatArray:
         """See `Scene.normals`."""
         inside = points + self._camera
-        gradient = self._inside(inside)[1]
+        gradient = np.stack(self._inside(*np.moveaxis(inside, -1, 0))[1:], axis=-1)
         gradient[inside[..., 2] > self.length * (1 - 1e-12)] = [0.0, 0.0, -1.0]
         return gradient / np.linalg.norm(gradient, axis=-1, keepdims=True)
 
@@ -310,9 +314,9 @@ class Colon:
         around = np.linspace(0, 2 * np.pi, 2 * size)
         angle = 3 * (around + self._twist * s[:, None])
         rho = self._shape(s[:, None], np.cos(angle), np.sin(angle))[0] * closing[:, None]
-        centre = self._centre_line(s)[0]
-        x = centre[:, :1] + rho * np.cos(around)
-        y = centre[:, 1:] + rho * np.sin(around)
+        swing = self._winding(s)[0][:, None]
+        x = swing + rho * np.cos(around)
+        y = SIDEWAYS * swing + rho * np.sin(around)
         vertices = np.stack([x, y, np.broadcast_to(s[:, None], x.shape)], axis=-1).reshape(-1, 3)
         return vertices - self._camera, grid_triangles(2 * size + 1, 2 * size)
 

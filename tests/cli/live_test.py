@@ -10,7 +10,10 @@ import pytest
 
 import endolab as el
 from endolab import datasets
+from endolab.batch import live
 from endolab.cli import main as cli
+from endolab.cli.streams import ONCE
+from endolab.io.surfaces import read_depth
 from endolab.io.video import write_video
 from endolab.recording import live as live_module
 from tests.tools.problems import moved_colon
@@ -55,11 +58,15 @@ def calibration(tmp_path):
 
 @pytest.fixture
 def call(calibration, capsys):
-    """Run the command on a source; its exit code, and what it said on stdout and stderr."""
+    """Run the command on a source; its exit code, and what it said on stdout and stderr.
+
+    But for that it compiles, which it does where no other test has done so.
+    """
 
     def run(source, *options):
         command = ["reconstruct", source, "--calibration", calibration, "--max-iterations", 2, *options]
-        return cli.main([str(word) for word in command]), *capsys.readouterr()
+        code, (said, complaint) = cli.main([str(word) for word in command]), capsys.readouterr()
+        return code, said, complaint.removeprefix(f"{ONCE}\n")
 
     return run
 
@@ -122,13 +129,30 @@ def test_a_camera_becomes_a_folder(call, camera, tmp_path):
     assert told[1].startswith("taken ")
     assert " of 4 frames, " in told[1]
     assert "frames/s, lag " in told[1]
-    assert told[-1] == f"written to {tmp_path / 'out'}: frames.csv, recording.rrd"
+    what = "depth.npz (the last frame's), frames.csv (a row for each frame taken), "
+    assert told[-1] == f"written to {tmp_path / 'out'}: {what}recording.rrd (the surfaces)"
     table = rows(tmp_path / "out")
+    depth = read_depth(tmp_path / "out" / "depth.npz")
+    known = depth["distance"][depth["mask"]]
+    assert np.median(known) == pytest.approx(float(table[-1]["median_distance"]), rel=1e-6)
+    assert (depth["distance"].shape[1], bool(depth["metric"])) == (48, False)
     assert sum(1 + int(row["dropped"]) for row in table) == 4
     shown = Recorded(tmp_path / "out" / "recording.rrd").numbers("/plots/lag", "scalars")
     assert {row["index"] for row in table} >= set(map(str, shown))
     again, _, complaint = call(0, "--out", tmp_path / "out")  # made by endolab, so it may be replaced
     assert (again, complaint) == (0, "")
+
+
+def test_without_a_surface_there_is_no_depth(call, camera, monkeypatch, tmp_path):
+    camera(3, every=0.2)
+    real = live.LiveStep
+    nothing = {"result": None, "error": "it is dark"}
+    monkeypatch.setattr(live, "LiveStep", lambda **seen: real(**seen | nothing))
+    status, said, complaint = call(0, "--out", tmp_path / "out")
+    assert (status, complaint) == (0, "")
+    assert "could not be used, such as it is dark" in said
+    assert not (tmp_path / "out" / "depth.npz").exists()
+    assert "depth.npz" not in said
 
 
 def test_ctrl_c_is_how_a_live_view_ends(call, camera, screen):

@@ -7,18 +7,22 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import numba
 import numpy as np
 import pytest
 
 import endolab as el
 from endolab.cli import main as cli
 from endolab.cli import reconstruct as cli_reconstruct
-from endolab.cli.streams import ONCE
+from endolab.cli.streams import EACH_TIME, ONCE
 from endolab.depth.solvers import DEFAULT_SOLVER, SOLVERS
 from endolab.io.images import read_image, write_image
+from endolab.numerics import threads
+from endolab.numerics.compiled import COMPILED
 from endolab.reconstruction import problem_setup as posing
 from endolab.reconstruction import reconstruct as reconstruction
 
@@ -154,6 +158,16 @@ def test_the_report_says_where_all_the_time_went(work):
     assert 0 < max(clock["outputs"].values()) <= clock["stages"]["writing"]
 
 
+def test_the_stages_are_the_time_that_passed_outside(sim, tmp_path):
+    """From the start of the process until it has ended, but for moving the files and ending."""
+    command = [sys.executable, "-m", "endolab", "reconstruct", sim / "frame.png", "--out", tmp_path]
+    began = time.perf_counter()
+    subprocess.run([*command, "--calibration", sim / "endoscope.json"], check=True, capture_output=True)
+    passed = time.perf_counter() - began
+    stages = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["clock"]["stages"]
+    assert 0.9 * passed < sum(stages.values()) < passed + 0.05
+
+
 def test_the_summary_tells_the_same_time(solve, tmp_path, capsys):
     assert solve("--solver", "facing", "--out", tmp_path) == 0
     seconds = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["clock"]["in_all"]
@@ -169,6 +183,69 @@ def test_the_first_run_says_that_it_compiles(sim, tmp_path):
         done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200)
         assert (done.returncode, done.stderr) == (0, said)
         assert names(tmp_path / "out") == OUTPUTS
+
+
+@pytest.mark.parametrize(
+    ("does", "command"),
+    [
+        ("endolab.batch.sweep.sweep", ["sweep", "--out", "t.csv", "frame.png", "--calibration"]),
+        ("endolab.batch.video.reconstruct_video", ["reconstruct", ".", "--out", "out", "--calibration"]),
+        (
+            "endolab.reconstruction.unknown_light.estimate_light",
+            ["calibrate-light", "frame.png", "--out", "e.json", "--camera"],
+        ),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_whatever_compiles_says_so(sim, tmp_path, monkeypatch, capsys, does, command):
+    def compile_something(*given, **options):
+        assert numba.njit(lambda x: x + 1)(1) == 2
+        raise ValueError("enough")
+
+    write_image(tmp_path / "frame.png", np.zeros((120, 160)))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(does, compile_something)
+    assert call(*command, sim / "endoscope.json") == 2
+    said = ONCE if COMPILED["cache"] else EACH_TIME
+    assert capsys.readouterr().err.splitlines() == [said, "endolab: enough"]
+
+
+@pytest.mark.parametrize(
+    ("count", "complaint"),
+    [
+        ("0", "--threads must be at least 1, got 0"),
+        ("-1", "--threads must be at least 1, got -1"),
+        ("x", "argument --threads: expected a whole number, found 'x'"),
+        ("1.5", "argument --threads: expected a whole number, found '1.5'"),
+    ],
+)
+def test_a_number_of_threads_that_is_none_is_refused(unsolved, count, complaint):
+    assert complaint in unsolved("--threads", count)
+
+
+@pytest.mark.parametrize("before", [None, "3"])
+def test_so_many_threads_are_taken_and_no_more_said_afterwards(solve, tmp_path, monkeypatch, before):
+    counts = []
+    real = reconstruction.reconstruct
+
+    def counted(*given, **options):
+        counts.append((threads.threads(), os.environ[threads.VARIABLE]))
+        return real(*given, **options)
+
+    monkeypatch.delenv(threads.VARIABLE, raising=False)
+    if before is not None:
+        monkeypatch.setenv(threads.VARIABLE, before)
+    monkeypatch.setattr(reconstruction, "reconstruct", counted)
+    found = []
+    for count in (1, 2):
+        out = tmp_path / str(count)
+        assert solve("--threads", count, "--out", out) == 0  # of 160x120 px: enough for several to be woken
+        assert os.environ.get(threads.VARIABLE) == before
+        found.append(maps(out / "depth.npz"))
+    assert counts == [(1, "1"), (min(2, int(numba.config.NUMBA_NUM_THREADS)), "2")]
+    assert threads.ENOUGH <= 160 * 120
+    for name, values in found[0].items():
+        np.testing.assert_array_equal(values, found[1][name])
 
 
 def test_what_came_before_rerun_was_loaded_is_recorded_too(sim, tmp_path, monkeypatch):

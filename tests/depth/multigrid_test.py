@@ -9,7 +9,8 @@ from scipy.sparse.linalg import spsolve
 
 from endolab.depth.energy import energy_terms
 from endolab.depth.grid import Grid
-from endolab.depth.multigrid import Multigrid, sweep_backwards, sweep_forwards
+from endolab.depth.multigrid import Multigrid, multiply, sweep_backwards, sweep_forwards
+from endolab.depth.normal_equations import WEIGHT
 from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.numerics.compiled import inner, padded
 from endolab.numerics.derivatives import links, shifted
@@ -48,6 +49,26 @@ def system(request, rng):
 def test_compiled_energy_and_equations_are_the_readable_ones(rng, xi, regulariser):
     problem, v = worn(rng, xi=xi, regulariser=regulariser)
     check_the_compiled(problem, v, rng)
+
+
+@every_regulariser
+def test_a_smooth_step_costs_what_it_should(regulariser):
+    """Its differences are small beside the matrix's entries, which in single precision would hide them."""
+    problem, truth = at_truth("plane", 320, regulariser=regulariser)
+    model, (coefficients, _) = GaussNewtonModel.at(problem, truth), equations(problem, truth)
+    matrix = coefficients.matrix(0.0)
+    for data in (True, False):
+        if not data:
+            model = replace(model, data_weight=0 * model.data_weight)
+            parts = coefficients.parts.copy()
+            parts[WEIGHT] = 0.0
+            matrix = replace(coefficients, parts=parts).matrix(0.0)
+        rows, columns = np.indices(truth.shape)
+        x = np.where(problem.mask, np.cos(np.pi * columns / 320) + rows / 240, 0.0)
+        product = np.zeros(matrix.shape[1:])
+        multiply(matrix, padded(x), product)
+        expected = problem.mask.sum() * np.vdot(x, model.multiply(x))
+        assert np.vdot(inner(product), x) == pytest.approx(expected, rel=1e-4)
 
 
 @every_regulariser

@@ -66,7 +66,8 @@ def test_derivatives_of_the_simplified_model(rng, brdf):
     photometry = model(brdf)
     _, _, distance, theta, cos_alpha = surface(rng)
     v, p = np.log(distance), np.tan(theta) ** 2
-    _, by_v, by_p = photometry.shade(v, p, cos_alpha)
+    stored, by_v, by_p = photometry.shade(v, p, cos_alpha)
+    assert_array_equal(photometry.brightness(v, p, photometry.attenuation(cos_alpha)), stored)
     assert_allclose(by_v, slope(lambda h: photometry.shade(v + h, p, cos_alpha)[0], 1e-6), rtol=1e-7)
     steps = 1e-6 * (1 + p)
     assert_allclose(by_p, slope(lambda h: photometry.shade(v, p + h, cos_alpha)[0], steps), rtol=2e-5)

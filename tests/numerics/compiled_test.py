@@ -52,3 +52,15 @@ def test_loops_are_kept_among_the_temporary_files_if_nowhere_else(unwritable, tm
     private.rename(tmp_path / "elsewhere")
     private.symlink_to(tmp_path / "elsewhere")
     assert unwritable() == ["False", "0"]
+
+
+def test_loops_are_loaded_without_scipys_blas_and_those_that_need_it_find_it():
+    """It takes as long to load as all the rest of Numba that a loop needs."""
+    code = (
+        "import sys, numba, numpy as np\nfrom endolab.numerics import compiled\n"
+        "compiled.block_sums(compiled.padded(np.ones((4, 6))))\n"
+        "print('numba.np.arraymath' in sys.modules, 'scipy.linalg' in sys.modules)\n"
+        "print(numba.njit(lambda a: a @ a)(2 * np.eye(1))[0, 0])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert (done.stdout, done.stderr) == ("True False\n4.0\n", "")

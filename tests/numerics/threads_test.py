@@ -1,5 +1,6 @@
 """Compiled loops on several cores: the same results whoever takes part, and who does."""
 
+import math
 import os
 import subprocess
 import sys
@@ -192,6 +193,35 @@ def test_a_worker_of_joblib_takes_its_share():
     joint = threads.cores()
     found = joblib.Parallel(2, backend="loky")(joblib.delayed(threads.threads)() for _ in range(2))
     assert found == [max(joint // 2, 1)] * 2
+
+
+@pytest.mark.parametrize(
+    ("written", "found"),
+    [
+        (["150000 100000\n"], 2),
+        (["50000 100000\n"], 1),
+        (["max 100000\n"], math.inf),
+        (["300000\n", "100000\n"], 3),
+        (["-1\n", "100000\n"], math.inf),
+        (["100000\n"], math.inf),
+        ([], math.inf),
+    ],
+)
+def test_a_containers_share_of_the_cores_is_read(tmp_path, monkeypatch, written, found):
+    paths = [tmp_path / str(k) for k in range(max(1, len(written)))]
+    for path, text in zip(paths, written, strict=False):
+        path.write_text(text)
+    monkeypatch.setattr(threads, "SHARES", ([tmp_path / "none"], paths))
+    assert threads._share() == found
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(8), raising=False)
+    monkeypatch.delenv("LOKY_MAX_CPU_COUNT", raising=False)
+    assert threads.cores.__wrapped__() == min(found, 8)
+    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")
+    assert threads.cores.__wrapped__() == 1
+
+
+def test_cores_are_those_that_joblib_finds():
+    assert threads.cores() == joblib.cpu_count()
 
 
 def test_no_more_are_asked_for_than_numba_was_given():

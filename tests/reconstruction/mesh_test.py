@@ -131,7 +131,7 @@ def test_occlusions_are_torn_by_the_rule_too_and_walls_are_not():
     def floating(mesh):
         middle = mesh.vertices[mesh.triangles].mean(axis=1)
         before_the_end = middle[:, 2] < scene.length - 1
-        return np.mean(before_the_end & (np.abs(scene._inside(middle + scene._camera)[0]) > 1.0))
+        return np.mean(before_the_end & (np.abs(scene._inside(*(middle + scene._camera).T)[0]) > 1.0))
 
     joined = floating(make_mesh(points, jump=np.inf))
     assert joined > 0.02

@@ -12,7 +12,9 @@ import pytest
 import endolab as el
 from endolab.depth.energy import model_image
 from endolab.model.cameras import Pinhole
+from endolab.recording import recorder as recorder_module
 from endolab.recording import viewer
+from endolab.recording.pictures import Painter
 from endolab.recording.reader import read_recording
 from tests.tools.problems import coloured_colon
 from tests.tools.recorded import Recorded
@@ -181,6 +183,52 @@ def test_a_long_run_keeps_all_scalars_and_some_pictures(tmp_path):
     assert (shown[:21], shown[-1]) == (list(range(21)), 59)
     assert len(shown) < 45
     assert list(file.numbers("/world/cloud", "positions")) == shown
+
+
+@pytest.fixture
+def painted(monkeypatch):
+    """Places of the iterates whose pictures are made, as they are made."""
+    places, paint = [], Painter.paint
+
+    def noted(painter, iterate, grey_levels):
+        places.append(iterate.k)
+        return paint(painter, iterate, grey_levels)
+
+    monkeypatch.setattr(Painter, "paint", noted)
+    return places
+
+
+def test_pictures_are_made_when_the_run_has_ended(tmp_path, small, painted):
+    recorder = el.record(tmp_path / "run.rrd")
+    for iterate in towards(*small, 4):
+        recorder(iterate)
+        _ = iterate.points, iterate.normals
+    assert painted == []
+    recorder.close()
+    assert sorted(painted) == [0, 1, 2, 3]
+
+
+def test_no_more_is_kept_than_a_bound(tmp_path, small, painted, monkeypatch):
+    """What is made during the run then is the same; of what waits, nothing that others asked for."""
+    steps = list(towards(*small, 9))
+    each = steps[0].log_distance.nbytes + steps[0].maps["arrived"].nbytes
+    monkeypatch.setattr(recorder_module, "KEPT", int(2.5 * each))
+    bounded, _ = el.record(tmp_path / "bounded.rrd"), steps[0].points
+    for step in steps:
+        bounded(step)
+        assert bounded._kept <= 2.5 * each
+        assert all("points" not in vars(kept) for _, kept in bounded._waiting)
+    before = len(painted)  # the last of three jobs may go on
+    assert before >= 3
+    bounded.close()
+    monkeypatch.undo()
+    el.run(iter_of(steps), observers=[el.record(tmp_path / "whole.rrd")])
+    one, other = (Recorded(tmp_path / f"{name}.rrd") for name in ("bounded", "whole"))
+    assert one.entities == other.entities
+    for entity in ("/depth", "/normals", "/residual", "/front/arrived", "/world/cloud", "/section/now"):
+        assert one.rows[entity].keys() == other.rows[entity].keys()
+        for component, rows in one.rows[entity].items():
+            assert rows == other.rows[entity][component]
 
 
 def test_an_interrupt_leaves_a_whole_file(tmp_path, small):

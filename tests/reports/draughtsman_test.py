@@ -2,6 +2,8 @@
 
 import io
 import os
+import pickle
+import subprocess
 import sys
 
 import numpy as np
@@ -40,6 +42,20 @@ def test_another_process_draws_what_this_one_would(another, page, monkeypatch):
     here = drawn(page)
     monkeypatch.setattr(module, "drawn", lambda page: pytest.fail("drawn here"))
     assert np.array_equal(pixels(another.draw(page)), pixels(here))
+
+
+def test_what_draws_loads_neither_numba_nor_pyplot_nor_anything_when_a_page_has_come(page, tmp_path):
+    """Each takes as long as a part of the drawing, for which everybody waits."""
+    (tmp_path / "page").write_bytes(pickle.dumps(page))
+    code = (
+        "import pickle, sys\nfrom endolab.reports import draughtsman\ndraughtsman.load()\n"
+        "before = {*sys.modules}\npage = pickle.load(open(sys.argv[1], 'rb'))\ndraughtsman.drawn(page)\n"
+        "print({'numba', 'matplotlib.pyplot'} & {*sys.modules}, {'cv2', 'matplotlib'} <= before,"
+        " sorted(name for name in {*sys.modules} - before if name.startswith('endolab')))"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "page")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert (done.stdout, done.stderr) == ("set() True []\n", "")
 
 
 def test_a_page_is_drawn_though_the_other_process_has_ended(another, page):

@@ -110,7 +110,7 @@ def test_a_light_aside_throws_shadows_that_the_model_does_not_know(mitsuba):
     reach = np.linalg.norm(way, axis=-1)
     # The scene itself agrees: from the light, another wall comes first.
     steps = np.linspace(0.02, 0.98, 60)
-    inside = [Colon()._inside(from_points + t * way + Colon._camera)[0] for t in steps]
+    inside = [Colon()._inside(*(from_points + t * way + Colon._camera).T)[0] for t in steps]
     assert np.mean(np.min(inside, axis=0) < 1e-3 * reach) > 0.9
 
 
