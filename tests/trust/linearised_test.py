@@ -30,11 +30,16 @@ def dense(operator, mask):
     return np.stack([np.asarray(operator(one))[mask] for one in units], axis=1)
 
 
-def hessian(twin):
-    """H of the readable model, of the sum over pixels, with the damping of the compiled one."""
+def undamped(twin):
+    """Jᵀ W J + R of the readable model, of the sum over pixels."""
     mask = twin.problem.mask
-    found = dense(lambda x: mask.sum() * twin.multiply(x), mask)
-    return found + np.diag(DAMPING * (twin.data_weight * twin.by_v**2)[mask])
+    return dense(lambda x: mask.sum() * twin.multiply(x), mask)
+
+
+def hessian(twin):
+    """H: the same with the damping of the compiled one."""
+    damping = DAMPING * (twin.data_weight * twin.by_v**2)[twin.problem.mask]
+    return undamped(twin) + np.diag(damping)
 
 
 class OneHot:
@@ -53,12 +58,11 @@ def test_it_is_the_readable_model(tiny, rng):
     surface, twin = tiny
     mask = surface.problem.mask
     applied, adjoint = dense(surface.applied, mask), dense(surface.adjoint, mask)
-    assert adjoint == pytest.approx(applied.T, abs=1e-12)
+    assert np.abs(adjoint - applied.T).max() < 1e-12
     weights = surface.weight[mask]
-    prior = hessian(twin) - applied.T @ np.diag(weights) @ applied
-    prior -= np.diag(DAMPING * (twin.data_weight * twin.by_v**2)[mask])
+    prior = undamped(twin) - applied.T @ np.diag(weights) @ applied
     root = np.stack([surface.prior_draw(OneHot(i))[mask] for i in range(3 * mask.size)], axis=1)
-    assert root @ root.T == pytest.approx(prior, abs=1e-9 * np.abs(prior).max())
+    assert np.abs(root @ root.T - prior).max() < 1e-5 * np.abs(prior).max()  # maps are of single precision
 
 
 def test_answers_are_those_of_the_dense_inverse(tiny, rng):
@@ -70,10 +74,14 @@ def test_answers_are_those_of_the_dense_inverse(tiny, rng):
 
 
 def test_draws_of_picture_and_prior_have_the_covariance_of_the_inverse(tiny, rng):
-    """Perturb and solve: 1000 draws tell a variance to 4.5 %, one σ; smooth maps are off alike everywhere."""
+    """Perturb and solve: 1000 draws tell a variance to 4.5 %, one σ; neighbours are off alike.
+
+    The damping takes variance where pixels hang by little: it is the inverse's but for that.
+    """
     surface, twin = tiny
     mask = surface.problem.mask
-    expected = np.diag(np.linalg.inv(hessian(twin)))
+    inverse = np.linalg.inv(hessian(twin))
+    expected = np.diag(inverse @ undamped(twin) @ inverse)
     white = np.divide(1, np.sqrt(surface.weight), out=np.zeros(mask.shape), where=surface.weight > 0)
     draws = [
         surface.to_picture(white * rng.standard_normal(mask.shape)) + surface.solved(surface.prior_draw(rng))
@@ -81,7 +89,7 @@ def test_draws_of_picture_and_prior_have_the_covariance_of_the_inverse(tiny, rng
     ]
     ratio = np.mean(np.square(draws), axis=0)[mask] / expected
     assert np.median(ratio) == pytest.approx(1, abs=0.1)
-    assert np.abs(np.log(ratio)).max() < 0.3
+    assert np.abs(np.log(ratio)).max() < 0.25
 
 
 def test_probing_finds_the_same_inverse(tiny):
