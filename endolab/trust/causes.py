@@ -1,0 +1,130 @@
+"""What may be wrong, as changes of the picture: of the logarithm of its light, (H, W).
+
+Most of it has a name and a number (`doubts`). What has none is what the model leaves unexplained: the wall's
+own texture, folds that are no contours, light that it does not know. It shows in the residual, of which a fit
+takes most: a random field of the texture's length, fitted like the picture, tells how much it leaves. The
+residual around a pixel over that share is how strong such a field must be there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+
+from endolab.depth.problem import Problem
+from endolab.model.interreflection import Walls
+from endolab.model.surface import normals
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.derivatives import REFERENCE_WIDTH, links
+from endolab.preprocessing.contours import find_contours
+from endolab.trust.doubts import Doubts
+from endolab.trust.linearised import Linearised
+
+LENGTH = 12.0  # of a wall's texture, standard deviation of its Gaussian, per 320 px of the width
+AROUND = 10.0  # of the residuals that count for a pixel, likewise
+LEAST_LEFT = 0.5  # of the median of what fits leave, below which a pixel's own is not taken
+GRAZING = 0.05  # cos θ below which a lamp's place tells nothing more
+OFF = 1.0  # of the light's logarithm, that a lamp beside the optical centre changes at most
+MAYBE = 0.03  # steepness from which on every second line is a contour: log d₀ per 1/320 of the width
+
+
+def correlated(rng: np.random.Generator, shape: tuple[int, ...], length: float) -> FloatArray:
+    """A random field of unit variance: white noise, blurred by a Gaussian of this many px if by any."""
+    if length == 0:
+        return rng.standard_normal(shape)
+    margin = int(3 * length) + 1
+    white = rng.standard_normal((shape[0] + 2 * margin, shape[1] + 2 * margin))
+    smooth = _blurred(white, length)[margin:-margin, margin:-margin]
+    return np.asarray(smooth * 2 * np.sqrt(np.pi) * length)
+
+
+def _blurred(a: FloatArray, sigma: float) -> FloatArray:
+    return np.asarray(cv2.GaussianBlur(a, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT))
+
+
+def around(values: FloatArray, said: FloatArray, sigma: float) -> FloatArray:
+    """Root mean square around each pixel of those that are said."""
+    share = np.maximum(_blurred(said, sigma), 1e-6)
+    return np.asarray(np.sqrt(np.maximum(_blurred(said * values**2, sigma), 0.0) / share))
+
+
+class Texture:
+    """The wall's texture, and all else that the model does not explain, as a random field of the light."""
+
+    def __init__(self, surface: Linearised, rng: np.random.Generator, least: float) -> None:
+        self._surface, self._rng, self._least = surface, rng, least
+        problem = surface.problem
+        self._scale = problem.camera.width / REFERENCE_WIDTH
+        self._said = (surface.weight > 0).astype(np.float64)
+        self._light = surface.model / problem.photometry.gamma  # change of I per change of log light
+        self._left: list[FloatArray] = []
+
+    def field(self) -> FloatArray:
+        """One of unit variance."""
+        return correlated(self._rng, self._said.shape, LENGTH * self._scale)
+
+    def try_one(self) -> None:
+        """See what a fit leaves of a field of unit variance."""
+        field = self.field()
+        change = self._surface.applied(self._surface.to_light(field))
+        left = field - np.divide(change, self._light, out=np.zeros_like(change), where=self._light > 0)
+        self._left.append(around(left, self._said, AROUND * self._scale) ** 2)
+
+    def strength(self, noise: float) -> FloatArray:
+        """Standard deviation of the light's logarithm, by what fits leave and the residual beside noise."""
+        residual, light = self._surface.residual, self._light
+        unexplained = np.divide(residual, light, out=np.zeros_like(light), where=light > 0)
+        left = np.sqrt(np.mean(self._left, axis=0))
+        usual = float(np.median(left[self._said > 0])) if self._said.any() else 1.0
+        by_noise = np.divide(noise, light, out=np.zeros_like(light), where=light > 0)
+        squares = [around(one, self._said, AROUND * self._scale) ** 2 for one in (unexplained, by_noise)]
+        found = np.sqrt(np.maximum(squares[0] - squares[1], 0.0))
+        return np.hypot(found / np.maximum(left, LEAST_LEFT * max(usual, 1e-6)), self._least)
+
+
+def named(problem: Problem, log_distance: FloatArray, doubts: Doubts) -> Iterator[tuple[str, FloatArray]]:
+    """What one standard deviation of each named cause changes in the logarithm of the light."""
+    mask, field = problem.mask, problem.field
+    said = np.where(mask, problem.image, 1.0)
+    if doubts.k:
+        yield "k", -doubts.k * np.log(np.where(mask, field.cos_alpha, 1.0))
+    if doubts.gamma:
+        yield "gamma", doubts.gamma * np.log(np.maximum(said, 0.5 / 255))
+    bounced = doubts.bounced * _bounced(problem, log_distance) if doubts.bounced else None
+    if bounced is not None and bounced.any():
+        yield "bounced light", bounced
+    if doubts.lamp and problem.metric:
+        rays = np.where(mask[..., None], field.rays, 0.0)
+        normal = np.nan_to_num(normals(np.where(mask, log_distance, np.nan), field, mask))
+        cosine = np.maximum(-(normal * rays).sum(axis=-1), GRAZING)
+        distance = np.exp(np.where(mask, log_distance, 0.0))
+        for axis in range(2):
+            # Of cos θ/d² by the lamp's place: it is nearer, and the wall turned to it.
+            slope = (3 * rays[..., axis] + normal[..., axis] / cosine) / distance
+            yield f"lamp {'xy'[axis]}", np.where(mask, np.clip(doubts.lamp * slope, -OFF, OFF), 0.0)
+
+
+def _bounced(problem: Problem, log_distance: FloatArray) -> FloatArray:
+    """log(1 + S/E) of the light that the wall's green bounces, as this surface makes it."""
+    albedo = problem.origin.albedo
+    found = problem.settings.get("channel") == "separated"
+    if albedo is None and found:  # and there was none
+        return np.zeros(problem.mask.shape)
+    brdf = problem.photometry.brdf
+    one = float(np.pi * brdf.value(np.ones(1), np.ones(1))[0]) if albedo is None else albedo[1]
+    one = min(one, 0.95)
+    mask = problem.mask
+    walls = Walls.of(
+        np.where(mask, log_distance, np.nan), mask, problem.field, problem.photometry.k, problem.cuts
+    )
+    return np.where(mask, np.log1p(walls.inflation(np.full(3, one))[..., 1]), 0.0)
+
+
+def perhaps_torn(problem: Problem) -> BoolArray | None:
+    """Cuts at every line of the picture that may be a contour, beside those of the problem."""
+    cuts = (find_contours(problem.log_facing, problem.mask) > MAYBE) & links(problem.mask, problem.cuts)
+    if not cuts.any():
+        return problem.cuts
+    return cuts if problem.cuts is None else cuts | problem.cuts

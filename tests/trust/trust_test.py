@@ -1,0 +1,251 @@
+"""σ of the distance against what it should be: noise solved again, known errors, units, causes apart."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab.depth.gauss_newton import gauss_newton
+from endolab.depth.problem import NONE, Scale
+from endolab.depth.result import Iterate, run
+from endolab.numerics.iteration import Status
+from endolab.reconstruction.contours import torn_at_contours
+from endolab.trust.causes import LENGTH, correlated
+from endolab.trust.doubts import Doubts
+from endolab.trust.linearised import Linearised
+from endolab.trust.shares import BORDER, DATA, OUTSIDE, PRIOR
+from endolab.trust.trust import FACTOR, LARGEST, LEAST, trust_of
+from tests.tools.problems import problem_of
+
+CERTAIN = Doubts(**{one.name: 0.0 for one in fields(Doubts) if one.name != "notes"})
+
+
+def solved(problem):
+    """The default solver's result."""
+    return run(gauss_newton(problem))
+
+
+def relative(trust, result, which="sigma"):
+    """σ as a share of the distance, of the mask's pixels."""
+    return (getattr(trust, which) / result.distance)[result.mask]
+
+
+@pytest.fixture(scope="module")
+def curved():
+    """A curved wall with a grey level of noise, its truth, its result and how far that is trusted."""
+    problem, seen = problem_of("curved", 80, noise=1.0)
+    result = solved(problem)
+    return problem, seen, result, trust_of(result)
+
+
+def test_noise_alone_is_what_solving_again_with_other_noise_finds():
+    """24 other noises, each solved to the end; the linear answer agrees to a fifth.
+
+    It does where the regulariser charges squares, as here. Where it charges sizes, in creases, its parabolas
+    are stiffer than itself, and a tube's noise comes out at half.
+    """
+    clean, _ = problem_of("curved", 64)
+    rng, level = np.random.default_rng(1), 2 / 255
+
+    def noisy():
+        image = np.clip(clean.image + level * rng.standard_normal(clean.image.shape), 0.01, 1)
+        return replace(clean, image=np.where(clean.mask, image, 0.0))
+
+    first = run(gauss_newton(noisy(), tolerance=1e-6, max_iterations=100))
+    how = {"start": first.iterate.log_distance, "tolerance": 1e-6, "max_iterations": 100}
+    maps = [run(gauss_newton(noisy(), **how)).iterate.log_distance[clean.mask] for _ in range(24)]
+    found = FACTOR * np.sqrt(np.mean(np.var(maps, axis=0, ddof=1)))
+    trust = trust_of(first, doubts=CERTAIN)
+    noise = np.hypot(trust.causes["noise"][clean.mask], trust.scales["noise"])
+    assert np.sqrt(np.mean(noise**2)) == pytest.approx(found, rel=0.2)
+
+
+@pytest.mark.parametrize("level", [1.0, 2.0])
+def test_a_noise_that_is_known_is_covered(level):
+    """Two of three pixels are within σ, nineteen of twenty within two: measured 77 and 98, 75 and 96 %."""
+    problem, seen = problem_of("curved", 80, noise=level)
+    result = run(gauss_newton(problem, tolerance=1e-4))
+    trust = trust_of(result, doubts=CERTAIN)
+    off = np.abs(np.log(result.distance / seen.distance))[result.mask]
+    sigma = relative(trust, result)
+    assert 0.58 < np.mean(off < sigma) < 0.85
+    assert np.mean(off < 2 * sigma) > 0.9
+    assert np.median(sigma) < 0.01
+
+
+def test_twice_the_noise_is_twice_its_part():
+    parts = []
+    for level in (1.0, 2.0):
+        problem, seen = problem_of("curved", 80, noise=level)
+        truth = Iterate.of(problem, np.log(seen.distance))
+        trust = trust_of(truth, doubts=CERTAIN)
+        parts.append(np.sqrt(np.mean(trust.causes["noise"][problem.mask] ** 2)))
+    assert parts[1] == pytest.approx(2 * parts[0], rel=0.1)
+
+
+def test_texture_does_what_it_is_said_to_do_and_is_seen_in_what_is_left():
+    """A wall whose albedo varies by 10 %: the answer to the very field, and how strong it is found to be."""
+    clean, seen = problem_of("curved", 80)
+    field = correlated(np.random.default_rng(0), clean.mask.shape, LENGTH / 4)
+    image = np.clip(clean.image * np.exp(0.1 * field / clean.photometry.gamma), 0, 0.999)
+    result = solved(replace(clean, image=np.where(clean.mask, image, 0.0)))
+    mask = result.mask
+    surface = Linearised.at(result.problem, np.where(mask, result.iterate.log_distance, 0.0))
+    off, answer = np.log(result.distance / seen.distance)[mask], surface.to_light(0.1 * field)[mask]
+    assert np.corrcoef(off, answer)[0, 1] > 0.9
+    assert np.std(answer) == pytest.approx(np.std(off), rel=0.2)
+    trust, even = trust_of(result, doubts=CERTAIN), trust_of(solved(clean), doubts=CERTAIN)
+    strong = np.median(trust.causes["texture"][mask])
+    assert 0.3 < strong / FACTOR / np.std(off) < 1.5
+    assert strong > 10 * np.median(even.causes["texture"][mask])
+
+
+def test_the_unit_does_not_matter(curved):
+    problem, _, result, _ = curved
+    gain = 9 * problem.photometry.gain
+    far = replace(problem, photometry=replace(problem.photometry, gain=gain))
+    doubts = replace(Doubts(), lamp=0.0)
+    one = trust_of(result, doubts=doubts)
+    other = trust_of(Iterate.of(far, result.iterate.log_distance + np.log(3)), doubts=doubts)
+    assert other.sigma[result.mask] == pytest.approx(3 * one.sigma[result.mask], rel=1e-3)
+    assert other.sigma_scale == pytest.approx(one.sigma_scale, rel=1e-3)
+
+
+def test_gain_and_albedo_move_all_pixels_alike(curved):
+    _, _, result, _ = curved
+    trust = trust_of(result, doubts=replace(CERTAIN, gain=0.3, albedo=0.4))
+    assert trust.scales["gain"] == pytest.approx(FACTOR * 0.15)
+    assert np.nanmax(trust.causes["albedo"]) == 0
+    assert relative(trust, result).min() >= FACTOR * 0.25  # 0.15 and 0.2 in squares
+    assert relative(trust, result, "sigma_shape").max() < 0.1
+
+
+def test_a_known_length_takes_the_scale_away(curved):
+    problem, _, result, _ = curved
+    doubts = replace(CERTAIN, gain=0.3, k=0.2)
+    for scale in (Scale("median distance", 40.0), Scale("known distance", (40.0, 30, 20))):
+        told = replace(problem, origin=replace(problem.origin, scale=scale))
+        trust = trust_of(Iterate.of(told, result.iterate.log_distance), doubts=doubts)
+        assert trust.scales["gain"] < 1e-12
+    here = trust.sigma[20, 30] / result.distance[20, 30]
+    assert here < 1e-12
+    relative_unit = replace(problem, metric=False)
+    trust = trust_of(Iterate.of(relative_unit, result.iterate.log_distance), doubts=doubts)
+    assert trust.sigma_scale < 1e-12
+
+
+def test_the_causes_add_up(curved):
+    _, _, result, trust = curved
+    total = sum(one[result.mask] ** 2 for one in trust.causes.values())
+    assert relative(trust, result, "sigma_shape") ** 2 == pytest.approx(total, rel=1e-9)
+    assert trust.sigma_scale**2 == pytest.approx(sum(one**2 for one in trust.scales.values()))
+    assert trust.factor == FACTOR
+    assert np.isnan(trust.sigma[~result.mask]).all()
+
+
+def test_a_tube_is_trusted_less_towards_where_it_enters_the_picture():
+    """Its border is free: σ rises towards it as the true error does, within a factor of two."""
+    problem, seen = problem_of("tube", 120)
+    result = solved(problem)
+    trust = trust_of(result)
+    sigma, off = trust.sigma_shape / result.distance, np.abs(np.log(result.distance / seen.distance))
+    above = [np.s_[row : row + 4, 40:80] for row in (0, 8, 16)]
+    assert sigma[above[0]].mean() > 1.3 * sigma[above[1]].mean() > 1.6 * sigma[above[2]].mean()
+    for rows in above:
+        assert 0.5 < sigma[rows].mean() / off[rows].mean() < 2
+    assert np.all(trust.decided_by[above[0]] == BORDER)
+    assert np.mean(trust.decided_by[20:30, 40:80] == DATA) > 0.9
+
+
+def test_what_a_picture_does_not_say_is_the_priors():
+    """A band that says nothing, wider than bumps: the prior decides its middle, which is less sure."""
+    problem, _ = problem_of("curved", 120)
+    evidence = np.zeros(problem.mask.shape, np.int8)
+    evidence[:, 45:75] = NONE
+    result = solved(replace(problem, evidence=evidence))
+    trust = trust_of(result)
+    here, beside = np.s_[30:60, 56:64], np.s_[30:60, 20:35]
+    assert np.mean(trust.decided_by[here] == PRIOR) > 0.7
+    assert np.mean(trust.decided_by[beside] == DATA) > 0.9
+    sigma = trust.sigma_shape / result.distance
+    assert np.median(sigma[here]) > 1.5 * np.median(sigma[beside])
+    assert trust.shares.sum(axis=0)[result.mask] == pytest.approx(1)
+    assert np.all(trust.decided_by[~result.mask] == OUTSIDE)
+
+
+def test_an_island_of_which_nothing_is_said_is_not_known_at_all():
+    problem, _ = problem_of("curved", 80)
+    mask = problem.mask.copy()
+    mask[:, 38:42] = False
+    evidence = np.zeros(mask.shape, np.int8)
+    evidence[:, 42:] = NONE
+    islands = replace(problem, mask=mask, evidence=evidence)
+    result = solved(islands)
+    trust = trust_of(result)
+    lost = mask & (evidence == NONE)
+    distance = result.distance
+    assert trust.sigma[lost] == pytest.approx(LARGEST * distance[lost])
+    assert np.median(trust.sigma[mask & ~lost] / distance[mask & ~lost]) < 0.2
+
+
+def test_it_is_the_same_every_time_and_stops_when_asked(curved):
+    _, _, result, trust = curved
+    assert np.array_equal(trust_of(result).sigma, trust.sigma, equal_nan=True)
+    shown = []
+    early = trust_of(result, observers=[lambda progress: shown.append(progress.done) or progress.done == 6])
+    assert (early.draws, early.status, shown) == (6, Status.STOPPED, [LEAST, LEAST + 1, LEAST + 2])
+    assert trust.status is Status.CONVERGED
+    assert np.nanmedian(early.sigma / trust.sigma) == pytest.approx(1, abs=0.3)
+
+    def interrupt(progress):
+        raise KeyboardInterrupt
+
+    assert trust_of(result, observers=[interrupt]).draws == LEAST
+
+
+def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():
+    problem, _ = problem_of("colon", 120)
+    torn = torn_at_contours(problem)
+    assert torn.cuts is not None
+    result = solved(torn)
+    trust = trust_of(result)
+    assert np.all(np.isfinite(trust.sigma[result.mask]))
+    assert trust.causes["contours"][result.mask].max() > 0.05
+
+
+def test_standard_errors_come_from_the_calibration(curved):
+    assert Doubts.of(None).k == Doubts().k
+    assert "No standard errors" in Doubts.of(None).notes[0]
+    base = el.load_calibration("paper", width=80)
+    evidence = {"photometry": {"standard_errors": {"k": 0.011, "gamma": 0.0}}}
+    doubts = Doubts.of(replace(base, evidence=evidence))
+    assert (doubts.k, doubts.gamma) == (0.011, Doubts().gamma)
+    assert "k ± 0.011" in doubts.notes[0]
+    odd = {"photometry": [1], "unknown_light": {"standard_error": 0.4}}
+    assert Doubts.of(replace(base, evidence=odd)).k == 0.4
+
+
+@pytest.mark.parametrize("solver", ["facing", "fast_marching"])
+def test_solvers_without_an_energy_are_refused(solver):
+    seen = el.render(el.SCENES["plane"], el.load_calibration("simple", width=40).camera, el.Photometry())
+    frame = el.Frame(seen.image, seen.mask)
+    result = el.reconstruct(
+        frame, el.Calibration(seen.camera, seen.photometry), solver=solver, channel="grey"
+    )
+    with pytest.raises(ValueError, match="minimises no energy"):
+        trust_of(result)
+
+
+def test_bad_options_are_named(curved):
+    _, _, result, _ = curved
+    with pytest.raises(ValueError, match="result must be"):
+        trust_of(3)
+    with pytest.raises(ValueError, match="draws"):
+        trust_of(result, draws=1)
+    with pytest.raises(ValueError, match="doubts must be"):
+        trust_of(result, doubts=0.1)
+    with pytest.raises(ValueError, match="observers"):
+        trust_of(result, observers=[3])
+    with pytest.raises(ValueError, match="the doubt about k"):
+        Doubts(k=-1)
