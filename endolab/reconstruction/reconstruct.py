@@ -3,7 +3,7 @@
 Stages, each of which hands the next one plain value:
 
 1. *prepared*: the frame becomes a `Problem`, or `Colours` (`problem_setup`);
-2. *λ chosen*, if that is asked for: on fewer pixels, all that follows is done once before (`lam`);
+2. *λ chosen*, if that is asked for, on fewer pixels, for which the next two are done (`trust`);
 3. *bounced light and contours found*: `Colours` become a `Problem` of direct light and a start
    (`separation`), the surface of one channel is torn (`contours`);
 4. *solved*: the solver's iterates, the last or the best of which is the answer;
@@ -127,11 +127,14 @@ def _stages(
     solver: str,
     options: dict[str, Any],
     told: Mapping[str, object] = MappingProxyType({}),
+    curve: LamCurve | None = None,
 ) -> Solver:
     """All that is solved, at last with the `best` regulariser or with that of what was prepared.
 
-    `told` is added to the settings of the problem whose answer counts. On walls whose light bounced, which
-    have a texture as well, curvature is no better than the second order, and it is slower.
+    `told` is added to the settings of the problem whose answer counts. A λ that was chosen, see its `curve`,
+    is for the last solve alone: light that bounced and folds are found better with the usual one. On walls
+    whose light bounced, which have a texture as well, curvature is no better than the second order, and it
+    is slower.
     """
     before, begin = (start, None) if isinstance(start, Result) else (None, start)
     if before is not None:
@@ -140,6 +143,8 @@ def _stages(
         problem, near = yield from direct_light(prepared, contours, before)
     else:
         problem, near = yield from judged(prepared, contours, before)
+    if curve is not None:
+        problem = _weighted(problem, curve)
     begin = near if begin is None else begin
     if before is not None and begin is None:
         begin = on_grid(before.iterate, problem)
@@ -193,18 +198,10 @@ def _chosen_lam(
     return (yield from choose_lam(problem, last.log_distance, smooth, settled=settled))
 
 
-def _weighted(prepared: OneChannel | Colours, curve: LamCurve) -> OneChannel | Colours:
-    """Give what was prepared the λ that was chosen."""
-
-    def weighted(problem: Problem) -> Problem:
-        origin = replace(problem.origin, lam_curve=curve)
-        return remarked(replace(problem, lam=curve.chosen, origin=origin), curve.told)
-
-    if isinstance(prepared, Colours):
-        return replace(
-            prepared, fine=[*map(weighted, prepared.fine)], coarse=[*map(weighted, prepared.coarse)]
-        )
-    return replace(prepared, fine=weighted(prepared.fine), coarse=weighted(prepared.coarse))
+def _weighted(problem: Problem, curve: LamCurve) -> Problem:
+    """Give a problem the λ that was chosen."""
+    origin = replace(problem.origin, lam_curve=curve)
+    return remarked(replace(problem, lam=curve.chosen, origin=origin), curve.told)
 
 
 def reconstruct(
@@ -251,8 +248,8 @@ def reconstruct(
     lam : float or "auto"
         λ, the regulariser's weight; larger is smoother. With `auto` the frame is solved 160 px wide first,
         and λ chosen there, such that what the surface leaves unexplained is as rough as what it would leave
-        of noise (`trust.choice_of_lam`); then all is done as with that number. The result's
-        ``problem.origin.lam_curve`` holds what each λ that was tried leaves.
+        of noise (`trust.choice_of_lam`). The whole frame's last solve takes it; the stages before, λ = 1. The
+        result's ``problem.origin.lam_curve`` holds what each λ that was tried leaves.
     channel : {"auto", "separated", "red", "green", "blue", "grey"}, optional
         `separated` finds how much of each colour's light came by way of other walls, takes it out, and
         merges the three (`separation`). It uses the wall's albedos of the calibration, if there are
@@ -335,12 +332,11 @@ def reconstruct(
     best = regulariser == AUTO
 
     def all_stages() -> Solver:
-        whole = prepared
+        curve = None
         if choosing:
             curve = yield from _chosen_lam(small, contours, best and knows_curvature(solver, xi))
             told.update(lam=curve.chosen, lam_chosen=True)
-            whole = _weighted(prepared, curve)
-        return (yield from _stages(whole, contours, best, start, solver, options, told))
+        return (yield from _stages(prepared, contours, best, start, solver, options, told, curve))
 
     with limited_threads(threads):
         return run(all_stages(), observers, max_iterations, scaled)

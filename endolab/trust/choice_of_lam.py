@@ -15,9 +15,9 @@ the picture what it would leave of noise alone: of noise n a surface leaves, to 
 
 J being the model's derivative by log d, W and Q the weights of data and regulariser as Gauss-Newton has
 them. One draw of n is enough, since the mean is over all pixels; it is white noise, blurred as the picture
-was, the same for each λ, and gives ρₙ(λ). Chosen is the λ where ρ comes to exceed ρₙ:
+was, the same for each λ, and gives ρₙ(λ). Chosen is the largest λ, the smoothest surface, with
 
-    c(λ) = ρ(λ) - ρₙ(λ) = 0.
+    c(λ) = ρ(λ) - ρₙ(λ) ≤ 0.
 
 There is no constant in it, and no noise level. It is tried for `LAMS`, each solved from the surface before.
 
@@ -63,7 +63,7 @@ class LamCurve:
 
     @property
     def criterion(self) -> FloatArray:
-        """c = ρ - ρₙ, whose first zero is the λ that is chosen."""
+        """c = ρ - ρₙ, whose last zero is the λ that is chosen."""
         return self.alike - self.alike_of_noise
 
     @property
@@ -72,9 +72,9 @@ class LamCurve:
         why = "there what the surface leaves unexplained is as rough as what it would leave of noise"
         if not np.isfinite(self.criterion).all():
             why = "the picture does not tell"
-        elif self.criterion[0] >= 0:
+        elif self.criterion.min() > 0:
             why = "even there what the surface leaves unexplained is smoother than noise"
-        elif self.criterion.max() < 0:
+        elif self.criterion[-1] <= 0:
             why = "even there what the surface leaves unexplained is as rough as noise"
         return f"λ = {self.chosen:.3g} was chosen: {why}."
 
@@ -129,7 +129,7 @@ def choose_lam(
     surfaces, likeness = zip(*(found[i] for i in range(len(lams))), strict=True)
     weights = np.array(lams, dtype=np.float64)
     alike, of_noise = np.array(likeness).T
-    chosen = _first_zero(np.log(weights), alike - of_noise, np.log(weights[middle]))
+    chosen = _last_zero(np.log(weights), alike - of_noise, np.log(weights[middle]))
     return LamCurve(
         float(f"{np.exp(chosen):.3g}"),  # as it is printed, so that it can be given again
         frozen(weights),
@@ -140,15 +140,15 @@ def choose_lam(
     )
 
 
-def _first_zero(x: FloatArray, y: FloatArray, otherwise: float) -> float:
-    """Where y first rises through 0, linearly between; the end to which it points, if it does not."""
+def _last_zero(x: FloatArray, y: FloatArray, otherwise: float) -> float:
+    """Where y rises above 0 for good, linearly between; the end to which it points, if it does not."""
     if not np.isfinite(y).all():
         return otherwise
-    above = np.flatnonzero(y >= 0)
-    if above.size == 0 or above[0] == 0:
-        return float(x[-1] if above.size == 0 else x[0])
-    i = int(above[0])
-    return float(x[i - 1] + (x[i] - x[i - 1]) * y[i - 1] / (y[i - 1] - y[i]))
+    below = np.flatnonzero(y <= 0)
+    if below.size == 0 or below[-1] == y.size - 1:
+        return float(x[0] if below.size == 0 else x[-1])
+    i = int(below[-1])
+    return float(x[i] - (x[i + 1] - x[i]) * y[i] / (y[i + 1] - y[i]))
 
 
 def _noise(shape: tuple[int, ...], smooth: float) -> FloatArray:
