@@ -47,8 +47,6 @@ from endolab.numerics.derivatives import gradient, links
 
 CHOICE = "choice of λ"  # stage
 LAMS = tuple(float(one) for one in 10 ** np.linspace(-1.5, 1.5, 7))  # a wider range did no better
-    float(one) for one in 10 ** np.linspace(-1.5, 1.5, 7)
-)  # with a wider range 53 frames fared no better
 FAINT = 1e-5  # stored value of the drawn noise: no weight of a Huber penalty changes by it
 PRECISION, MOST = 1e-2, 40  # of what a surface makes of it: residual left, steps
 
