@@ -132,7 +132,7 @@ def _stages(
     """All that is solved, at last with the `best` regulariser or with that of what was prepared.
 
     `told` is added to the settings of the problem whose answer counts. A λ that was chosen, see its `curve`,
-    is for the last solve alone: light that bounced and folds are found better with the usual one. On walls
+    is for the last solve alone; the stages before, whose constants go with the usual one, keep that. On walls
     whose light bounced, which have a texture as well, curvature is no better than the second order, and it
     is slower.
     """

@@ -23,8 +23,8 @@ There is no constant in it, and no noise level. It is tried for `LAMS`, each sol
 
 Discrepancy of sizes, L-curve, balance, cross-validation and evidence were tried beside it on 53 frames,
 model's own, path-traced and real. Evidence and cross-validation, which take pixels for independent, end at
-the least λ; the L-curve breaks down with `regulariser` "first"; and a size that suits textured walls is ten
-times too large for plain ones.
+the least λ; the L-curve breaks down with `regulariser` "first"; and no size of the residual suits both walls
+with a texture and plain ones.
 """
 
 from __future__ import annotations
