@@ -15,8 +15,8 @@ PACKAGE = ROOT / "endolab"
 
 # From the bottom up: a folder imports only folders that stand before it. README.md shows the same list.
 ORDER = [
-    *("numerics", "model", "preprocessing", "synthetic", "depth", "calibration", "metrics"),
-    *("trust", "reconstruction"),
+    *("numerics", "model", "preprocessing", "synthetic", "depth", "calibration", "metrics", "trust"),
+    "reconstruction",
     *("io", "datasets", "plots", "reports", "recording", "batch", "tuning", "cli"),
 ]
 CORE = ORDER[: ORDER.index("io")]

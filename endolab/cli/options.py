@@ -25,6 +25,11 @@ def whole(text: str) -> int:
     return value
 
 
+def number_or_auto(text: str) -> float | str:
+    """Read a number, or the word that leaves it to the program."""
+    return text if text == "auto" else number(text)
+
+
 def number(text: str) -> float:
     """Read a number that an option was given."""
     try:
@@ -93,8 +98,9 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
     add("--xi", default="1/d", metavar="ξ", help=f"what the regulariser sees: 1/z, d or 1/d (default){more}")
     forms = f"first, second, curvature or auto (default): curvature, or second if light bounced{orders}"
     add("--regulariser", default="auto", metavar="ORDER", help=forms)
-    weight = f"its weight; larger is smoother (default 1){weights}"
-    add("--lam", type=str if several else number, default=1.0, metavar="λ", help=weight)
+    chosen = "" if several else "; auto: chosen for the picture, see the report"
+    weight = f"its weight; larger is smoother (default 1){weights}{chosen}"
+    add("--lam", type=str if several else number_or_auto, default=1.0, metavar="λ", help=weight)
     channels = (
         "auto (default): what the frame's evidence allows; separated: all three colours, light that bounced "
     )

@@ -107,7 +107,7 @@ def make_problems(
             metric=one.gain is not None,
             evidence=evidence if evidence[seen].any() else None,
             picture=frame.image,
-            origin=Origin(picture_size=size),
+            origin=Origin(picture_size=size, smooth=blur),
             settings=settings,
             **options,
         )

@@ -3,15 +3,16 @@
 Stages, each of which hands the next one plain value:
 
 1. *prepared*: the frame becomes a `Problem`, or `Colours` (`problem_setup`);
-2. *bounced light and contours found*: `Colours` become a `Problem` of direct light and a start
+2. *λ chosen*, if that is asked for, on fewer pixels, for which the next two are done (`trust`);
+3. *bounced light and contours found*: `Colours` become a `Problem` of direct light and a start
    (`separation`), the surface of one channel is torn (`contours`);
-3. *solved*: the solver's iterates, the last or the best of which is the answer;
-4. *scaled*: the same surface in mm, if a length is known (`scale`).
+4. *solved*: the solver's iterates, the last or the best of which is the answer;
+5. *scaled*: the same surface in mm, if a length is known (`scale`).
 
 All that is solved on the way is yielded, so that observers see it.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
@@ -30,6 +31,7 @@ from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.contours import OneChannel, judged
 from endolab.reconstruction.problem_setup import (
     AUTO,
+    LEAST_SIDE,
     SEPARATED,
     check_start,
     noted,
@@ -38,12 +40,15 @@ from endolab.reconstruction.problem_setup import (
 )
 from endolab.reconstruction.scale import KnownDiameter, KnownDistance, check_scale, known_scale
 from endolab.reconstruction.separation import Colours, direct_light
+from endolab.trust.choice_of_lam import CHOICE, LamCurve, choose_lam
 
 PREPARING = (
     *("channel", "width", "smooth", "highlights"),
     *("xi", "regulariser", "lam", "epsilon", "threshold", "cuts"),
 )
 SETTLED = 5e-3  # of distances: a torn surface hangs together by little, and creeps long after that
+WEIGHING = ("gauss_newton", "primal_dual")  # solvers that λ is for
+CHOOSING = 160  # px; a wall that is told from noise there is seen, and takes a tenth of a second or two
 GREY = (
     "The picture is grey, so that light which came by way of other walls cannot be told from the lamp's: "
     "it was left in."
@@ -122,11 +127,14 @@ def _stages(
     solver: str,
     options: dict[str, Any],
     told: Mapping[str, object] = MappingProxyType({}),
+    curve: LamCurve | None = None,
 ) -> Solver:
     """All that is solved, at last with the `best` regulariser or with that of what was prepared.
 
-    `told` is added to the settings of the problem whose answer counts. On walls whose light bounced, which
-    have a texture as well, curvature is no better than the second order, and it is slower.
+    `told` is added to the settings of the problem whose answer counts. A λ that was chosen, see its `curve`,
+    is for the last solve alone; the stages before, whose constants go with the usual one, keep that. On walls
+    whose light bounced, which have a texture as well, curvature is no better than the second order, and it
+    is slower.
     """
     before, begin = (start, None) if isinstance(start, Result) else (None, start)
     if before is not None:
@@ -135,6 +143,8 @@ def _stages(
         problem, near = yield from direct_light(prepared, contours, before)
     else:
         problem, near = yield from judged(prepared, contours, before)
+    if curve is not None:
+        problem = _weighted(problem, curve)
     begin = near if begin is None else begin
     if before is not None and begin is None:
         begin = on_grid(before.iterate, problem)
@@ -148,6 +158,52 @@ def _stages(
     return (yield from solve(noted(problem, **told), solver, **options))
 
 
+# λ, if it is to be chosen ---------------------------------------------------------------
+
+
+def _checked_lam(lam: float | str, solver: str) -> bool:
+    """Whether λ is to be chosen; a ValueError if it cannot be."""
+    if not isinstance(lam, str):
+        return False
+    if lam != AUTO:
+        raise ValueError(f"lam must be a number or {AUTO!r}, got {said(lam)}")
+    if solver not in WEIGHING:
+        choice = " or ".join(WEIGHING)
+        raise ValueError(f"lam='auto' weighs an energy, and solver {solver!r} minimises none: use {choice}")
+    return True
+
+
+def _smaller(frame: Frame, width: int | None, smooth: float | None) -> dict[str, Any]:
+    """How a frame is prepared for λ to be chosen; its blur is that of the whole, in its own pixels."""
+    full = frame.width if width is None else width
+    enough = max(CHOOSING, -(-LEAST_SIDE * frame.width // frame.height))
+    small = min(full, enough)
+    return {"width": small, "smooth": None if smooth is None else smooth * small / full}
+
+
+def _chosen_lam(
+    small: OneChannel | Colours, contours: bool | None, best: bool
+) -> Generator[Iterate, None, LamCurve]:
+    """Solve a smaller frame with λ = 1, and choose λ from there."""
+    steps = _stages(small, contours, best, None, DEFAULT_SOLVER, {})
+    try:
+        for step in steps:
+            last = replace(step, stage=CHOICE, round=0)
+            yield last
+    finally:
+        steps.close()
+    problem = last.problem
+    settled = SETTLED if problem.cuts is not None else 0.0
+    smooth = problem.origin.smooth
+    return (yield from choose_lam(problem, last.log_distance, smooth, settled=settled))
+
+
+def _weighted(problem: Problem, curve: LamCurve) -> Problem:
+    """Give a problem the λ that was chosen."""
+    origin = replace(problem.origin, lam_curve=curve)
+    return remarked(replace(problem, lam=curve.chosen, origin=origin), curve.told)
+
+
 def reconstruct(
     frame: Frame,
     calibration: Endoscope,
@@ -155,7 +211,7 @@ def reconstruct(
     solver: str = DEFAULT_SOLVER,
     xi: str = "1/d",
     regulariser: str = AUTO,
-    lam: float = 1.0,
+    lam: float | str = 1.0,
     channel: str | None = None,
     width: int | None = None,
     smooth: float | None = None,
@@ -189,8 +245,11 @@ def reconstruct(
         Total variation of ξ, of its gradient, or, for ξ = 1/d, of how the surface bends: planes cost nothing
         then, and what a sheet can be rolled into, as a tube, little. `auto` is "curvature", and "second" if
         bounced light was taken out, for another ξ and by `primal_dual`.
-    lam : float
-        λ, the regulariser's weight; larger is smoother.
+    lam : float or "auto"
+        λ, the regulariser's weight; larger is smoother. With `auto` the frame is solved 160 px wide first,
+        and λ chosen there, such that what the surface leaves unexplained is as rough as what it would leave
+        of noise (`trust.choice_of_lam`). The whole frame's last solve takes it; the stages before, λ = 1. The
+        result's ``problem.origin.lam_curve`` holds what each λ that was tried leaves.
     channel : {"auto", "separated", "red", "green", "blue", "grey"}, optional
         `separated` finds how much of each colour's light came by way of other walls, takes it out, and
         merges the three (`separation`). It uses the wall's albedos of the calibration, if there are
@@ -243,7 +302,8 @@ def reconstruct(
         If the problem is too large for this machine, before anything is computed.
     """
     _check(frame, calibration, contours, start)
-    of_problem: dict[str, Any] = {"xi": xi, "regulariser": regulariser, "lam": lam}
+    choosing = _checked_lam(lam, solver)
+    of_problem: dict[str, Any] = {"xi": xi, "regulariser": regulariser, "lam": 1.0 if choosing else lam}
     of_problem |= {name: options.pop(name) for name in ("epsilon", "threshold", "cuts") if name in options}
     checked_solver(solver, options if start is None else options | {"start": start})
     lengths: dict[str, Any] = {"median_distance": median_distance, "known_distance": known_distance}
@@ -258,6 +318,10 @@ def reconstruct(
     contours = _wanted(contours, channel)
     with limited_threads(threads):
         prepared = _prepared(frame, calibration, contours, channel=channel, **how, **of_problem)
+        if choosing:
+            of_problem.pop("cuts", None)
+            how |= _smaller(frame, width, smooth)
+            small = _prepared(frame, calibration, contours, channel=channel, **how, **of_problem)
 
     def scaled(answer: Iterate) -> Iterate:
         if answer.stage != SOLUTION:  # stopped on the way
@@ -265,9 +329,17 @@ def reconstruct(
             answer = Iterate.of(whole, on_grid(answer, whole))
         return known_scale(answer, **lengths)
 
-    stages = _stages(prepared, contours, regulariser == AUTO, start, solver, options, told)
+    best = regulariser == AUTO
+
+    def all_stages() -> Solver:
+        curve = None
+        if choosing:
+            curve = yield from _chosen_lam(small, contours, best and knows_curvature(solver, xi))
+            told.update(lam=curve.chosen, lam_chosen=True)
+        return (yield from _stages(prepared, contours, best, start, solver, options, told, curve))
+
     with limited_threads(threads):
-        return run(stages, observers, max_iterations, scaled)
+        return run(all_stages(), observers, max_iterations, scaled)
 
 
 callable_as_before(__name__)

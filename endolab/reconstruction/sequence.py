@@ -156,6 +156,8 @@ def reconstruct_sequence(
     """
     lengths = {name: options.pop(name, None) for name in SCALES[1:]}
     check_scale(options.get("median_distance"), **lengths)
+    if isinstance(options.get("lam"), str):  # energies of two frames can be compared with one λ alone
+        raise ValueError("lam='auto' is for one picture: the frames of a video take one number for all")
     solver = SOLVERS.get(options.get("solver", DEFAULT_SOLVER))
     can_start = solver is not None and "start" in inspect.signature(solver).parameters
     known_gain = calibration.photometry.gain is not None

@@ -35,7 +35,7 @@ def report(result: Result, clock: Mapping[str, Any] | None = None) -> dict[str, 
     `clock` tells where the time of the whole command went.
     """
     known = result.distance[result.mask]
-    photometry = result.problem.photometry
+    photometry, curve = result.problem.photometry, result.problem.origin.lam_curve
     return {
         "status": result.status.name,
         "ended": result.status.value,
@@ -57,6 +57,7 @@ def report(result: Result, clock: Mapping[str, Any] | None = None) -> dict[str, 
         "pixels": int(known.size),
         "photometry": {"k": photometry.k, "gamma": photometry.gamma, "gain": photometry.gain},
         "settings": result.problem.settings,
+        **({} if curve is None else {"lam_curve": curve.numbers}),
     }
 
 

@@ -1,1 +1,1 @@
-"""How far a surface can be trusted: what is uncertain, what it does to each pixel, and who decided it."""
+"""How far a surface can be trusted, who decided each pixel, and how smooth it is best made."""

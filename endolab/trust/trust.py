@@ -4,7 +4,8 @@ Every uncertain cause is a change of the picture's light, or of the prior, that 
 linearly (`linearised`): one solve for a cause with a name, some dozen for random fields, whose mean square
 is taken. Variances add up. What all pixels share is a scale, and told apart from the shape.
 
-The sum is multiplied by `FACTOR`, the one number that was fitted, to path-traced frames with their truth.
+The sum is multiplied by `FACTOR`, which was fitted to path-traced and real frames with their truth; which
+causes there are, the length of the texture and what `Doubts` takes by default were chosen with these in view.
 """
 
 from __future__ import annotations

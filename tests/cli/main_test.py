@@ -382,6 +382,14 @@ def test_options_arrive(work, solve, tmp_path):
     assert report["metric"]
 
 
+def test_lam_can_be_chosen(solve, tmp_path, capsys):
+    assert solve("--out", tmp_path / "o", "--lam", "auto") == 0
+    report = json.loads((tmp_path / "o/report.json").read_text(encoding="utf-8"))
+    lam = report["settings"]["lam"]
+    assert report["lam_curve"]["lam"][0] <= lam <= report["lam_curve"]["lam"][-1]
+    assert f"λ = {lam:.3g} was chosen" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(("name", "width"), [("distance", ["--width", "80"]), ("diameter", [])])
 def test_a_known_length_fixes_the_scale(work, sim, solve, tmp_path, capsys, name, width):
     """Pixels are those of the picture, however much it was shrunk."""
@@ -556,6 +564,7 @@ def test_evaluate_takes_a_result_of_a_shrunk_frame(work, solve, sim, tmp_path, c
         (["--lam", "-1"], "lam must lie in [0, 1e+12], got -1"),
         (["--lam", "nan"], "lam must be finite, got nan"),
         (["--lam", "much"], "argument --lam: expected a number, found 'much'"),
+        (["--lam", "auto", "--solver", "facing"], "and solver 'facing' minimises none"),
         (["--epsilon", "0"], "epsilon must lie in [1e-12, 1e+06], got 0"),
         (["--threshold", "nan"], "threshold must be finite, got nan"),
         (["--max-iterations", "0"], "--max-iterations must be at least 1, got 0"),
