@@ -64,6 +64,10 @@ from .synthetic.scenes import Bowl as Bowl
 from .synthetic.scenes import Colon as Colon
 from .synthetic.scenes import Plane as Plane
 from .synthetic.scenes import Tube as Tube
+from .trust.choice_of_lam import LamCurve as LamCurve
+from .trust.doubts import Doubts as Doubts
+from .trust.trust import Trust as Trust
+from .trust.trust import trust_of as trust_of
 from .tuning.widget import tune as tune
 
 __version__: str

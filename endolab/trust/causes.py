@@ -41,7 +41,11 @@ def correlated(rng: np.random.Generator, shape: tuple[int, ...], length: float) 
 
 
 def _blurred(a: FloatArray, sigma: float) -> FloatArray:
-    return np.asarray(cv2.GaussianBlur(a, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT))
+    """In single precision, to three σ: a draw need not be finer."""
+    size = 2 * int(np.ceil(3 * sigma)) + 1
+    single = a.astype(np.float32)
+    blurred = cv2.GaussianBlur(single, (size, size), sigma, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(blurred, dtype=np.float64)
 
 
 def around(values: FloatArray, said: FloatArray, sigma: float) -> FloatArray:
