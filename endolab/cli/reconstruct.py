@@ -153,7 +153,8 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
         from endolab.preprocessing.prepare import prepare
         from endolab.reconstruction.assumptions import notes, of_evidence
         from endolab.reconstruction.reconstruct import reconstruct
-        from endolab.reports.result import outputs_of, result_files, write_outputs, write_report
+        from endolab.reports.result import outputs_of, result_files, trusted, write_outputs, write_report
+        from endolab.trust.trust import check_solver
 
         clock.lap("starting")
         _say_effort(arguments, calibration)
@@ -162,6 +163,8 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
         prepared = prepare(frame, calibration, highlights="keep") if arguments.prepare else None
         keywords = solving_keywords(arguments) | known_length(arguments)
         solver, snapshots = keywords["solver"], arguments.snapshots
+        if arguments.trust:
+            check_solver(solver)
         if snapshots is None and solver == "fast_marching":
             snapshots = SNAPSHOTS
         if snapshots is not None:
@@ -179,7 +182,10 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
                 result = reconstruct(picture, calibration, observers=observers, **keywords)
                 clock.lap("preparing")
                 clock.share("preparing", [(stage.name, stage.seconds) for stage in result.stages])
-                tasks = outputs_of(result, arguments.mesh, prepared, draughtsman.draw)
+                trust = _trust(result, calibration) if arguments.trust else None
+                if trust is not None:
+                    clock.lap("trust")
+                tasks = outputs_of(result, arguments.mesh, prepared, draughtsman.draw, trust)
                 if recording is not None:
                     clock.share("preparing", [("recording", recording.seconds)])
                     tasks["recording.rrd"] = recording.write
@@ -189,7 +195,7 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
             clock.lap("writing")
             seconds = clock.total
             spent = {"in_all": seconds, "stages": clock.stages, "outputs": outputs}
-            write_report(result, folder, spent)
+            write_report(result, folder, spent, trust)
             written = sorted(path.name for path in folder.iterdir())
     print(f"{result.status.name}: {result.status.value}")
     count, first = result.iterations, result.history[0]["energy"]
@@ -199,6 +205,8 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
         f"{seconds:.1f} s in all"
     )
     print(f"distance: median {middle:.4g}, 1 % below {near:.4g}, 1 % above {far:.4g} ({result.problem.unit})")
+    if trust is not None:
+        said += _told_of(trusted(result, trust))
     if not result.metric:
         ways = "--median-distance, --known-distance or --known-diameter fixes the scale."
         print(f"The gain is unknown, so distances have no unit; {ways}")
@@ -207,6 +215,35 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")
     print(f"written to {arguments.out}: {', '.join(written)}")
+
+
+def _trust(result: Any, calibration: Any) -> Any:
+    """How far a result can be trusted; None if the user had no patience for it."""
+    from tqdm import tqdm
+
+    from endolab.trust.trust import trust_of
+
+    with tqdm(unit="draw", leave=False, disable=None, desc="trust") as bar:
+
+        def show(progress: Any) -> None:
+            bar.total = progress.of
+            bar.update(progress.done - bar.n)
+
+        try:
+            return trust_of(result, calibration, observers=[show])
+        except KeyboardInterrupt:
+            print("How far it can be trusted was not found out: interrupted.")
+            return None
+
+
+def _told_of(numbers: dict[str, Any]) -> list[str]:
+    """How far a result can be trusted, in sentences; parameter as of `report.json`."""
+    sigma, scale = numbers["sigma_percent"], numbers["sigma_scale_percent"]
+    told = f"σ of the distance: {sigma['median']:.2g} % for the median pixel, {sigma['10th']:.2g} to "
+    told += f"{sigma['90th']:.2g} % for four in five; {scale:.2g} % is a scale that all share."
+    shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in numbers["decided_by"].items())
+    stopped = [f"σ was stopped after {numbers['draws']} draws."] * (numbers["status"] == "STOPPED")
+    return [told, f"Who decided the pixels: {shares}.", *numbers["notes"], *stopped]
 
 
 def _reconstruct_video(arguments: argparse.Namespace) -> None:
@@ -220,8 +257,9 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
         value = getattr(arguments, option)
         if value is not None and value < 1:
             raise ValueError(f"--{option} must be at least 1, got {value}")
-    if arguments.mesh or arguments.prepare or arguments.snapshots is not None:
-        raise ValueError("--mesh, --prepare and --snapshots are of one frame, not of a folder or a video")
+    if arguments.mesh or arguments.prepare or arguments.trust or arguments.snapshots is not None:
+        options = "--mesh, --prepare, --trust and --snapshots"
+        raise ValueError(f"{options} are of one frame, not of a folder or a video")
     calibration = calibration_of(arguments)
     keywords = solving_keywords(arguments) | known_length(arguments)
     spare_inputs([Path(arguments.out) / name for name in FILES], [arguments.calibration])
@@ -283,7 +321,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
     from endolab.io.atomic import staged_folder
     from endolab.io.surfaces import save_depth
 
-    for option in ("mesh", "prepare", "snapshots", "every"):
+    for option in ("mesh", "prepare", "trust", "snapshots", "every"):
         if getattr(arguments, option):
             raise ValueError(f"--{option} is not of a camera, whose frames are taken as they come")
     calibration = calibration_of(arguments)
@@ -460,6 +498,8 @@ def add_reconstruct_commands(commands: Any) -> None:
     how = "leave out text and dark lumen, undo interlacing, and draw it all: preparation.png"
     option("--prepare", action="store_true", help=how)
     option("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
+    how = "tell how far each pixel can be trusted: sigma in depth.npz; takes a few solves' time"
+    option("--trust", action="store_true", help=how)
     option("--every", type=whole, metavar="N", help="of a video, every N-th frame only")
     option("--limit", type=whole, metavar="N", help="of a video, N frames at most")
     how = "show a camera's surfaces, or a video's at its own rate: always the newest frame's, by default "

@@ -6,7 +6,7 @@ import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +20,28 @@ from endolab.numerics.arrays import FloatArray
 if TYPE_CHECKING:
     from endolab.depth.result import Result
     from endolab.synthetic.rendering import Rendered
+    from endolab.trust.trust import Trust
 
 FRAME = "camera frame: x right, y down, z forward"
 NEAREST, FARTHEST = RANGES["distance"]
 MAPS = {"distance": (), "z": (), "normals": (3,)}  # what a depth.npz holds for each pixel
+TRUSTED = ("sigma", "sigma_shape")  # and, if it is known, how far that can be trusted, with `decided_by`
 
 
 # Depth maps -----------------------------------------------------------------------------
-def save_depth(path: PathLike, surface: Result | Rendered, metric: bool) -> None:
-    """Write `depth.npz`: distance and z (H, W), normals (H, W, 3), mask, metric."""
+def save_depth(path: PathLike, surface: Result | Rendered, metric: bool, trust: Trust | None = None) -> None:
+    """Write `depth.npz`: distance and z (H, W), normals (H, W, 3), mask, metric.
+
+    And of `trust`, if there is any: sigma, sigma_shape (H, W), and decided_by, uint8: 0 outside, 1 data,
+    2 border or contour, 3 prior.
+    """
     maps = {name: getattr(surface, name).astype(np.float32) for name in MAPS}
+    flags: dict[str, Any] = {"mask": surface.mask, "metric": np.array(metric)}
+    if trust is not None:
+        maps |= {name: getattr(trust, name).astype(np.float32) for name in TRUSTED}
+        flags["decided_by"] = trust.decided_by
     content = io.BytesIO()
-    np.savez_compressed(content, **maps, mask=surface.mask, metric=np.array(metric))
+    np.savez_compressed(content, **maps, **flags)
     write_atomically(path, content.getvalue())
 
 
@@ -49,14 +59,15 @@ def read_depth(path: PathLike, needed: Sequence[str] = ("distance", "z")) -> dic
         if math.prod(size) > MOST_PIXELS:
             raise ValueError(f"{path}: distance has shape {size}, which is larger than any picture")
         for name, head in heads.items():
-            kinds = "f" if name in MAPS else "biu"
+            kinds = "f" if name in (*MAPS, *TRUSTED) else "biu"
             expected = () if name == "metric" else (*size, *MAPS.get(name, ()))
             if head.dtype.kind not in kinds or head.shape != expected or len(size) != 2:
                 should = "a map of the size of distance" if expected else "true or false"
                 raise ValueError(f"{path}: {name} is not {should}")
 
-    maps = read_arrays(path, "a depth.npz that endolab wrote", (*MAPS, "mask", "metric"), check)
-    for name in (name for name in MAPS if name in maps):
+    known = (*MAPS, *TRUSTED, "decided_by", "mask", "metric")
+    maps = read_arrays(path, "a depth.npz that endolab wrote", known, check)
+    for name in (name for name in (*MAPS, *TRUSTED) if name in maps):
         values = maps[name] = np.where(np.isfinite(maps[name]), maps[name], np.nan)
         most = float(np.nanmax(np.abs(values), initial=0.0))
         if most > FARTHEST:

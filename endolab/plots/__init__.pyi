@@ -16,12 +16,14 @@ from .maps import common_limit as common_limit
 from .maps import common_limits as common_limits
 from .maps import compare_depths as compare_depths
 from .maps import overview as overview
+from .maps import show_decided as show_decided
 from .maps import show_depth as show_depth
 from .maps import show_error as show_error
 from .maps import show_history as show_history
 from .maps import show_normals as show_normals
 from .maps import show_picture as show_picture
 from .maps import show_section as show_section
+from .maps import show_sigma as show_sigma
 from .preparation import prepare_figure as prepare_figure
 from .surface_view import render_side as render_side
 from .surface_view import show_cloud as show_cloud

@@ -14,6 +14,7 @@ from endolab.plots.scales import VIEW_WIDTH
 
 if TYPE_CHECKING:
     from endolab.depth.result import Iterate, Result
+    from endolab.trust.trust import Trust
 
 PANEL = 430  # px across that a page has for a picture
 
@@ -35,10 +36,15 @@ class Page:
     unit: str
     title: str
     foot: str
+    sigma: FloatArray | None = None  # (h, w), σ of the distance, %
+    decided_by: np.ndarray | None = None  # (h, w), see `endolab.trust`
 
 
 def page_of(
-    shown: Result | Iterate, picture: FloatArray | None = None, truth: FloatArray | None = None
+    shown: Result | Iterate,
+    picture: FloatArray | None = None,
+    truth: FloatArray | None = None,
+    trust: Trust | None = None,
 ) -> Page:
     """Collect what `endolab.plots.overview` shows; its parameters."""
     # Here, for who only draws a page needs no solver.
@@ -78,4 +84,6 @@ def page_of(
         unit=problem.unit,
         title="  ·  ".join(what),
         foot=meaning(shown)[0],
+        sigma=None if trust is None else 100 * trust.sigma[thin] / iterate.distance[thin],
+        decided_by=None if trust is None else trust.decided_by[thin],
     )

@@ -15,17 +15,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import FloatArray
 from endolab.plots import style
 from endolab.plots.contents import Page, page_of
-from endolab.plots.scales import tallness
+from endolab.plots.scales import DECIDERS, tallness
 from endolab.plots.surface_view import show_cloud
 
 if TYPE_CHECKING:
     from endolab.depth.result import Iterate, Result
+    from endolab.trust.trust import Trust
 
 
 def _draw(picture: FloatArray, ax: Axes | None, title: str, **how: object) -> tuple[Axes, ScalarMappable]:
@@ -156,6 +158,46 @@ def show_error(
 
 
 @style.house()
+def show_sigma(
+    percent: FloatArray, ax: Axes | None = None, *, limit: float | None = None, title: str = "Trust: σ"
+) -> Axes:
+    """Show σ of the distance with a colour bar; dark is certain.
+
+    Parameters
+    ----------
+    percent : (H, W) float array, 100 σ/d; nan where unknown
+    limit : float, optional
+        Upper end of the colour bar, %; the 98th percentile by default.
+    """
+    known = percent[np.isfinite(percent)]
+    most = (float(np.percentile(known, 98)) if known.size else 0.0) if limit is None else limit
+    most = most if most > 0 else 1.0
+    ax, shown = _draw(percent, ax, title, cmap="magma", vmin=0.0, vmax=most)
+    style.colour_bar(ax, shown, "σ of the distance [%]", "max" if np.any(known > most) else "neither")
+    return ax
+
+
+@style.house()
+def show_decided(decided_by: np.ndarray, ax: Axes | None = None, *, title: str = "Who decided") -> Axes:
+    """Show who decided each pixel, with how many of them each decided.
+
+    Parameters
+    ----------
+    decided_by : (H, W) array of 0 outside, 1 data, 2 border or contour, 3 prior
+    """
+    colours = np.array([(0, 0, 0), *DECIDERS.values()]) / 255
+    picture = np.where((decided_by > 0)[..., None], colours[decided_by], style.LEFT_OUT)
+    ax = _draw(picture, ax, title)[0]
+    inside = max(int((decided_by > 0).sum()), 1)
+    patches = []
+    for k, name in enumerate(DECIDERS, 1):
+        share = 100 * float((decided_by == k).sum()) / inside
+        patches.append(Patch(color=colours[k], label=f"{name} {share:.0f} %"))
+    ax.legend(handles=patches, loc="lower left", frameon=True, framealpha=0.9)
+    return ax
+
+
+@style.house()
 def show_section(
     distances: Mapping[str, FloatArray],
     field: RayField,
@@ -282,7 +324,10 @@ def compare_depths(
 
 
 def overview(
-    shown: Result | Iterate, picture: FloatArray | None = None, truth: FloatArray | None = None
+    shown: Result | Iterate,
+    picture: FloatArray | None = None,
+    truth: FloatArray | None = None,
+    trust: Trust | None = None,
 ) -> Figure:
     """Draw everything about a result on one page.
 
@@ -293,26 +338,35 @@ def overview(
         The frame as it looked; the problem's own by default.
     truth : (H, W) float array, optional
         True distance, mm. Where the result has no unit, the truth takes the result's scale.
+    trust : Trust, optional
+        How far it can be trusted: two panels more.
 
     Returns
     -------
     Figure
-        1600 x 900 px when saved; not one of pyplot's, so there is nothing to close.
+        1600 x 900 px when saved, 2100 x 900 px with trust; not one of pyplot's, so there is nothing to close.
     """
-    return draw_page(page_of(shown, picture, truth))
+    return draw_page(page_of(shown, picture, truth, trust))
 
 
 def draw_page(page: Page) -> Figure:
     """Draw what an overview shows; see there."""
     rows, columns = page.size
     with style.house(style.PAGE_SIZE):
-        figure = Figure(figsize=(16, 9), dpi=100, layout="constrained")
-        ((frame, depth, facing), (surface, section, residual)) = figure.subplots(2, 3)
+        sigma, decided_by = page.sigma, page.decided_by
+        trusted = sigma is not None and decided_by is not None
+        figure = Figure(figsize=(21 if trusted else 16, 9), dpi=100, layout="constrained")
+        panels = figure.subplots(2, 4 if trusted else 3)
+        ((frame, depth, facing), (surface, section, residual)) = panels[:, :3]
         show_picture(page.picture, frame)
         show_depth(page.distance, depth, unit=page.unit)
         show_normals(page.normals, facing)
         _diverging(page.error, residual, "Model - frame", "grey levels of 255", None)
-        for ax in (frame, depth, facing, residual):  # thinned or not, axes count the frame's pixels
+        if sigma is not None and decided_by is not None:
+            show_sigma(sigma, panels[0, 3])
+            show_decided(decided_by, panels[1, 3])
+        pictures = frame, depth, facing, residual, *panels[:, 3:].flat
+        for ax in pictures:  # thinned or not, axes count the frame's pixels
             ax.images[0].set_extent((-0.5, columns - 0.5, rows - 0.5, -0.5))
         show_cloud(page.points, page.colours, surface, unit=page.unit)
         title = f"Section along column {page.column}"

@@ -16,7 +16,7 @@ from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_cloud, write_mesh
 from endolab.plots.contents import Page, page_of
-from endolab.plots.scales import in_colour
+from endolab.plots.scales import DECIDERS, in_colour
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.mesh import make_mesh
 from endolab.reconstruction.scale import scale_of
@@ -24,15 +24,18 @@ from endolab.reports.draughtsman import drawn
 
 if TYPE_CHECKING:
     from endolab.preprocessing.prepare import Prepared
+    from endolab.trust.trust import Trust
 
 
 Task = Callable[[Path], object]  # writes one output into a folder
 
 
-def report(result: Result, clock: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def report(
+    result: Result, clock: Mapping[str, Any] | None = None, trust: Trust | None = None
+) -> dict[str, Any]:
     """What `report.json` holds: status, energy, settings, the range of distances and what they mean.
 
-    `clock` tells where the time of the whole command went.
+    `clock` tells where the time of the whole command went, `trust` how far the distances can be trusted.
     """
     known = result.distance[result.mask]
     photometry, curve = result.problem.photometry, result.problem.origin.lam_curve
@@ -54,10 +57,30 @@ def report(result: Result, clock: Mapping[str, Any] | None = None) -> dict[str, 
             "least": float(known.min()),
             "greatest": float(known.max()),
         },
+        **({} if trust is None else {"trust": trusted(result, trust)}),
         "pixels": int(known.size),
         "photometry": {"k": photometry.k, "gamma": photometry.gamma, "gain": photometry.gain},
         "settings": result.problem.settings,
         **({} if curve is None else {"lam_curve": curve.numbers}),
+    }
+
+
+def trusted(result: Result, trust: Trust) -> dict[str, Any]:
+    """Sum a `Trust` up in numbers, in % of the distance; of pixels, percentiles and medians."""
+    inside = result.mask
+    low, middle, high = np.percentile(100 * (trust.sigma / result.distance)[inside], [10, 50, 90])
+    decided = trust.decided_by[inside]
+    return {
+        "sigma_percent": {"10th": float(low), "median": float(middle), "90th": float(high)},
+        "sigma_shape_percent": float(np.median(100 * (trust.sigma_shape / result.distance)[inside])),
+        "sigma_scale_percent": 100 * trust.sigma_scale,
+        "decided_by": {name: float((decided == k).mean()) for k, name in enumerate(DECIDERS, 1)},
+        "causes_percent": {name: float(100 * np.median(a[inside])) for name, a in trust.causes.items()},
+        "scale_causes_percent": {name: 100 * value for name, value in trust.scales.items()},
+        "factor": trust.factor,
+        "draws": trust.draws,
+        "status": trust.status.name,
+        "notes": list(trust.notes),
     }
 
 
@@ -73,6 +96,7 @@ def save_result(
     *,
     mesh: bool = False,
     prepared: Prepared | None = None,
+    trust: Trust | None = None,
     overwrite: bool = False,
 ) -> None:
     """Write `depth.npz`, `cloud.ply`, `overview.png` and `report.json` into a folder.
@@ -86,6 +110,9 @@ def save_result(
         Whether to write `mesh.ply` too, with triangles that are torn at folds.
     prepared : Prepared, optional
         What `endolab.prepare` came to, to be drawn in `preparation.png`.
+    trust : Trust, optional
+        How far the result can be trusted, as `endolab.trust_of` tells: in `depth.npz`, `report.json` and
+        `overview.png`.
     overwrite : bool
         Whether to replace files that endolab did not write there, or that were changed since.
 
@@ -96,8 +123,8 @@ def save_result(
     """
     files = result_files(mesh, prepared is not None)
     with staged_folder(folder, files, overwrite=overwrite) as staging:
-        write_outputs(outputs_of(result, mesh, prepared), staging)
-        write_report(result, staging)
+        write_outputs(outputs_of(result, mesh, prepared, trust=trust), staging)
+        write_report(result, staging, trust=trust)
 
 
 def outputs_of(
@@ -105,12 +132,13 @@ def outputs_of(
     mesh: bool = False,
     prepared: Prepared | None = None,
     draw: Callable[[Page], bytes] = drawn,
+    trust: Trust | None = None,
 ) -> dict[str, Task]:
     """Name what writes each file of a result but its report, the slowest first; `draw` draws the overview.
 
     They share nothing but the result, so that they can be written at the same time.
     """
-    page = page_of(result)
+    page = page_of(result, trust=trust)
     colour, inside = in_colour(result.problem.shown), result.mask
 
     def write_figures(folder: Path) -> None:
@@ -124,7 +152,7 @@ def outputs_of(
         write_cloud(folder / "cloud.ply", result.points[inside], result.normals[inside], colour[inside])
 
     tasks: dict[str, Task] = {"overview.png": write_figures}
-    tasks["depth.npz"] = lambda folder: save_depth(folder / "depth.npz", result, result.metric)
+    tasks["depth.npz"] = lambda folder: save_depth(folder / "depth.npz", result, result.metric, trust)
     tasks["cloud.ply"] = write_points
     if mesh:
         tasks["mesh.ply"] = lambda folder: write_mesh(folder / "mesh.ply", make_mesh(result))
@@ -148,6 +176,8 @@ def write_outputs(tasks: Mapping[str, Task], folder: Path) -> dict[str, float]:
         return {first: timed(tasks[first])} | {name: job.result() for name, job in jobs.items()}
 
 
-def write_report(result: Result, folder: Path, clock: Mapping[str, Any] | None = None) -> None:
+def write_report(
+    result: Result, folder: Path, clock: Mapping[str, Any] | None = None, trust: Trust | None = None
+) -> None:
     """Write `report.json` into a folder; parameters as of `report`."""
-    write_atomically(folder / "report.json", as_json(report(result, clock)))
+    write_atomically(folder / "report.json", as_json(report(result, clock, trust)))

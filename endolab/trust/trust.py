@@ -109,6 +109,15 @@ def _held(problem: Problem) -> list[tuple[int, int]] | None:
     return found
 
 
+def check_solver(solver: object) -> None:
+    """Raise a ValueError if nothing can be told of what this solver finds."""
+    if solver in WITHOUT:
+        raise ValueError(
+            f"solver {solver!r} minimises no energy, whose shape tells how far a result can be trusted: "
+            "use 'gauss_newton'"
+        )
+
+
 def trust_of(
     result: Result | Iterate,
     calibration: Endoscope | None = None,
@@ -142,12 +151,7 @@ def trust_of(
     if not isinstance(doubts, Doubts | None):
         raise ValueError(f"doubts must be Doubts, got {told(doubts)}")
     draws = whole("draws", draws, LEAST)
-    solver = result.problem.settings.get("solver")
-    if solver in WITHOUT:
-        raise ValueError(
-            f"solver {solver!r} minimises no energy, whose shape tells how far a result can be trusted: "
-            "use 'gauss_newton'"
-        )
+    check_solver(result.problem.settings.get("solver"))
     iterate = result.iterate if isinstance(result, Result) else result
     doubts = Doubts.of(calibration) if doubts is None else doubts
     estimate = _Estimate(iterate, doubts, draws)
