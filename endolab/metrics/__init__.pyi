@@ -1,3 +1,5 @@
+from .coverage import Coverage as Coverage
+from .coverage import coverage_of as coverage_of
 from .depth_errors import Errors as Errors
 from .depth_errors import angle_between as angle_between
 from .depth_errors import compare as compare

@@ -1,0 +1,147 @@
+"""How well a stated σ tells how far a depth map is from the truth.
+
+A σ is judged by how often the truth lies within it, by whether the pixels it calls bad are the bad ones, and
+by two proper scores, which no σ can better but by saying what is so: with Gneiting and Raftery, "Strictly
+proper scoring rules, prediction, and estimation", 2007. A σ that is the same share of every distance, the
+best there is for this very picture, is what it has to beat.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from endolab.model.schema import unknown_name
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import mask_array, real_array
+
+HALVINGS = 60  # of the bracket of the best constant
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How a depth map's σ fares over the pixels where it, the distance and the truth are known.
+
+    Errors and σ are taken as shares of the estimated distance. Scores are means over pixels of what a normal
+    distribution with that σ is charged for the truth: the less, the better.
+    """
+
+    pixels: int  # how many those are
+    scale: float  # what the estimate and its σ were multiplied by first; 1 for none
+    sigma_percent: float  # median of σ, %
+    within_one: float  # pixels whose truth is within σ of the estimate, %; 68.3 if normal
+    within_two: float  # within 2σ, %; 95.4 if normal
+    spearman: float  # rank correlation of σ with the size of the error; nan if either is constant
+    log_score: float  # -log of the density at the truth, nats
+    crps_percent: float  # continuous ranked probability score, %
+    constant_percent: float  # the best constant for the log score, %
+    constant_log_score: float  # its score
+    constant_crps_percent: float  # score of the best constant for that score, %
+
+    @property
+    def beats_a_constant(self) -> bool:
+        """Whether both scores are better than those of the best constants."""
+        return self.log_score < self.constant_log_score and self.crps_percent < self.constant_crps_percent
+
+
+def coverage_of(
+    distance: FloatArray,
+    sigma: FloatArray,
+    truth: FloatArray,
+    mask: BoolArray | None = None,
+    scale: str = "none",
+) -> Coverage:
+    """Compare the stated σ of a depth map with its true errors.
+
+    Parameters
+    ----------
+    distance, sigma, truth : (H, W) float arrays
+        Euclidean distances and the standard deviation of the first, one unit, positive; anything else where
+        unknown.
+    mask : (H, W) bool array, optional
+        Further restricts the pixels.
+    scale : {"none", "median"}
+        "median" multiplies distance and σ by the median of d*/d: for a σ without what all pixels share, and
+        for results up to scale.
+
+    Raises
+    ------
+    ValueError
+        If the sizes differ, if no pixel is known in all three, or if `scale` is neither.
+    """
+    if scale not in ("none", "median"):
+        raise unknown_name("scale", scale, ("none", "median"))
+    distance, sigma, truth = (
+        real_array(name, given)
+        for name, given in (("distance", distance), ("sigma", sigma), ("truth", truth))
+    )
+    others: dict[str, np.ndarray] = {"sigma": sigma, "truth": truth}
+    if mask is not None:
+        others["mask"] = mask = mask_array("mask", mask)
+    for name, given in others.items():
+        if given.shape != distance.shape:
+            raise ValueError(f"{name} has shape {given.shape}, the depth map {distance.shape}")
+    known = np.ones(distance.shape, dtype=bool) if mask is None else mask.copy()
+    for values in (distance, sigma, truth):
+        known &= np.isfinite(values) & (values > 0)
+    if not known.any():
+        raise ValueError("no pixel has an estimate, a σ and a true distance")
+    factor = float(np.median(truth[known] / distance[known])) if scale == "median" else 1.0
+    error = np.abs(1 - truth[known] / (factor * distance[known]))
+    share = sigma[known] / distance[known]
+    best = float(np.sqrt(np.mean(error**2)))
+    return Coverage(
+        pixels=int(known.sum()),
+        scale=factor,
+        sigma_percent=float(100 * np.median(share)),
+        within_one=float(100 * np.mean(error <= share)),
+        within_two=float(100 * np.mean(error <= 2 * share)),
+        spearman=spearman(share, error),
+        log_score=float(np.mean(log_score(error, share))),
+        crps_percent=float(100 * np.mean(crps(error, share))),
+        constant_percent=100 * best,
+        constant_log_score=float(np.mean(log_score(error, best))),
+        constant_crps_percent=float(100 * np.mean(crps(error, _best_for_crps(error)))),
+    )
+
+
+def spearman(a: FloatArray, b: FloatArray) -> float:
+    """Correlation of the ranks of two samples, those of equals being their mean; nan if one is constant."""
+    first, second = (_ranks(one) - (one.size + 1) / 2 for one in (a, b))
+    both = float(np.sqrt((first @ first) * (second @ second)))
+    return float(first @ second) / both if both > 0 else float("nan")
+
+
+def _ranks(a: FloatArray) -> FloatArray:
+    """1 for the least, equals sharing the mean of theirs."""
+    _, which, count = np.unique(a, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(count) - (count - 1) / 2)[which.reshape(a.shape)])
+
+
+def log_score(error: FloatArray, sigma: FloatArray | float) -> FloatArray:
+    """-log of a normal density of this σ at this error; -inf of no error with no σ."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = np.where(error == 0, 0.0, error / sigma)
+        return np.asarray(0.5 * np.log(2 * np.pi) + np.log(sigma) + 0.5 * z**2)
+
+
+def crps(error: FloatArray, sigma: FloatArray | float) -> FloatArray:
+    """Continuous ranked probability score of a normal distribution of this σ at this error, in its unit.
+
+    ∫ (F(x) - [x ≥ error])² dx, which is |error| where σ is 0.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = np.where(error == 0, 0.0, error / sigma)
+    density = np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
+    return np.asarray(error * (2 * ndtr(z) - 1) + sigma * (2 * density - 1 / np.sqrt(np.pi)))
+
+
+def _best_for_crps(error: FloatArray) -> float:
+    """The σ that makes the mean score least: its derivative 2φ(error/σ) - 1/√π grows with σ."""
+    low, high = 0.0, 2 * float(error.max())
+    for _ in range(HALVINGS if high > 0 else 0):
+        middle = 0.5 * (low + high)
+        z = error / middle
+        slope = np.mean(np.exp(-0.5 * z**2)) * np.sqrt(2 / np.pi) - 1 / np.sqrt(np.pi)
+        low, high = (low, middle) if slope > 0 else (middle, high)
+    return 0.5 * (low + high)
