@@ -86,6 +86,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
 
     from endolab.datasets.folders import true_z
     from endolab.io.surfaces import read_depth
+    from endolab.metrics.coverage import coverage_of
     from endolab.metrics.depth_errors import compare, resampled_truth
 
     depth = read_depth(arguments.depth)
@@ -109,8 +110,11 @@ def _evaluate(arguments: argparse.Namespace) -> None:
         raise ValueError(f"{arguments.depth} is in relative units: compare it with --scale median")
     known = {"normals": depth.get("normals"), "true_normals": normals}
     e = compare(distance, truth, cos_alpha, mask=mask, scale=scale, **known)
+    trusted = coverage_of(distance, depth["sigma"], truth, mask, scale) if "sigma" in depth else None
     if arguments.json:
         content: dict[str, Any] = {k: None if np.isnan(value) else value for k, value in asdict(e).items()}
+        if trusted is not None:
+            content["coverage"] = {k: v if np.isfinite(v) else None for k, v in asdict(trusted).items()}
         if size != shape:
             content["truth_resampled_from"] = size[::-1]
         print(json.dumps(content, indent=2))
@@ -123,6 +127,11 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     print(f"z         RMSE {e.rmse_z_mm:.4g} mm")
     if not np.isnan(e.mean_degrees):
         print(f"normals   mean {e.mean_degrees:.4g}°, median {e.median_degrees:.4g}°")
+    if trusted is not None:
+        within = f"{trusted.within_one:.0f} % within 1 σ, {trusted.within_two:.0f} % within 2 σ"
+        print(
+            f"σ         {within} (68 and 95 if right); its rank follows the error's by {trusted.spearman:.2f}"
+        )
 
 
 def _lab(arguments: argparse.Namespace) -> None:

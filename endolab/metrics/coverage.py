@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr
+from scipy.stats import rankdata
 
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -106,16 +107,9 @@ def coverage_of(
 
 
 def spearman(a: FloatArray, b: FloatArray) -> float:
-    """Correlation of the ranks of two samples, those of equals being their mean; nan if one is constant."""
-    first, second = (_ranks(one) - (one.size + 1) / 2 for one in (a, b))
-    both = float(np.sqrt((first @ first) * (second @ second)))
-    return float(first @ second) / both if both > 0 else float("nan")
-
-
-def _ranks(a: FloatArray) -> FloatArray:
-    """1 for the least, equals sharing the mean of theirs."""
-    _, which, count = np.unique(a, return_inverse=True, return_counts=True)
-    return np.asarray((np.cumsum(count) - (count - 1) / 2)[which.reshape(a.shape)])
+    """Correlation of the ranks of two samples; nan if one is constant."""
+    ranks = [rankdata(one) for one in (a, b)]
+    return float(np.corrcoef(ranks)[0, 1]) if all(np.ptp(one) > 0 for one in ranks) else float("nan")
 
 
 def log_score(error: FloatArray, sigma: FloatArray | float) -> FloatArray:

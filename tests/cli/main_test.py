@@ -287,6 +287,42 @@ def test_a_mesh_and_the_preparation_come_if_they_are_asked_for(solve, tmp_path, 
     assert read_image(tmp_path / "out/preparation.png").shape[1] == 1600
 
 
+def test_trust_comes_if_it_is_asked_for(work, solve, sim, tmp_path, capsys):
+    assert solve("--width", "80", "--out", tmp_path / "out", "--trust") == 0
+    said = capsys.readouterr().out
+    assert "σ of the distance: " in said
+    assert "Who decided the pixels: data " in said
+    assert "No standard errors of the calibration are known" in said
+    depth = maps(tmp_path / "out/depth.npz")
+    inside = depth["mask"]
+    assert (depth["sigma"][inside] > 0).all()
+    assert np.isnan(depth["sigma"][~inside]).all()
+    assert set(np.unique(depth["decided_by"][inside])) <= {1, 2, 3}
+    report = json.loads((tmp_path / "out/report.json").read_text())
+    assert report["clock"]["stages"]["trust"] > 0
+    assert report["trust"]["status"] == "CONVERGED"
+    assert call("evaluate", tmp_path / "out/depth.npz", sim / "truth.npz") == 0
+    assert "within 1 σ" in capsys.readouterr().out
+    assert call("evaluate", tmp_path / "out/depth.npz", sim / "truth.npz", "--json") == 0
+    assert 0 < json.loads(capsys.readouterr().out)["coverage"]["within_one"] <= 100
+    assert call("evaluate", work / "out/depth.npz", sim / "truth.npz") == 0
+    assert "within 1 σ" not in capsys.readouterr().out
+
+
+def test_trust_that_cannot_be_told_is_said_before_anything_is_solved(unsolved):
+    assert "'facing' minimises no energy" in unsolved("--trust", "--solver", "facing")
+
+
+def test_no_patience_for_trust_leaves_the_surface(solve, tmp_path, capsys, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("endolab.trust.trust.trust_of", interrupted)
+    assert solve("--width", "80", "--channel", "green", "--out", tmp_path / "out", "--trust") == 0
+    assert "interrupted" in capsys.readouterr().out
+    assert "sigma" not in maps(tmp_path / "out/depth.npz")
+
+
 def test_the_summary_tells_the_unit(work, solve, capsys, tmp_path):
     assert solve("--solver", "facing", "--out", tmp_path / "a") == 0
     known, error = capsys.readouterr()

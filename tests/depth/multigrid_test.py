@@ -52,6 +52,14 @@ def test_compiled_energy_and_equations_are_the_readable_ones(rng, xi, regularise
 
 
 @every_regulariser
+def test_where_whole_blocks_are_given_coarser_grids_know_their_rays(regulariser):
+    problem, truth = at_truth("plane", 64, regulariser=regulariser)
+    inflow = np.where(np.arange(truth.shape[0])[:, None] % 16 < 4, truth, np.nan)
+    for level in Multigrid(equations(problem, truth, inflow)[0]).levels:
+        assert np.isfinite(level.matrix).all()
+
+
+@every_regulariser
 def test_a_smooth_step_costs_what_it_should(regulariser):
     """Its differences are small beside the matrix's entries, which in single precision would hide them."""
     problem, truth = at_truth("plane", 320, regulariser=regulariser)

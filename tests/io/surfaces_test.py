@@ -34,6 +34,12 @@ def test_what_is_no_distance_is_unknown_and_what_is_not_ours_is_left(tmp_path):
         ({"distance": DISTANCE.astype(int)}, "distance is not a map of the size of distance"),
         ({"z": DISTANCE[:2]}, "z is not a map of the size of distance"),
         ({"normals": DISTANCE}, "normals is not a map of the size of distance"),
+        ({"sigma": DISTANCE[0]}, "sigma is not a map of the size of distance"),
+        (
+            {"sigma_shape": np.full((3, 4), 1e300)},
+            r"sigma_shape holds values up to 1e\+300; no surface has them",
+        ),
+        ({"decided_by": DISTANCE}, "decided_by is not a map of the size of distance"),
         ({"mask": np.ones(3, bool)}, "mask is not a map of the size of distance"),
         ({"metric": np.ones(2, bool)}, "metric is not true or false"),
         ({"z": np.full((3, 4), 1e300)}, r"z holds values up to 1e\+300; no surface has them"),

@@ -14,6 +14,7 @@ from skimage.color import rgb2lab
 import endolab as el
 from endolab import plots
 from endolab.plots import style
+from endolab.plots.scales import DECIDERS
 from tests.tools.problems import coloured_colon
 
 
@@ -30,6 +31,28 @@ def rendered(colon):
 @pytest.fixture(scope="module")
 def start(colon):
     return el.Iterate.of(colon[0], colon[0].log_facing)
+
+
+def test_trust_is_shown_in_percent_and_by_who_decided():
+    percent = np.full((4, 5), np.nan)
+    percent[1:] = 10.0
+    percent[3, 4] = 1000.0
+    ax = plots.show_sigma(percent)
+    assert ax.images[0].get_clim()[0] == 0
+    assert ax.images[0].colorbar.ax.get_ylabel() == "σ of the distance [%]"
+    assert plots.show_sigma(percent, limit=25).images[0].get_clim() == (0, 25)
+    assert plots.show_sigma(np.full((2, 2), np.nan)).images[0].get_clim() == (0, 1)
+    decided = np.array([[0, 1, 1, 2], [0, 3, 1, 1]], np.uint8)
+    ax = plots.show_decided(decided)
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == [
+        *("data 67 %", "border or contour 17 %", "prior 17 %")
+    ]
+    shown = np.asarray(ax.images[0].get_array())
+    np.testing.assert_allclose(shown[0, 0], to_rgb(style.LEFT_OUT))
+    for k, colour in enumerate(DECIDERS.values(), 1):
+        np.testing.assert_allclose(
+            shown[decided == k] * 255, np.broadcast_to(colour, ((decided == k).sum(), 3))
+        )
 
 
 @pytest.fixture(autouse=True)

@@ -10,7 +10,7 @@ from PIL import Image
 
 import endolab as el
 from endolab.depth.solvers import DEFAULT_SOLVER
-from endolab.io.surfaces import write_cloud
+from endolab.io.surfaces import read_depth, write_cloud
 from endolab.reconstruction.assumptions import meaning
 from endolab.reports import result as result_module
 
@@ -51,6 +51,30 @@ def test_a_result_is_saved_whole(tmp_path, result):
     overview = np.asarray(Image.open(tmp_path / "a/b/overview.png").convert("L"))
     assert min(overview.shape) > 200
     assert overview.std() > 10
+
+
+def test_how_far_a_result_can_be_trusted_is_saved_beside_it(tmp_path, result):
+    trust = el.trust_of(result, draws=4)
+    el.save_result(result, tmp_path / "plain")
+    el.save_result(result, tmp_path / "out", trust=trust)
+    depth = read_depth(tmp_path / "out/depth.npz")
+    for name in ("sigma", "sigma_shape"):
+        np.testing.assert_allclose(depth[name], getattr(trust, name), rtol=1e-6)
+    assert depth["decided_by"].dtype == np.uint8
+    np.testing.assert_array_equal(depth["decided_by"], trust.decided_by)
+    told = json.loads((tmp_path / "out/report.json").read_text("utf-8"), parse_constant=pytest.fail)["trust"]
+    share = (trust.sigma / result.distance)[result.mask]
+    assert told["sigma_percent"]["median"] == pytest.approx(100 * np.median(share))
+    assert told["sigma_scale_percent"] == pytest.approx(100 * trust.sigma_scale)
+    assert list(told["decided_by"]) == ["data", "border or contour", "prior"]
+    assert sum(told["decided_by"].values()) == pytest.approx(1)
+    assert told["draws"] == 4
+    plain = json.loads((tmp_path / "plain/report.json").read_text("utf-8"))
+    assert "trust" not in plain
+    assert set(read_depth(tmp_path / "plain/depth.npz")) == {"distance", "z", "normals", "mask", "metric"}
+    for name, width in (("plain", 1600), ("out", 2100)):
+        with Image.open(tmp_path / name / "overview.png") as page:
+            assert page.width == width
 
 
 def test_outputs_are_written_at_the_same_time(tmp_path):
