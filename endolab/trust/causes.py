@@ -96,7 +96,8 @@ def named(problem: Problem, log_distance: FloatArray, doubts: Doubts) -> Iterato
         yield "k", -doubts.k * np.log(np.where(mask, field.cos_alpha, 1.0))
     if doubts.gamma:
         yield "gamma", doubts.gamma * np.log(np.maximum(said, 0.5 / 255))
-    bounced = doubts.bounced * _bounced(problem, log_distance) if doubts.bounced else None
+    share = doubts.left_in if problem.origin.albedo is None else doubts.bounced
+    bounced = share * _bounced(problem, log_distance) if share else None
     if bounced is not None and bounced.any():
         yield "bounced light", bounced
     if doubts.lamp and problem.metric:

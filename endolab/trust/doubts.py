@@ -25,7 +25,8 @@ class Doubts:
     albedo: float = 0.05  # of the logarithm of the wall's mean albedo
     texture: float = 0.03  # of the logarithm of its albedo from place to place, at least
     bumps: float = 0.03  # of log d from place to place, where nothing tells of them
-    bounced: float = 0.15  # share of the bounced light that was taken out, or was not
+    bounced: float = 0.15  # share of the bounced light that was taken out
+    left_in: float = 1.0  # the same where all of it was left in, as in a single colour
     lamp: float = 0.5  # of the lamps' common place off the optical centre, each way, mm
     lam: float = 1.5  # of λ's logarithm
     border: float = 0.05  # of log d where it enters, over the picture's rim or behind a contour

@@ -158,13 +158,23 @@ def test_a_tube_is_trusted_less_towards_where_it_enters_the_picture():
     assert np.mean(trust.decided_by[20:30, 40:80] == DATA) > 0.9
 
 
+def test_light_that_bounced_and_was_left_in_counts_whole(curved):
+    """In a single colour nobody knows how much there is; where colours were asked and found none, there is none."""
+    problem, _, result, trust = curved
+    here = problem.mask
+    half = trust_of(result, doubts=Doubts(left_in=0.5), draws=LEAST).causes["bounced light"]
+    assert trust.causes["bounced light"][here] == pytest.approx(2 * half[here])
+    asked = replace(problem, settings={**problem.settings, "channel": "separated"})
+    assert "bounced light" not in trust_of(solved(asked), draws=LEAST).causes
+
+
 def test_what_a_picture_does_not_say_is_the_priors():
     """A band that says nothing, wider than bumps: the prior decides its middle, which is less sure."""
     problem, _ = problem_of("curved", 120)
     evidence = np.zeros(problem.mask.shape, np.int8)
     evidence[:, 45:75] = NONE
     result = solved(replace(problem, evidence=evidence))
-    trust = trust_of(result)
+    trust = trust_of(result, doubts=Doubts(left_in=0.0))
     here, beside = np.s_[30:60, 56:64], np.s_[30:60, 20:35]
     assert np.mean(trust.decided_by[here] == PRIOR) > 0.7
     assert np.mean(trust.decided_by[beside] == DATA) > 0.9
