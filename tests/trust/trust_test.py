@@ -159,7 +159,7 @@ def test_a_tube_is_trusted_less_towards_where_it_enters_the_picture():
 
 
 def test_light_that_bounced_and_was_left_in_counts_whole(curved):
-    """In a single colour nobody knows how much there is; where colours were asked and found none, there is none."""
+    """In a single colour nobody knows how much there is; where the colours were asked, they do."""
     problem, _, result, trust = curved
     here = problem.mask
     half = trust_of(result, doubts=Doubts(left_in=0.5), draws=LEAST).causes["bounced light"]
