@@ -8,6 +8,8 @@ from endolab.numerics.arrays import FloatArray
 BLUE_WHITE_RED = np.array(
     [[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]], float
 )
+# Who decided a pixel, as `endolab.trust` numbers them from 1, and their colours.
+DECIDERS = {"data": (0, 114, 178), "border or contour": (230, 159, 0), "prior": (204, 121, 167)}
 VIEW_WIDTH = 320  # columns of a surface that is seen from the side; more cost time and show no more
 TALLEST = 2.0  # of a panel, over its width: a figure stays a page whatever is drawn
 
