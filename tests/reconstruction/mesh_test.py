@@ -16,6 +16,7 @@ from endolab.depth.result import Iterate
 from endolab.io.surfaces import write_mesh
 from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.metrics.mesh_distance import distance_to, to_open3d
+from endolab.numerics.threads import limited_threads
 from endolab.plots import surface_view as mesh_views
 from endolab.reconstruction.mesh import make_mesh
 from endolab.synthetic.scenes import SCENES, Bowl, Plane, Tube
@@ -195,10 +196,11 @@ def test_a_file_tells_its_unit_and_frame(tmp_path):
 
 @pytest.fixture(scope="module")
 def trusted():
-    """A colon's surface, and how far it can be trusted; so small that no loop asks for cores."""
+    """A colon's surface, and how far it can be trusted."""
     problem, colon = coloured_colon(CAMERA.resize(80, 60))
     iterate = Iterate.of(problem, np.log(colon.distance))
-    return iterate, trust_of(iterate, draws=4)
+    with limited_threads(1):  # Numba warns of the TBB that Open3D has loaded when it first takes several
+        return iterate, trust_of(iterate, draws=4)
 
 
 def test_colours_of_trust_grow_brighter_with_sigma(trusted):
