@@ -101,8 +101,7 @@ def write_mesh(path: PathLike, mesh: Mesh) -> None:
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".ply":
-        comments = f"unit: {mesh.unit}", FRAME
-        content = as_ply(mesh.vertices, mesh.normals, mesh.colours, mesh.triangles, comments)
+        content = as_ply(mesh.vertices, mesh.normals, mesh.colours, mesh.triangles, _comments(mesh))
     elif suffix == ".obj":
         content = _as_obj(mesh)
     else:
@@ -138,9 +137,13 @@ def as_ply(
     return "\n".join([*header, "end_header", ""]).encode() + body
 
 
+def _comments(mesh: Mesh) -> tuple[str, ...]:
+    return f"unit: {mesh.unit}", FRAME, *((f"colours: {mesh.legend}",) if mesh.legend else ())
+
+
 def _as_obj(mesh: Mesh) -> bytes:
     text = io.BytesIO()
-    text.write(f"# unit: {mesh.unit}\n# {FRAME}\n".encode())
+    text.write("".join(f"# {comment}\n" for comment in _comments(mesh)).encode())
     np.savetxt(text, np.hstack([mesh.vertices, mesh.colours]), fmt="v %.6g %.6g %.6g %.4f %.4f %.4f")
     np.savetxt(text, mesh.normals, fmt="vn %.5f %.5f %.5f")
     np.savetxt(text, np.repeat(mesh.triangles + 1, 2, axis=1), fmt="f %d//%d %d//%d %d//%d")

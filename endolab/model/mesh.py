@@ -16,6 +16,7 @@ class Mesh:
     colours: FloatArray  # (n, 3), R, G, B in [0, 1]
     normals: FloatArray  # (n, 3), unit normals, towards the camera
     unit: str = "mm"  # of the vertices
+    legend: str = ""  # what the colours say, if they are not those of a picture
 
 
 def triangle_normals(corners: FloatArray) -> FloatArray:

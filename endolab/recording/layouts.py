@@ -30,6 +30,7 @@ class Shown:
     high: FloatArray
     far: float  # z up to which the section is shown
     staged: bool = False  # whether there are several stages
+    sigma: float | None = None  # %, end of the colour scale of σ; None if it was not recorded
 
     def at(self, entity: str) -> str:
         """Path of an entity."""
@@ -76,6 +77,17 @@ def _picture(shown: Shown, entity: str, title: str) -> rrb.Spatial2DView:
 def _depth(shown: Shown) -> rrb.Spatial2DView:
     contents, name = [shown.at("depth"), shown.at("mask")], shown.called(f"Distance [{shown.unit}]")
     return rrb.Spatial2DView(origin=shown.at(""), contents=contents, name=name)
+
+
+def _trust(shown: Shown) -> list[rrb.View]:
+    """How far the run's end can be trusted, if it was recorded."""
+    if shown.sigma is None:
+        return []
+    contents = [shown.at("front/trust/sigma"), shown.at("front/trust/mask")]
+    title = f"σ at the end: dark 0 to bright {shown.sigma:g} % of the distance"
+    sigma = rrb.Spatial2DView(origin=shown.at("front/trust"), contents=contents, name=shown.called(title))
+    title = "Who decided: blue data, orange border or contour, pink prior"
+    return [sigma, _picture(shown, "front/trust/decided_by", title)]
 
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:
@@ -138,14 +150,19 @@ def reconstruction(shown: Shown) -> Layout:
     """Pictures above, the surface and the curves below."""
     residual = [_picture(shown, "residual", "Residual")]
     residual += [_picture(shown, f"front/{name}", name.capitalize()) for name in shown.maps]
-    settings = rrb.TextDocumentView(origin=shown.at("settings"), name="Settings")
-    words: rrb.View | rrb.Container = rrb.Tabs(settings, _others(shown))
+    trust = _trust(shown)
+    documents = [rrb.TextDocumentView(origin=shown.at("settings"), name="Settings")]
+    if trust:
+        documents.append(rrb.TextDocumentView(origin=shown.at("front/trust/words"), name="Trust"))
+    words: rrb.View | rrb.Container = rrb.Tabs(*documents, _others(shown))
     if shown.staged:
         stage = rrb.TextDocumentView(origin=shown.at("stage"), name="Stage")
         words = rrb.Vertical(stage, words, row_shares=[1, 7])
     frame = rrb.Spatial2DView(origin=shown.at(""), contents=[shown.at("input")], name="Frame")
     last = rrb.Tabs(*residual, active_tab=0 if shown.staged else len(residual) - 1)
-    pictures = rrb.Horizontal(frame, _depth(shown), _picture(shown, "normals", "Normals"), last)
+    facing = _picture(shown, "normals", "Normals")
+    normals: rrb.View | rrb.Container = rrb.Tabs(*trust, facing, active_tab=0) if trust else facing
+    pictures = rrb.Horizontal(frame, _depth(shown), normals, last)
     curves = rrb.Vertical(_energy(shown), _section([shown]))
     below = rrb.Horizontal(_surface(shown), curves, words, column_shares=[2, 1.4, 1])
     return _opened(rrb.Vertical(pictures, below, row_shares=[1, 1.4]))
@@ -165,7 +182,10 @@ BLUEPRINTS = {"reconstruction": reconstruction, "convergence": convergence}
 def comparison(runs: Sequence[Shown]) -> Layout:
     """Each run a column of pictures; energies and sections of all in one plot each, beside them."""
     columns = [
-        rrb.Vertical(_depth(shown), _picture(shown, "residual", "Residual"), name=shown.run) for shown in runs
+        rrb.Vertical(
+            _depth(shown), _picture(shown, "residual", "Residual"), *_trust(shown)[:1], name=shown.run
+        )
+        for shown in runs
     ]
     energy = _curves("Energy", [shown.at("plots/energy") for shown in runs])
     plots = rrb.Vertical(energy, _change(*runs), _section(runs))

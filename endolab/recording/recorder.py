@@ -18,12 +18,12 @@ import numpy as np
 import rerun as rr
 
 from endolab.depth.problem import Problem
-from endolab.depth.result import SOLUTION, Iterate
+from endolab.depth.result import SOLUTION, Iterate, Result
 from endolab.io.atomic import PathLike
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.side_by_side import side_by_side
-from endolab.plots.scales import in_colour, round_length
+from endolab.plots.scales import DECIDERS, in_colour, round_length
 from endolab.recording.layouts import BLUEPRINTS, TIMELINE, Shown, comparison
 from endolab.recording.pictures import Painter, section
 from endolab.recording.stream import (
@@ -35,10 +35,12 @@ from endolab.recording.stream import (
     as_bytes,
     camera_shape,
     depth_columns,
+    every,
     png,
     png_columns,
     stage_text,
 )
+from endolab.trust.trust import Trust
 
 ALL_UNTIL, GROWTH = 20, 1.5  # pictures of a stage's first iterates, then each time k has grown by half
 KEPT = 64_000_000  # bytes of iterates that may wait for the run's end
@@ -77,7 +79,12 @@ def record(
     Returns
     -------
     Recorder
-        Give it to ``run`` or call it with each iterate, then `Recorder.close` it.
+        Give it to ``run`` or call it with each iterate, then `Recorder.close` it. As a context manager it
+        stays open until the block ends, for `Recorder.add_trust`::
+
+            with el.record("run.rrd") as recorder:
+                result = el.reconstruct(frame, calibration, observers=[recorder])
+                recorder.add_trust(el.trust_of(result, calibration), result)
 
     Raises
     ------
@@ -154,6 +161,8 @@ class Recorder:
     pictures for the first 20 of the solution, its last, and between them each time k has grown by
     half; of the stages before it only for the first and the last, as there may be a dozen.
     The timeline runs on over all stages. In a `Comparison` all names begin with the run's.
+    Of how far the end can be trusted, if that is added: ``front/trust/sigma`` (% of the distance),
+    ``front/trust/decided_by``, ``front/trust/mask``, ``front/trust/words``; static.
 
     The solver needs all cores: for a file, iterates are but kept, and made into pictures when the run has
     ended, or by a thread when what is kept passes `KEPT`. For a viewer a thread does it at once.
@@ -180,7 +189,7 @@ class Recorder:
         self._several = False  # whether there are several stages
         self._before = 0  # places on the timeline before this stage's k = 0
         self._pictured = -1  # k of the last iterate whose pictures were logged
-        self._open = True
+        self._open, self._within = True, False  # within: in a block at whose end it is closed
         self._thread = ThreadPoolExecutor(1)
         self._jobs: deque[Future[None]] = deque()  # of the thread
         self._waiting: list[_Place] = []  # what is not given to it yet
@@ -217,9 +226,48 @@ class Recorder:
         if self._pictured < 0 or (often and iterate.stage == SOLUTION):
             self._picture(iterate)
 
-    def close(self) -> None:
-        """End the recording and write the file, or raise an OSError and leave none; once is enough."""
+    def add_trust(self, trust: Trust, result: Result | Iterate) -> None:
+        """Show how far the run's end can be trusted, before the recording is closed.
+
+        Parameters
+        ----------
+        trust : Trust
+            As `endolab.trust_of` tells.
+        result : Result or Iterate
+            What it was told of.
+
+        Raises
+        ------
+        ValueError
+            If the recording is closed, nothing was recorded, or what was is not of the same size.
+        """
         if not self._open:
+            raise ValueError("the recording is closed: use it as a context manager, or add the trust before")
+        if self._last is None:
+            raise ValueError("nothing was recorded that could be trusted")
+        shapes = trust.sigma.shape, result.mask.shape, self._last.mask.shape
+        if len(set(shapes)) > 1:
+            raise ValueError("trust has shape {}, the result {}, what was recorded {}".format(*shapes))
+        if not self._sink.gone:
+            percent = 100 * trust.sigma / result.distance
+            self._kept += _bytes((percent, trust.decided_by))
+            job = partial(self._log_trust, trust, percent, result.problem)
+            self._defer(job, self._before + self._last.k)
+
+    def __enter__(self) -> Recorder:
+        self._within = True
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self._within = False
+        self.close()
+
+    def close(self) -> None:
+        """End the recording and write the file, or raise an OSError and leave none; once is enough.
+
+        In a block of its own (``with record(...) as recorder:``) this is done at the block's end.
+        """
+        if not self._open or self._within:
             return
         self._open, whole = False, False
         try:
@@ -406,6 +454,30 @@ class Recorder:
             "- black: left out\n"
         )
 
+    # How far it can be trusted ----------------------------------------------------------
+
+    def _log_trust(self, trust: Trust, percent: FloatArray, problem: Problem) -> None:
+        thin = every(problem.camera.width, self.max_width)
+        seen = np.ascontiguousarray(problem.mask[thin])
+        shown, decided = percent[thin].astype(np.float32), np.ascontiguousarray(trust.decided_by[thin])
+        most = float(f"{np.percentile(shown[seen], 98):.2g}") or 1.0
+        # Values, not colours, so that the viewer tells them to who points at them.
+        sigma = rr.DepthImage(shown, meter=1.0, colormap="magma", depth_range=(0.0, most))
+        self._log("front/trust/sigma", sigma, static=True)
+        black, nothing = (0, "left out", (0, 0, 0, 255)), (1, "used", (0, 0, 0, 0))
+        # The run's own mask is that of a stage, which may be on a smaller grid.
+        mask = rr.SegmentationImage(seen.astype(np.uint8), opacity=1.0)
+        self._log("front/trust/mask", rr.AnnotationContext([black, nothing]), mask, static=True)
+        classes = [black, *((k, name, colour) for k, (name, colour) in enumerate(DECIDERS.items(), 1))]
+        decision = rr.SegmentationImage(decided, opacity=1.0)
+        self._log("front/trust/decided_by", rr.AnnotationContext(classes), decision, static=True)
+        words = rr.TextDocument(_words(trust, percent, problem, most), media_type="text/markdown")
+        self._log("front/trust/words", words, static=True)
+        if self.shown is not None:
+            self.shown = replace(self.shown, sigma=most)
+        if self.path is None:  # someone is watching
+            self._log_blueprint()
+
     # What changes ---------------------------------------------------------------------
 
     def _note_scalars(self, iterate: Iterate) -> None:
@@ -461,6 +533,29 @@ class Recorder:
             lines.partition(counts),
             rr.LineStrips2D.columns(radii=np.full(len(places), THIN)),
         )
+
+
+def _words(trust: Trust, percent: FloatArray, problem: Problem, most: float) -> str:
+    """How far the end can be trusted, as Markdown."""
+    inside = problem.mask
+    rows = {name: f"{100 * np.median(share[inside]):.2g}" for name, share in trust.causes.items()}
+    rows = dict(sorted(rows.items(), key=lambda row: -float(row[1])))
+    table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
+    decided = trust.decided_by[inside]
+    parts = [f"{name} {100 * np.mean(decided == k):.0f} %" for k, name in enumerate(DECIDERS, 1)]
+    low, middle, high = np.percentile(percent[inside], [10, 50, 90])
+    return (
+        "## How far it can be trusted\n\n"
+        f"σ, the standard deviation of the distance at the run's end: {middle:.2g} % for the median pixel, "
+        f"{low:.2g} to {high:.2g} % for four in five; {100 * trust.sigma_scale:.2g} % is a scale that all "
+        "share.\n\n"
+        f"Who decided the pixels: {', '.join(parts)}.\n\n"
+        f"| cause | σ of the shape, median [%] |\n|---|---|\n{table}\n\n"
+        f"{' '.join(trust.notes)}\n\n## Colours\n\n"
+        f"- **σ**: dark 0 to bright {most:g} % of the distance, or more\n"
+        "- **who decided**: blue data, orange border or contour, pink prior\n"
+        "- black: left out\n"
+    )
 
 
 def _bytes(values: Iterable[object]) -> int:

@@ -1,6 +1,7 @@
 """Meshes: whole where the surface is, torn where it is torn, written as they are, measured rightly."""
 
 import builtins
+import re
 import sys
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,15 +9,18 @@ from types import SimpleNamespace
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib import colormaps
 
 from endolab.datasets import load_calibration
 from endolab.depth.result import Iterate
 from endolab.io.surfaces import write_mesh
 from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.metrics.mesh_distance import distance_to, to_open3d
+from endolab.numerics.threads import limited_threads
 from endolab.plots import surface_view as mesh_views
 from endolab.reconstruction.mesh import make_mesh
 from endolab.synthetic.scenes import SCENES, Bowl, Plane, Tube
+from endolab.trust.trust import trust_of
 from tests.tools.problems import coloured_colon
 
 CAMERA = load_calibration("paper", 160).camera
@@ -188,6 +192,48 @@ def test_a_file_tells_its_unit_and_frame(tmp_path):
         head = (tmp_path / name).read_bytes()[:200]
         assert b"unit: relative units" in head
         assert b"y down" in head
+
+
+@pytest.fixture(scope="module")
+def trusted():
+    """A colon's surface, and how far it can be trusted."""
+    problem, colon = coloured_colon(CAMERA.resize(80, 60))
+    iterate = Iterate.of(problem, np.log(colon.distance))
+    with limited_threads(1):  # Numba warns of the TBB that Open3D has loaded when it first takes several
+        return iterate, trust_of(iterate, draws=4)
+
+
+def test_colours_of_trust_grow_brighter_with_sigma(trusted):
+    iterate, trust = trusted
+    mesh, plain = make_mesh(iterate, trust=trust), make_mesh(iterate)
+    assert np.array_equal(mesh.vertices, plain.vertices)
+    u, v = np.round(iterate.problem.camera.project(mesh.vertices)).astype(int).T
+    percent = (100 * trust.sigma / iterate.distance)[v, u]
+    most = float(re.fullmatch(r".* bright ([\d.]+) % of it, or more \(magma\)", mesh.legend)[1])
+    assert most == pytest.approx(np.nanpercentile(100 * trust.sigma / iterate.distance, 98), rel=0.05)
+    assert percent.max() > 1.2 * percent.min()
+    scale = np.asarray(colormaps["magma"](np.clip(percent / most, 0, 1)))[:, :3]
+    assert np.abs(mesh.colours - scale).max() < 0.02
+
+
+def test_a_file_tells_what_colours_of_trust_mean(trusted, tmp_path):
+    iterate, trust = trusted
+    mesh = make_mesh(iterate, trust=trust)
+    for name, begin in (("a.ply", "comment"), ("a.obj", "#")):
+        write_mesh(tmp_path / name, mesh)
+        assert f"\n{begin} colours: {mesh.legend}\n".encode() in (tmp_path / name).read_bytes()[:400]
+        write_mesh(tmp_path / name, make_mesh(iterate))
+        assert b"colours" not in (tmp_path / name).read_bytes()[:400]
+
+
+def test_trust_of_something_else_is_refused(trusted):
+    iterate, trust = trusted
+    with pytest.raises(ValueError, match="mere points have none"):
+        make_mesh(iterate.points, trust=trust)
+    with pytest.raises(ValueError, match="not both"):
+        make_mesh(iterate, iterate.problem.shown, trust=trust)
+    with pytest.raises(ValueError, match=r"trust has shape \(2, 2\), the result \(60, 80\)"):
+        make_mesh(iterate, trust=replace(trust, sigma=np.ones((2, 2))))
 
 
 def test_an_unknown_kind_of_file_leaves_nothing(tmp_path):

@@ -8,12 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rerun.blueprint as rrb
 
 import endolab as el
 from endolab.depth.energy import model_image
 from endolab.model.cameras import Pinhole
+from endolab.recording import layouts, viewer
 from endolab.recording import recorder as recorder_module
-from endolab.recording import viewer
 from endolab.recording.pictures import Painter
 from endolab.recording.reader import read_recording
 from tests.tools.problems import coloured_colon
@@ -418,6 +419,117 @@ def test_a_truth_must_fit_the_solution_or_have_its_shape(tmp_path):
     refused = pytest.raises(ValueError, match=r"truth has shape \(30, 80\), the frame \(30, 40\)")
     with contextlib.closing(recorder), refused:
         recorder(steps[0])
+
+
+@pytest.fixture(scope="module")
+def trusted(tmp_path_factory):
+    """A run that ends in mm after stages on a smaller grid, and how far that can be trusted."""
+    steps, _ = in_stages()
+    trust = el.trust_of(steps[-1], draws=4)
+    path = tmp_path_factory.mktemp("trust") / "run.rrd"
+    with el.record(path) as recorder:
+        el.run(iter_of(steps), observers=[recorder])
+        recorder.add_trust(trust, steps[-1])
+        assert not path.exists()
+    return steps, trust, path, recorder
+
+
+def test_trust_is_recorded_in_percent_with_names(trusted):
+    steps, trust, path, recorder = trusted
+    file, mask = Recorded(path), steps[-1].mask
+    sigma = file.numbers("/front/trust/sigma", "buffer")[None].astype(np.uint8).view(np.float32)
+    percent = 100 * trust.sigma / steps[-1].distance
+    assert np.allclose(sigma.reshape(60, 80), percent, rtol=1e-6, equal_nan=True)
+    least, most = file.numbers("/front/trust/sigma", "depth_range")[None].reshape(2)
+    assert (least, most) == (0, recorder.shown.sigma)
+    assert np.mean(percent[mask] <= 1.05 * most) > 0.97
+    assert np.mean(percent[mask] >= 0.9 * most) > 0.005
+    decided = file.numbers("/front/trust/decided_by", "buffer")[None].reshape(60, 80)
+    assert np.array_equal(decided, trust.decided_by)
+    names = str(file.rows["/front/trust/decided_by"]["context"][None])
+    assert all(name in names for name in ("left out", "data", "border or contour", "prior"))
+    seen = file.numbers("/front/trust/mask", "buffer")[None].reshape(60, 80)
+    assert np.array_equal(seen, mask)
+    words = file.text("/front/trust/words", "text")
+    assert f"{np.median(percent[mask]):.2g} % for the median pixel" in words
+    assert f"data {100 * np.mean(trust.decided_by[mask] == 1):.0f} %" in words
+    assert all(f"| {cause} |" in words for cause in trust.causes)
+    assert trust.notes[0] in words
+
+
+def test_a_recording_with_trust_is_read_as_one_without(trusted, staged):
+    steps, _, path, _ = trusted
+    kept = read_recording(path)
+    assert kept.stages == staged[2].stages
+    assert np.array_equal(kept.depth(), staged[2].depth(), equal_nan=True)
+    assert (kept.mask == steps[-1].mask).all()
+
+
+def views(layout):
+    """Names of the views of a layout."""
+    parts = getattr(layout, "contents", None)
+    inside = [view for part in parts or () if not isinstance(part, str) for view in views(part)]
+    return [layout.name, *inside] if isinstance(layout, rrb.View) else inside
+
+
+def test_the_layout_shows_trust_where_there_is_some(trusted):
+    shown = trusted[3].shown
+    for layout in (layouts.reconstruction, lambda one: layouts.comparison([one])):
+        with_trust, without = (
+            views(layout(one).root_container) for one in (shown, replace(shown, sigma=None))
+        )
+        assert [name for name in without if name in with_trust] == without
+        title = f"σ at the end: dark 0 to bright {shown.sigma:g} % of the distance"
+        assert title in with_trust
+        assert title not in without
+
+
+def test_trust_comes_before_the_end_and_of_what_was_recorded(tmp_path, trusted, small):
+    steps, trust, _, _ = trusted
+    recorder = el.record(tmp_path / "run.rrd")
+    with pytest.raises(ValueError, match="nothing was recorded"):
+        recorder.add_trust(trust, steps[-1])
+    with recorder:
+        recorder(steps[0])
+        with pytest.raises(ValueError, match=r"trust has shape \(60, 80\), .* recorded \(30, 40\)"):
+            recorder.add_trust(trust, steps[-1])
+    assert (tmp_path / "run.rrd").exists()
+    with pytest.raises(ValueError, match="closed: use it as a context manager"):
+        recorder.add_trust(trust, steps[-1])
+
+
+def refuse(_):
+    raise ValueError("nothing of it")
+
+
+def test_a_block_that_fails_leaves_what_was_recorded(tmp_path, trusted):
+    steps = trusted[0]
+    with pytest.raises(ValueError, match="nothing of it"), el.record(tmp_path / "run.rrd") as recorder:
+        el.run(iter_of(steps[-1:]), observers=[recorder, refuse])
+    assert read_recording(tmp_path / "run.rrd").pictured == (steps[-1].k,)
+
+
+def test_trust_of_one_run_of_several(tmp_path, trusted):
+    steps, trust, _, _ = trusted
+    with el.Comparison(tmp_path / "both.rrd") as both:
+        with both.run("one") as observer:
+            el.run(iter_of(steps), observers=[observer])
+            observer.add_trust(trust, steps[-1])
+        both.run("other")(steps[-1])
+    entities = Recorded(tmp_path / "both.rrd").entities
+    assert "/one/front/trust/sigma" in entities
+    assert "/other/front/trust/sigma" not in entities
+
+
+def test_trust_of_a_large_picture_is_thinned_with_it(tmp_path):
+    seen, problem = frame(PAPER.resize(160, 120))
+    *_, last = towards(seen, problem, 3)
+    with el.record(tmp_path / "run.rrd", max_width=80) as recorder:
+        recorder(last)
+        recorder.add_trust(el.trust_of(last, draws=4), last)
+    file = Recorded(tmp_path / "run.rrd")
+    assert file.numbers("/front/trust/decided_by", "buffer")[None].size == 80 * 60
+    assert file.numbers("/front/trust/sigma", "buffer")[None].size == 4 * 80 * 60
 
 
 def iter_of(steps):
