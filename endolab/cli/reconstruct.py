@@ -91,6 +91,7 @@ class _Recording:
         self.seconds = 0.0  # that the solver waited
         self._path = path
         self._early: list[Any] = []  # iterates that nobody could record yet
+        self._trust: tuple[Any, ...] = ()
         pool = ThreadPoolExecutor(1)
         self._recorder = pool.submit(self._load)
         pool.shutdown(wait=False)
@@ -113,9 +114,16 @@ class _Recording:
             recorder(iterate)
         return recorder
 
+    def add_trust(self, trust: Any, result: Any) -> None:
+        """Show how far the result can be trusted, too."""
+        self._trust = trust, result
+
     def write(self, _: Path) -> None:
         """Write the file."""
-        self._recorded().close()
+        recorder = self._recorded()
+        if self._trust:
+            recorder.add_trust(*self._trust)
+        recorder.close()
 
     def __enter__(self) -> Self:
         return self
@@ -170,7 +178,7 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
         if snapshots is not None:
             keywords["snapshots"] = snapshots
         unrecorded = lacking("rerun")
-        files = result_files(arguments.mesh, arguments.prepare)
+        files = result_files(arguments.mesh, arguments.prepare, arguments.trust)
         inputs = [arguments.frame, arguments.calibration, arguments.mask]
         files = (*files, *(() if unrecorded else ("recording.rrd",)))
         with staged_folder(arguments.out, files, overwrite=arguments.overwrite, inputs=inputs) as folder:
@@ -187,6 +195,8 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
                     clock.lap("trust")
                 tasks = outputs_of(result, arguments.mesh, prepared, draughtsman.draw, trust)
                 if recording is not None:
+                    if trust is not None:
+                        recording.add_trust(trust, result)
                     clock.share("preparing", [("recording", recording.seconds)])
                     tasks["recording.rrd"] = recording.write
                 outputs = write_outputs(tasks, folder)

@@ -84,9 +84,9 @@ def trusted(result: Result, trust: Trust) -> dict[str, Any]:
     }
 
 
-def result_files(mesh: bool = False, prepared: bool = False) -> tuple[str, ...]:
+def result_files(mesh: bool = False, prepared: bool = False, trust: bool = False) -> tuple[str, ...]:
     """Name what `save_result` writes."""
-    more = ("mesh.ply",) * mesh + ("preparation.png",) * prepared
+    more = ("mesh.ply",) * mesh + ("mesh_trust.ply",) * (mesh and trust) + ("preparation.png",) * prepared
     return "cloud.ply", "depth.npz", "overview.png", "report.json", *more
 
 
@@ -107,7 +107,8 @@ def save_result(
     folder : path
         Made if need be. Either all files are written or none.
     mesh : bool
-        Whether to write `mesh.ply` too, with triangles that are torn at folds.
+        Whether to write `mesh.ply` too, with triangles that are torn at folds; and, if `trust` is given,
+        `mesh_trust.ply`, whose colours tell σ.
     prepared : Prepared, optional
         What `endolab.prepare` came to, to be drawn in `preparation.png`.
     trust : Trust, optional
@@ -121,7 +122,7 @@ def save_result(
     OSError
         In one sentence, if they cannot be written or another file is in the way.
     """
-    files = result_files(mesh, prepared is not None)
+    files = result_files(mesh, prepared is not None, trust is not None)
     with staged_folder(folder, files, overwrite=overwrite) as staging:
         write_outputs(outputs_of(result, mesh, prepared, trust=trust), staging)
         write_report(result, staging, trust=trust)
@@ -156,6 +157,9 @@ def outputs_of(
     tasks["cloud.ply"] = write_points
     if mesh:
         tasks["mesh.ply"] = lambda folder: write_mesh(folder / "mesh.ply", make_mesh(result))
+        if trust is not None:
+            coloured = "mesh_trust.ply"
+            tasks[coloured] = lambda folder: write_mesh(folder / coloured, make_mesh(result, trust=trust))
     return tasks
 
 

@@ -288,7 +288,9 @@ def test_a_mesh_and_the_preparation_come_if_they_are_asked_for(solve, tmp_path, 
 
 
 def test_trust_comes_if_it_is_asked_for(work, solve, sim, tmp_path, capsys):
-    assert solve("--width", "80", "--out", tmp_path / "out", "--trust") == 0
+    assert solve("--width", "80", "--out", tmp_path / "out", "--trust", "--mesh") == 0
+    assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply", "mesh_trust.ply"])
+    assert b"sigma" in (tmp_path / "out/mesh_trust.ply").read_bytes()[:600]
     said = capsys.readouterr().out
     assert "σ of the distance: " in said
     assert "Who decided the pixels: data " in said
