@@ -29,6 +29,7 @@ from endolab.numerics.iteration import Status, checked_observers, closing, drive
 from endolab.preprocessing.frame import QUIET, noise_level
 from endolab.trust.causes import Texture, correlated, named, perhaps_torn
 from endolab.trust.doubts import Doubts
+from endolab.trust.fewer_pixels import enlarged, thinned
 from endolab.trust.linearised import Linearised
 from endolab.trust.shares import Bumps, Rim, decided_by, of_border, rim, shares
 
@@ -154,11 +155,11 @@ def trust_of(
     check_solver(result.problem.settings.get("solver"))
     iterate = result.iterate if isinstance(result, Result) else result
     doubts = Doubts.of(calibration) if doubts is None else doubts
-    estimate = _Estimate(iterate, doubts, draws)
+    estimate = _Estimate(thinned(iterate), doubts, draws)
     watching = checked_observers(observers)
     with closing(watching):
         status = drive(estimate.steps(), watching, lambda step, seconds: None)
-    return estimate.trust(status)
+    return estimate.trust(status, iterate)
 
 
 class _Estimate:
@@ -211,21 +212,22 @@ class _Estimate:
                 yield Progress(self._done, self._asked)
         return Status.CONVERGED
 
-    def trust(self, status: Status) -> Trust:
-        """Sum up."""
-        mask, distance, sums = self._iterate.mask, self._iterate.distance, self._sums
+    def trust(self, status: Status, whole: Iterate) -> Trust:
+        """Sum up, on the pixels of the whole frame."""
+        mask, sums = self._iterate.mask, self._sums
         lost = _undetermined(self._iterate.problem)
+        parts = enlarged(self._parts, mask, whole.mask)
 
         def sigma(squares: Iterable[FloatArray]) -> FloatArray:
             found = np.minimum(FACTOR * np.sqrt(sum(squares, np.zeros(mask.shape))), LARGEST)
-            return np.where(mask, np.where(lost, LARGEST, found), np.nan)
+            return enlarged(np.where(lost, LARGEST, found), mask, whole.mask)
 
         return Trust(
-            sigma=frozen(distance * sigma(sums.whole.values())),
-            sigma_shape=frozen(distance * sigma(sums.shape.values())),
+            sigma=frozen(whole.distance * sigma(sums.whole.values())),
+            sigma_shape=frozen(whole.distance * sigma(sums.shape.values())),
             sigma_scale=FACTOR * float(np.sqrt(sum(sums.scale.values()))),
-            shares=frozen(np.where(mask, self._parts, np.nan)),
-            decided_by=frozen(decided_by(self._parts, mask)),
+            shares=frozen(parts),
+            decided_by=frozen(decided_by(parts, whole.mask)),
             causes={cause: frozen(sigma([square])) for cause, square in sums.shape.items()},
             scales={cause: FACTOR * float(np.sqrt(square)) for cause, square in sums.scale.items()},
             factor=FACTOR,
