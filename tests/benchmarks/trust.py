@@ -5,7 +5,9 @@
 `shipped` is the default. Errors and σ are shares of the distance. *Whole* is the error at true scale with all
 that is uncertain, `sigma`; *shape* the error once the median of d*/d is taken out, with `sigma_shape`: real
 frames, of unknown scale, have that alone. Near a contour are pixels within some px of a jump of the truth.
-"In all" are means over frames. No test: it takes minutes; sets and real frames as in `unseen` and `colon`.
+"In all" are means over frames, but for *pooled*: of as many pixels of each frame together, against one
+constant for all of them, where else each frame has a best constant of its own. No test: it takes minutes;
+sets and real frames as in `unseen` and `colon`.
 """
 
 import sys
@@ -32,6 +34,7 @@ from tests.benchmarks.unseen import FOLDER
 from tests.tools.random_frames import SETS, make, read
 
 NEAR = 4.0  # px per 320 of the width, from a contour
+POOLED = 4000  # pixels of each frame, drawn at random
 FEW = 50  # pixels of a kind, below which a frame has none of it
 WIDTH = 320  # px, of real frames
 FIELD = 55.0  # degrees off the axis, beyond which C3VD's fisheye is not judged
@@ -57,6 +60,7 @@ class Judged:
     name: str
     found: dict[tuple[str, str], Coverage]  # by whole or shape, and kind of pixel
     shares: dict[str, float]  # of the pixels that are of a kind, %
+    pooled: dict[str, FloatArray]  # whole or shape: distance, σ and truth of some pixels, (3, n)
     seconds: tuple[float, float]  # CPU: to reconstruct, and to know how far
 
 
@@ -113,16 +117,19 @@ def judge(case: Case) -> Judged:
     for kind, number in (("data", DATA), ("border", BORDER), ("prior", PRIOR)):
         kinds[kind] = seen & (trust.decided_by == number)
     factor = coverage_of(result.distance, trust.sigma_shape, truth, seen, scale="median").scale
-    found = {}
-    for kind, where in kinds.items():
-        if where.sum() < FEW:
-            continue
-        if case.metric:
-            found[WHOLE, kind] = coverage_of(result.distance, trust.sigma, truth, where)
-        scaled = factor * result.distance, factor * trust.sigma_shape
-        found[SHAPE, kind] = coverage_of(*scaled, truth, where)
+    maps = {SHAPE: np.stack([factor * result.distance, factor * trust.sigma_shape, truth])}
+    if case.metric:
+        maps = {WHOLE: np.stack([result.distance, trust.sigma, truth]), **maps}
+    found = {
+        (error, kind): coverage_of(*stack, where)
+        for error, stack in maps.items()
+        for kind, where in kinds.items()
+        if where.sum() >= FEW
+    }
     shares = {kind: 100 * where.sum() / seen.sum() for kind, where in kinds.items()}
-    return Judged(case.name, found, shares, (times[1] - times[0], times[2] - times[1]))
+    drawn = np.random.default_rng(0).choice(np.flatnonzero(seen), POOLED)
+    pooled = {error: stack.reshape(3, -1)[:, drawn] for error, stack in maps.items()}
+    return Judged(case.name, found, shares, pooled, (times[1] - times[0], times[2] - times[1]))
 
 
 def _cells(every: Sequence[Coverage]) -> list[str]:
@@ -158,6 +165,8 @@ def report(title: str, cases: Iterator[Case]) -> None:
         table(f"{title}, {error} error, per frame", ["frame", *HEADS, "CPU s"], rows)
     rows = []
     for error in which:
+        together = coverage_of(*np.concatenate([one.pooled[error] for one in judged], axis=1))
+        rows.append([error, "all, pooled", "100.0", *_cells([together]), ""])
         for kind in judged[0].shares:
             of_kind = [one.found[error, kind] for one in judged if (error, kind) in one.found]
             if of_kind:
