@@ -28,3 +28,6 @@ from .preparation import prepare_figure as prepare_figure
 from .surface_view import render_side as render_side
 from .surface_view import show_cloud as show_cloud
 from .surface_view import show_mesh as show_mesh
+from .uncertainty import show_fall_off_uncertainty as show_fall_off_uncertainty
+from .uncertainty import show_ray_uncertainty as show_ray_uncertainty
+from .uncertainty import uncertainty_figure as uncertainty_figure

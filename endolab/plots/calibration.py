@@ -40,6 +40,7 @@ from endolab.plots.style import (
     house,
     new_axes,
 )
+from endolab.plots.uncertainty import ring
 
 ROWS = (SKY, VERMILION, GREEN, ORANGE, PURPLE, BLUE)  # of the target, over and over
 MOST_ARROWS = 800  # more hide each other
@@ -181,18 +182,17 @@ def show_coverage(geometry: GeometricFit, ax: Axes | None = None, *, title: str 
     camera, seen = geometry.camera, np.rad2deg(geometry.max_angle_seen)
     ax, border = _picture_axes(ax, f"{title}: to {seen:.0f}° off the axis", camera.width, camera.height)
     ax.plot(*pixels[inliers].T, ".", color=BLUE, ms=3, alpha=0.5, mew=0)
-    turn = np.linspace(0, 2 * np.pi, 241)
     labelled = np.full(2, -np.inf)
     angles = [*range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10)]
     for angle in [*angles, seen]:
-        out, along = np.sin(np.deg2rad(angle)), np.full_like(turn, np.cos(np.deg2rad(angle)))
-        ring = camera.project(np.stack([out * np.cos(turn), out * np.sin(turn), along], axis=-1))
+        around = ring(camera, np.deg2rad(angle))
         reached = angle == seen
         farthest: dict[str, Any] = {"color": VERMILION, "lw": 2.2, "ls": "--", "label": "farthest feature"}
-        (line,) = ax.plot(*ring.T, **(farthest if reached else {"color": "0.35", "lw": 0.8}))
+        (line,) = ax.plot(*around.T, **(farthest if reached else {"color": "0.35", "lw": 0.8}))
         line.set_clip_path(border)
         # Along a diagonal, where the picture is widest.
-        place = ring[np.argmin(np.abs(turn - np.arctan2(camera.height, camera.width)))]
+        turn = np.linspace(0, 2 * np.pi, len(around))
+        place = around[np.argmin(np.abs(turn - np.arctan2(camera.height, camera.width)))]
         inside = (place > 12).all() and (place < [camera.width - 12, camera.height - 12]).all()
         apart = np.linalg.norm(place - labelled) > 0.06 * camera.width
         if not reached and inside and apart:

@@ -27,8 +27,12 @@ from endolab.model.brdf import TabulatedBRDF
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.calibration import best_frame, geometry_figure, light_figure, show_detection
 from endolab.plots.style import PAGE_SIZE, house
+from endolab.plots.uncertainty import uncertainty_figure
 
-REPORT = ("camera.json", "camera.png", "detection.png", "light.png", "report.html", "report.json")  # at most
+REPORT = (  # at most
+    *("camera.json", "camera.png", "detection.png", "light.png", "uncertainty.png"),
+    *("report.html", "report.json"),
+)
 TEMPLATE = Path(__file__).with_suffix(".html.j2")
 
 
@@ -107,6 +111,8 @@ def write_report(
             write_figure(staging / "camera.png", geometry_figure(session, image, name))
         if session.light is not None:
             write_figure(staging / "light.png", light_figure(session, image, name))
+        if session.geometry is not None or session.light is not None:
+            write_figure(staging / "uncertainty.png", uncertainty_figure(session))
         if not lacking("jinja2"):
             write_atomically(staging / "report.html", _page(session, source, name).encode())
         write_atomically(staging / "report.json", as_json(facts))

@@ -64,9 +64,10 @@ def test_the_page_is_whole_and_its_pictures_are_there(tmp_path):
     session, frames, _ = simulated()
     write_report(session, frames, tmp_path / "report")
     files = {file.name for file in (tmp_path / "report").iterdir()}
-    assert files == {MANIFEST, "report.html", "report.json", "camera.json", "camera.png", "light.png"}
+    pictures = ["camera.png", "light.png", "uncertainty.png"]
+    assert files == {MANIFEST, "report.html", "report.json", "camera.json", *pictures}
     page = Page((tmp_path / "report" / "report.html").read_text(encoding="utf-8"))
-    assert page.pictures == ["camera.png", "light.png"]
+    assert page.pictures == pictures
     for part in (*session.light.verdict, "frame_9", "too few points", "79.690 ± 0.012 px", "1 (pinned)"):
         assert part in page.text
     facts = json.loads((tmp_path / "report" / "report.json").read_text(encoding="utf-8"))
@@ -108,7 +109,7 @@ def test_without_jinja_there_is_all_but_the_page(tmp_path, monkeypatch):
     session, frames, _ = simulated()
     write_report(refused(session), frames, tmp_path)
     files = {file.name for file in tmp_path.iterdir()}
-    assert files == {MANIFEST, "report.json", "camera.json", "camera.png"}
+    assert files == {MANIFEST, "report.json", "camera.json", "camera.png", "uncertainty.png"}
 
 
 def test_a_report_that_cannot_be_written_leaves_nothing(tmp_path):

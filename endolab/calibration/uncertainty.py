@@ -1,0 +1,145 @@
+"""How well a calibration knows each ray of the picture, and the light that goes along it.
+
+The covariances of the two fits, of a few numbers each, are brought to the picture by the derivatives of what
+these numbers make there: to first order, a change δ of the camera's numbers moves the pixel of a ray by B δ,
+and the ray of a pixel by -J B δ, J being the ray's derivative by the pixel.
+
+A turn that all rays share is told apart. A camera calibrated anew has its axis elsewhere by some of that
+turn, its targets turn along with it, and no surface changes its shape by it. It is the turn after which the
+rays of the picture move least. (mrcal, which shows such maps too, takes it from the targets' poses.)
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from endolab.calibration.geometric.projection import camera_vector, project
+from endolab.calibration.photometric.result import PhotometricFit
+from endolab.model.cameras import Camera, KannalaBrandt
+from endolab.numerics.arrays import FloatArray
+
+COLUMNS = 120  # of a map; it is smooth
+
+
+@dataclass(frozen=True)
+class RayUncertainty:
+    """Root mean square of how far rays are off, over the places `pixels`; nan where there is no ray.
+
+    inf where it hangs on a number of the camera that the views do not tell.
+    """
+
+    pixels: FloatArray  # (h, w, 2), column and row, px
+    px: FloatArray  # (h, w), of the pixel of a ray
+    mrad: FloatArray  # (h, w), of the ray of a pixel
+    mrad_shape: FloatArray  # (h, w), the same without the turn that all rays share
+    mrad_turn: float  # that turn
+
+
+def places(camera: Camera, columns: int = COLUMNS) -> FloatArray:
+    """Return the places of a map over a camera's picture: (h, w, 2), column and row, px, evenly spaced."""
+    columns = min(columns, camera.width)
+    rows = max(1, round(camera.height * columns / camera.width))
+    u = (np.arange(columns) + 0.5) * camera.width / columns - 0.5
+    v = (np.arange(rows) + 0.5) * camera.height / rows - 0.5
+    return np.stack(np.meshgrid(u, v), axis=-1)
+
+
+def ray_uncertainty(
+    camera: KannalaBrandt,
+    covariance: FloatArray,
+    pixels: FloatArray | None = None,
+    max_angle: float = np.pi,
+) -> RayUncertainty:
+    """Bring the covariance of a camera's numbers to the rays of its picture.
+
+    Parameters
+    ----------
+    camera : KannalaBrandt
+    covariance : (8, 8) float array
+        As in `GeometricFit`: of fx, fy, cx, cy (px) and k1 to k4; inf on the diagonal of what is not told.
+    pixels : (h, w, 2) float array, optional
+        Where, column and row, px, all over the picture; `places` by default.
+    max_angle : float
+        Off the axis, rad, up to which rays tell the turn that all share: beyond what the views have seen
+        they may be wild.
+    """
+    pixels = places(camera) if pixels is None else np.asarray(pixels, dtype=np.float64)
+    lost = ~np.isfinite(np.diag(covariance))
+    finite = np.where(lost | lost[:, None], 0.0, covariance)
+    every = camera.unproject(pixels)
+    seen = np.isfinite(every).all(axis=-1)
+    rays = every[seen]
+    still, origin = np.broadcast_to(np.eye(3), (len(rays), 3, 3)), np.zeros((len(rays), 3))
+    there = project(camera_vector(camera), still, rays, origin, np.zeros(len(rays)))
+    # A pixel moves by no change of a ray's length, so that the least change that undoes it is a turn.
+    moved = -np.linalg.pinv(there.by_pose[..., 3:]) @ there.by_camera  # (n, 3, 8), of rays
+    # The turn ω that leaves least: Σ (1 - r rᵀ) ω = Σ r × δr.
+    near = rays[:, 2] >= np.cos(max_angle)
+    across = np.eye(3) - rays[near, :, None] * rays[near, None, :]
+    turned = np.cross(rays[near, :, None], moved[near], axis=1)
+    turn = np.linalg.pinv(across.sum(axis=0)) @ turned.sum(axis=0)
+    rest = moved + np.cross(rays[:, :, None], turn[None], axis=1)
+
+    def spread(slopes: FloatArray) -> FloatArray:
+        """Root of the trace of the covariance, as a map."""
+        square = np.einsum("nip,pq,niq->n", slopes, finite, slopes)
+        untold = (slopes[..., lost] != 0).any(axis=(1, 2))
+        found = np.full(seen.shape, np.nan)
+        found[seen] = np.where(untold, np.inf, np.sqrt(np.maximum(square, 0.0)))
+        return found
+
+    whole = float(np.sqrt(max(np.trace(turn @ finite @ turn.T), 0.0)))
+    return RayUncertainty(
+        pixels=pixels,
+        px=spread(there.by_camera),
+        mrad=1e3 * spread(moved),
+        mrad_shape=1e3 * spread(rest),
+        mrad_turn=np.inf if turn[:, lost].any() else 1e3 * whole,
+    )
+
+
+def fall_off_uncertainty(
+    light: PhotometricFit, camera: Camera, pixels: FloatArray | None = None, distance: float | None = None
+) -> FloatArray:
+    """Return how well the light's fall-off μ′ is known over the picture: its standard error, %.
+
+    It is that of the light along a ray over the light on the axis, as the gain takes what all rays share:
+    ln cos α times that of k, if the light was taken to be at the optical centre. A light whose place and
+    direction were fitted is told of for a wall at one distance. nan where no light can come from.
+
+    Parameters
+    ----------
+    light : PhotometricFit
+    camera : Camera
+    pixels : (..., 2) float array, optional
+        Where, column and row, px; `places` by default.
+    distance : float, optional
+        From the optical centre, mm; by default half-way between the ends of the samples' range, in ratio.
+    """
+    rays = camera.unproject(places(camera) if pixels is None else pixels)
+    if distance is None:
+        distance = float(np.sqrt(np.prod(light.distance_range)))
+    names = ["k", *(name for name in light.names if name.startswith("light"))]
+    slopes = _by_light(light, distance * rays) - _by_light(light, distance * np.array([0.0, 0.0, 1.0]))
+    index = [light.names.index(name) for name in names]
+    covariance = light.covariance[np.ix_(index, index)]
+    slopes = slopes[..., : len(index)]
+    return 100 * np.sqrt(np.maximum(np.einsum("...p,pq,...q->...", slopes, covariance, slopes), 0.0))
+
+
+def _by_light(light: PhotometricFit, points: FloatArray) -> FloatArray:
+    """Slopes of the logarithm of the light at points, (..., 6), by k, the lamp's place and its tilt."""
+    lights = light.photometry.lights
+    direction = np.array([0.0, 0.0, 1.0])
+    place = np.zeros(3)
+    if lights:
+        place, direction = np.array(lights[0].position), np.array(lights[0].direction)
+        direction = direction / direction[2]  # its tilt is of (a, b, 1)
+    offset = points - place
+    square = np.sum(offset**2, axis=-1, keepdims=True)
+    along = (offset @ direction)[..., None]
+    along = np.where(along > 0, along, np.nan)
+    by_k = np.log(along / np.sqrt(square * (direction @ direction)))
+    by_place = (light.k + 2) * offset / square - light.k * direction / along
+    by_tilt = light.k * (offset[..., :2] / along - direction[:2] / (direction @ direction))
+    return np.concatenate([by_k, by_place, by_tilt], axis=-1)

@@ -1,0 +1,139 @@
+"""Maps of uncertainty against cameras and lights that are drawn, and against a fit's own true error."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+
+import endolab as el
+from endolab import datasets
+from endolab.calibration.geometric.fit import calibrate_camera
+from endolab.calibration.geometric.projection import camera_of, camera_vector
+from endolab.calibration.uncertainty import fall_off_uncertainty, places, ray_uncertainty
+from endolab.model.lights import SpotLight
+from tests.tools.sheet_views import PAPER as LARGE
+from tests.tools.sheet_views import make_views
+from tests.tools.simulated_session import simulated
+
+PAPER = datasets.load_calibration("paper", width=160).camera
+WIDE = np.deg2rad(70)  # the picture without its corners
+SPREAD = np.array([0.05, 0.06, 0.2, 0.15, 2e-4, 2e-4, 1e-4, 3e-5])  # px, and of k1 to k4
+
+
+def covariance(seed=0):
+    """One whose numbers hang together, of the sizes of a calibration."""
+    mixed = np.eye(8) + 0.4 * np.random.default_rng(seed).standard_normal((8, 8))
+    found = mixed @ mixed.T
+    scale = SPREAD / np.sqrt(np.diag(found))
+    return found * scale * scale[:, None]
+
+
+def rms(a):
+    """Over draws, of the length."""
+    return np.sqrt(np.mean(np.sum(a**2, axis=-1), axis=0))
+
+
+def test_rays_are_as_uncertain_as_those_of_cameras_that_are_drawn():
+    """2000 cameras: the ray of each pixel, the pixel of each ray, and what is left after the best turn."""
+    sure, pixels = covariance(), places(PAPER, 16)[1:-1, 2:-2]
+    found = ray_uncertainty(PAPER, sure, pixels)
+    rays = PAPER.unproject(pixels)
+    drawn = np.random.default_rng(1).multivariate_normal(camera_vector(PAPER), sure, 2000)
+    cameras = [camera_of(vector, 160, 120) for vector in drawn]
+    others = np.array([camera.unproject(pixels) for camera in cameras])
+    assert found.mrad == pytest.approx(1e3 * rms(others - rays), rel=0.06)
+    assert found.px == pytest.approx(rms(np.array([c.project(rays) for c in cameras]) - pixels), rel=0.06)
+    turns = [
+        scipy.spatial.transform.Rotation.align_vectors(rays.reshape(-1, 3), o.reshape(-1, 3))[0]
+        for o in others
+    ]
+    turned = [turn.apply(o.reshape(-1, 3)).reshape(o.shape) for turn, o in zip(turns, others, strict=True)]
+    assert found.mrad_shape == pytest.approx(1e3 * rms(np.array(turned) - rays), rel=0.08)
+    size = np.sqrt(np.mean([turn.magnitude() ** 2 for turn in turns]))
+    assert found.mrad_turn == pytest.approx(1e3 * size, rel=0.06)
+
+
+def test_a_centre_that_is_off_is_mostly_a_turn():
+    sure = np.diag([0, 0, 0.2**2, 0.2**2, 0, 0, 0, 0.0])
+    found = ray_uncertainty(PAPER, sure, max_angle=WIDE)
+    seen = np.isfinite(found.px)
+    assert found.px[seen] == pytest.approx(0.2 * np.sqrt(2))
+    assert np.nanmedian(found.mrad_shape) < 0.3 * np.nanmedian(found.mrad)
+    focal = ray_uncertainty(PAPER, np.diag([0.2**2, 0.2**2, 0, 0, 0, 0, 0, 0.0]), max_angle=WIDE)
+    assert focal.mrad_turn < 0.1 * np.nanmedian(focal.mrad)
+    assert np.nanmedian(focal.mrad_shape) == pytest.approx(np.nanmedian(focal.mrad), rel=0.1)
+
+
+def test_what_is_not_told_is_unknown_and_what_no_ray_has_is_nan():
+    lost = covariance()
+    lost[2, 2] = np.inf
+    found = ray_uncertainty(PAPER, lost)
+    seen = np.isfinite(PAPER.unproject(places(PAPER))[..., 0])
+    assert np.isinf(found.mrad_turn)
+    for values in (found.px, found.mrad):
+        assert np.array_equal(np.isinf(values), seen)
+    assert 0 < seen.sum() < seen.size
+    found = ray_uncertainty(PAPER, covariance())
+    for values in (found.px, found.mrad, found.mrad_shape):
+        assert np.array_equal(np.isfinite(values), seen)
+        assert np.array_equal(np.isnan(values), ~seen)
+
+
+def test_the_map_covers_the_whole_picture_and_its_places_are_even():
+    found = places(PAPER, 16)
+    assert found.shape == (12, 16, 2)
+    assert found.mean(axis=(0, 1)) == pytest.approx([79.5, 59.5])
+    assert np.diff(found[0, :, 0]) == pytest.approx(10.0)
+    assert places(replace(PAPER, width=7, height=5)).shape == (5, 7, 2)
+
+
+def test_the_light_of_a_centred_lamp_is_as_uncertain_as_k():
+    session = simulated()[0]
+    light, cosine = session.light, PAPER.unproject(places(PAPER))[..., 2]
+    found = fall_off_uncertainty(light, PAPER)
+    above = replace(light.photometry, k=light.k + light.standard_errors["k"]).attenuation(cosine)
+    below = light.photometry.attenuation(cosine)
+    seen = np.isfinite(cosine)
+    assert found[seen] == pytest.approx(100 * np.log(below / above)[seen], abs=1e-9)
+    assert np.isnan(found[~seen]).all()
+    assert found[45, 60] < 0.01 < found[45, 5]  # nothing on the axis
+
+
+def test_the_light_of_a_free_lamp_is_as_uncertain_as_lamps_that_are_drawn():
+    session = simulated("vicalib_folded", light="free")[0]
+    light, camera = session.light, session.camera
+    pixels = places(camera, 16)[1:-1, 2:-2]
+    found = fall_off_uncertainty(light, camera, pixels, 30.0)
+    names = ["k", *(name for name in light.names if name.startswith("light"))]
+    assert len(names) == 6
+    index = [light.names.index(name) for name in names]
+    (spot,) = light.photometry.lights
+    tilt = np.array(spot.direction[:2]) / spot.direction[2]
+    mean = np.array([spot.exponent, *spot.position, *tilt])
+    drawn = np.random.default_rng(2).multivariate_normal(mean, light.covariance[np.ix_(index, index)], 3000)
+    points = 30 * camera.unproject(pixels)
+    logs = []
+    for k, x, y, z, a, b in drawn:
+        lamp = SpotLight((x, y, z), (a, b, 1.0), max(k, 0.0))
+        at = [np.log(lamp.illuminate(p)[0]) for p in (points, np.array([0.0, 0.0, 30.0]))]
+        logs.append(at[0] - at[1])
+    assert found == pytest.approx(100 * np.std(logs, axis=0), rel=0.06)
+    assert fall_off_uncertainty(light, camera, pixels) != pytest.approx(found, rel=1e-3)
+
+
+def test_true_errors_of_calibrations_are_as_large_as_said():
+    """Each of several fits knows its rays, turned onto the true ones, to what it says: a ratio about 1."""
+    ratios = []
+    for seed in range(6):
+        views, _ = make_views(
+            LARGE, el.TARGETS["charuco"], 8, np.random.default_rng(seed), noise=0.1, tilt=45
+        )
+        fit = calibrate_camera(views, el.TARGETS["charuco"], LARGE.width, LARGE.height)
+        pixels = places(LARGE, 16)[1:-1, 2:-2]
+        found = ray_uncertainty(fit.camera, fit.covariance, pixels)
+        true, rays = (camera.unproject(pixels).reshape(-1, 3) for camera in (LARGE, fit.camera))
+        turn = scipy.spatial.transform.Rotation.align_vectors(true, rays)[0]
+        off = np.linalg.norm(turn.apply(rays) - true, axis=1)
+        ratios.append(np.sqrt(np.mean((1e3 * off / found.mrad_shape.ravel()) ** 2)))
+    assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.6
