@@ -84,10 +84,9 @@ def _trust(shown: Shown) -> list[rrb.View]:
     if shown.sigma is None:
         return []
     contents = [shown.at("front/trust/sigma"), shown.at("front/trust/mask")]
-    title = f"σ at the end: dark 0 to bright {shown.sigma:g} % of the distance"
+    title = f"σ, 0 to {shown.sigma:g} %"  # a tab has no room for more; the words tell the rest
     sigma = rrb.Spatial2DView(origin=shown.at("front/trust"), contents=contents, name=shown.called(title))
-    title = "Who decided: blue data, orange border or contour, pink prior"
-    return [sigma, _picture(shown, "front/trust/decided_by", title)]
+    return [sigma, _picture(shown, "front/trust/decided_by", "Who decided")]
 
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:

@@ -52,10 +52,10 @@ HIDDEN = {"display": "none"}
 class Pair(w.HBox):
     """What is shown now and, if there is one, A: side by side, of one size, with the same limits.
 
-    `cut` tells where the section lies.
+    `cut` tells where the section lies, `third` what the third panel shows.
     """
 
-    def __init__(self, cut: Callable[[], Cut]) -> None:
+    def __init__(self, cut: Callable[[], Cut], third: Callable[[], str]) -> None:
         self.shown: Outcome | None = None
         self.kept: Outcome | None = None  # A
         self.picture, self.picture_kept = Pointed(), Pointed()
@@ -63,7 +63,7 @@ class Pair(w.HBox):
         self._now, self._a = w.VBox([self.picture], layout=ALONE), w.VBox([self.picture_kept], layout=HIDDEN)
         self._now.add_class("endolab-now")
         self._a.add_class("endolab-kept")
-        self._cut = cut
+        self._cut, self._third = cut, third
         self._drawing = threading.RLock()  # the solver's thread shows, the kernel's moves the section
         super().__init__([self._a, self._now], layout=w.Layout(flex_flow="row wrap", grid_gap="0 8px"))
 
@@ -114,7 +114,8 @@ class Pair(w.HBox):
         return 3 if self.kept is None else 2  # two boards of half the width remain readable
 
     def _drawn(self, outcome: Outcome) -> bytes:
-        return jpeg(outcome_board(outcome, self._cut(), self.limits(outcome), self._columns))
+        limits = self.limits(outcome)
+        return jpeg(outcome_board(outcome, self._cut(), limits, self._columns, self._third()))
 
     def _name(self) -> None:
         """Say what each is, and how they differ."""

@@ -4,6 +4,9 @@ A thread of its own solves; `Tuner.ask` returns at once. A new wish stops the so
 next iterate. Every wish is answered twice, on a grid of half the size and then in full, and both
 start from the last result there, so that a small change of λ costs a step or two. While a long
 full solve goes on, what it has so far is told now and then.
+
+How far the answer can be trusted, or what other λ would leave, is found besides if somebody looks at it:
+after the last answer, by another thread that leaves the solver a core, and is told as that answer once more.
 """
 
 from __future__ import annotations
@@ -20,15 +23,21 @@ import numpy as np
 from endolab.depth.result import SCALED, SOLUTION, Iterate, Observer, Result
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
+from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
+from endolab.trust.choice_of_lam import LamCurve
+from endolab.trust.trust import Trust, trust_of
 from endolab.tuning.source import SHRINK, Settings, Source, Subject, shrunk_map
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Endoscope
 
 PATIENCE = 0.4  # s that a full solve takes between one picture and the next
+REST = 0.3  # s without a wish before anything is looked for besides
 LEAST_WIDTH = 64  # px, of a grid that is worth a coarse one
+TRUST, CURVE = "trust", "curve"  # what can be found besides
+DRAWS = 8  # of random fields, for a trust that somebody waits for: σ is off by a quarter or less
 # The most steps of a coarse answer, from a start and from nothing.
 COARSE_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
 
@@ -44,6 +53,9 @@ class Outcome:
     subject: Subject | None = None  # what was looked at
     result: Result | None = None
     error: str | None = None  # one sentence
+    trust: Trust | None = None  # how far the result can be trusted, if somebody looks at it
+    curve: LamCurve | None = None  # likewise: what each λ would leave
+    untold: str | None = None  # one sentence: why there is no trust, or no curve
 
     @property
     def label(self) -> str:
@@ -128,9 +140,15 @@ class Tuner:
         self._wish: Settings | None = None
         self._final: Outcome | None = None
         self._closed = False
+        self._besides: str | None = None  # what is to be found
+        self._curve: tuple[Source, Settings, LamCurve] | None = None  # the last, which holds for any λ
+        self._telling = threading.Lock()
         self.use(calibration, frame, truth)
-        self._thread = threading.Thread(target=self._work, name="endolab tuner", daemon=True)
-        self._thread.start()
+        self._answered_from = self._source
+        work = {"endolab tuner": self._work, "endolab tuner, besides": self._work_besides}
+        self._threads = [threading.Thread(target=job, name=name, daemon=True) for name, job in work.items()]
+        for thread in self._threads:
+            thread.start()
 
     # From any thread ---------------------------------------------------------------------
 
@@ -155,6 +173,14 @@ class Tuner:
             self._changed.notify_all()
             return self._serial
 
+    def look_at(self, besides: str | None) -> None:
+        """Find this besides from now on: "trust", "curve" or, for None, nothing; returns at once."""
+        with self._changed:
+            self._besides = besides
+            if self._final is not None and self._final.untold:
+                self._final = replace(self._final, untold=None)
+            self._changed.notify_all()
+
     def wait(self, timeout: float | None = None) -> Outcome:
         """Wait so many seconds for the last answer to the latest wish: fine, or with an error."""
         with self._changed:
@@ -175,17 +201,19 @@ class Tuner:
         return Outcome(self._serial, settings, "fine", time.perf_counter() - started, subject, result)
 
     def close(self) -> None:
-        """Stop the solve in flight and end the thread; a second call does nothing."""
+        """Stop the solve in flight and end the threads; a second call does nothing."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-        if self._thread is not threading.current_thread():
-            self._thread.join()
+        for thread in self._threads:
+            if thread is not threading.current_thread():
+                thread.join()
 
     def _result(self, subject: Subject, settings: Settings, **options: Any) -> Result:
-        known = replace(subject.calibration, photometry=settings.believed(subject.calibration.photometry))
         return self._solve(
-            subject.frame, known, **options, **settings.keywords(subject.frame.image.ndim == 2)
+            subject.frame,
+            _known(subject, settings),
+            **settings.keywords(subject.frame.image.ndim == 2) | options,
         )
 
     # In the tuner's thread ---------------------------------------------------------------
@@ -213,23 +241,28 @@ class Tuner:
                 else:
                     if solved is None:
                         continue
-                    outcome = Outcome(serial, settings, stage, time.perf_counter() - started, *solved)
+                    seconds, curve = time.perf_counter() - started, self._known_curve(source, settings)
+                    outcome = Outcome(serial, settings, stage, seconds, *solved, curve=curve)
                 if self._is_stale(serial):
                     break
-                self._tell(outcome)
+                self._tell(outcome, source)
                 if outcome.error is not None:
                     break
 
-    def _tell(self, outcome: Outcome) -> None:
+    def _tell(self, outcome: Outcome, source: Source) -> None:
+        with self._telling:
+            self._show(outcome)
+        if outcome.stage == "fine" or outcome.error is not None:
+            with self._changed:
+                self._final, self._answered_from = outcome, source
+                self._changed.notify_all()
+
+    def _show(self, outcome: Outcome) -> None:
         try:
             if self.on_outcome is not None:
                 self.on_outcome(outcome)
         except Exception as error:
             self.complaint = sentence_of(error)
-        if outcome.stage == "fine" or outcome.error is not None:
-            with self._changed:
-                self._final = outcome
-                self._changed.notify_all()
 
     def _solved(
         self, source: Source, settings: Settings, stage: str, serial: int
@@ -251,10 +284,86 @@ class Tuner:
 
         def tell(sofar: Result, seconds: float) -> None:
             if stage == "fine":
-                self._tell(Outcome(serial, settings, "refining", seconds, subject, sofar))
+                curve = self._known_curve(source, settings)
+                self._tell(
+                    Outcome(serial, settings, "refining", seconds, subject, sofar, curve=curve), source
+                )
 
         options["observers"] = [_Progress(lambda: self._is_stale(serial), tell)]
         result = self._result(subject, settings, **options)
         if not self._is_stale(serial):
             source.keep(grid, result)
         return subject, result
+
+    def _known_curve(self, source: Source, settings: Settings) -> LamCurve | None:
+        """The curve that was found last, if it is of these settings but for λ."""
+        if self._curve is None or self._curve[:2] != (source, replace(settings, lam=1.0)):
+            return None
+        return self._curve[2]
+
+    # In the thread beside it ---------------------------------------------------------------
+
+    def _lacking(self) -> str | None:
+        """What is still to be found of the last answer."""
+        final, besides = self._final, self._besides
+        if besides is None or final is None or final.result is None or not self._is_answered():
+            return None
+        return None if final.untold or getattr(final, besides) is not None else besides
+
+    def _rested(self) -> tuple[Outcome, str, Source] | None:
+        """Wait until somebody looks at an answer, and what is to be found of it; None when it is closed."""
+        with self._changed:
+            while True:
+                self._changed.wait_for(lambda: self._closed or self._lacking() is not None)
+                if self._closed:
+                    return None
+                outcome = self._final
+                self._changed.wait_for(lambda: self._closed or self._lacking() is None, REST)
+                what = self._lacking()
+                if outcome is not None and outcome is self._final and what is not None:
+                    return outcome, what, self._answered_from
+
+    def _work_besides(self) -> None:
+        while (wanted := self._rested()) is not None:
+            outcome, what, source = wanted
+            try:
+                with limited_threads(1):  # the next wish finds a core
+                    found = self._trusted(outcome) if what == TRUST else self._weighed(outcome, source)
+            except Exception as error:
+                found = replace(outcome, untold=sentence_of(error))
+            with self._telling:
+                with self._changed:
+                    if self._final is not outcome or self._is_stale(outcome.serial):
+                        continue
+                    self._final = found
+                self._show(found)
+
+    def _trusted(self, outcome: Outcome) -> Outcome:
+        """The same with how far it can be trusted; a wish stops the search."""
+        assert outcome.result is not None
+        assert outcome.subject is not None
+        known = _known(outcome.subject, outcome.settings)
+        stop = [lambda _: self._is_stale(outcome.serial)]
+        return replace(outcome, trust=trust_of(outcome.result, known, draws=DRAWS, observers=stop))
+
+    def _weighed(self, outcome: Outcome, source: Source) -> Outcome:
+        """The same with what each λ would leave; a wish stops the search."""
+        assert outcome.subject is not None
+        curves: list[LamCurve] = []
+
+        def watch(iterate: Iterate) -> bool:
+            curve = iterate.problem.origin.lam_curve
+            curves.extend([] if curve is None else [curve])
+            return curve is not None or self._is_stale(outcome.serial)
+
+        self._result(outcome.subject, outcome.settings, lam="auto", observers=[watch])
+        if not curves:
+            return replace(outcome, untold="the search for λ was stopped")
+        with self._changed:
+            self._curve = source, replace(outcome.settings, lam=1.0), curves[0]
+        return replace(outcome, curve=curves[0])
+
+
+def _known(subject: Subject, settings: Settings) -> Endoscope:
+    """The endoscope as the solver believes it to be."""
+    return replace(subject.calibration, photometry=settings.believed(subject.calibration.photometry))

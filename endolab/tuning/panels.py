@@ -6,8 +6,10 @@ import numpy as np
 
 from endolab.depth.result import Result
 from endolab.numerics.arrays import FloatArray
-from endolab.tuning.engine import Outcome
+from endolab.plots.scales import DECIDERS
+from endolab.tuning.engine import CURVE, TRUST, Outcome
 from endolab.tuning.pictures import (
+    LEFT_OUT,
     Limits,
     Picture,
     board,
@@ -15,6 +17,7 @@ from endolab.tuning.pictures import (
     curve_panel,
     cut_panel,
     grey_or_colour,
+    key_panel,
     map_panel,
     map_spot,
 )
@@ -27,6 +30,8 @@ SIGNS = {"scene": "scene", "epsilon": "ε", "k": "k", "gamma": "γ", "gain": "ga
 SIGNS |= {"xi": "ξ", "regulariser": "order", "solver": "solver", "channel": "channel", "width": "width"}
 UNSET = {"scene": "frame", "channel": "green or grey"}  # else "as calibrated"
 PANELS = 6
+NORMALS, SIGMA, DECIDED, WEIGHTS = "normals", "σ", "who decided", "λ"  # what the third can show
+BESIDES = {NORMALS: None, SIGMA: TRUST, DECIDED: TRUST, WEIGHTS: CURVE}  # and what has to be found for it
 SECTION_SHAPE = 314 / 204  # width by height of the axes of a section
 
 
@@ -106,8 +111,57 @@ def spots(outcome: Outcome, columns: int = 3) -> list[tuple[float, float, float,
     return [map_spot(outcome.result.mask.shape, divmod(i, columns), (rows, columns)) for i in (0, 1)]
 
 
-def outcome_board(outcome: Outcome, cut: Cut, limits: Shared | None = None, columns: int = 3) -> Picture:
-    """Draw an outcome that has a result: input, distance, normals; error, section, energy.
+def _third_panel(outcome: Outcome, third: str, of: Outcome) -> Picture:
+    """What was chosen to be shown, σ in colours that suit another outcome, if its σ is known."""
+    result, trust, curve = outcome.result, outcome.trust, outcome.curve
+    assert result is not None
+    if third == NORMALS:
+        return map_panel("Normals, (n + 1)/2", grey_or_colour((result.normals + 1) / 2))
+    if third == WEIGHTS and curve is not None:
+        return _weights_panel(outcome)
+    if third == WEIGHTS or trust is None:
+        why = "not known, see the line above" if outcome.untold else "to come when the sliders rest"
+        return map_panel(
+            f"{third[0].upper()}{third[1:]}: {why}", grey_or_colour(np.full(result.mask.shape, np.nan))
+        )
+    if third == DECIDED:
+        shares = [100 * float(np.mean(trust.decided_by[result.mask] == k)) for k in (1, 2, 3)]
+        names = [f"{name} {share:.0f} %" for name, share in zip(DECIDERS, shares, strict=True)]
+        colours = np.array([LEFT_OUT, *DECIDERS.values()], np.uint8)
+        return key_panel("Who decided", names, colours[trust.decided_by], list(DECIDERS.values()))
+    percent = 100 * trust.sigma / result.distance
+    other = percent if of.trust is None or of.result is None else 100 * of.trust.sigma / of.result.distance
+    size = float(np.nanpercentile(other, 98))
+    ends = (0.0, next((limit for limit in ERROR_LIMITS if limit >= size), ERROR_LIMITS[-1]))
+    title = f"Trust: σ of the distance [%], median {np.nanmedian(percent):.2g}"
+    return map_panel(title, coloured(percent, ends, "magma"), ends, palette="magma")
+
+
+def _weights_panel(outcome: Outcome) -> Picture:
+    """How much smoother than noise is what each λ leaves, with the λ to be chosen and the slider's."""
+    curve, lam = outcome.curve, outcome.settings.lam
+    assert curve is not None
+    c = curve.criterion
+    known = c[np.isfinite(c)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    margin = 0.1 * (high - low) or 0.1
+    low, high = min(low, 0.0) - margin, max(high, 0.0) + margin
+    at = np.log10([*curve.lam[[0, -1]], curve.chosen, lam])
+    ends = (float(at.min()) - 0.1, float(at.max()) + 0.1)
+    curves = [
+        ("", np.array(ends), np.zeros(2)),
+        ("criterion", np.log10(curve.lam), c),
+        ("chosen", np.full(2, at[2]), np.array([low, high])),
+        ("now", np.full(2, at[3]), np.array([low, high])),
+    ]
+    title = f"λ: {curve.chosen:.3g} would be chosen, now {lam:.3g}"
+    return curve_panel(title, curves, "log10 λ", "ρ - ρ of noise [1]", x_limits=ends, y_limits=(low, high))
+
+
+def outcome_board(
+    outcome: Outcome, cut: Cut, limits: Shared | None = None, columns: int = 3, third: str = NORMALS
+) -> Picture:
+    """Draw an outcome that has a result: input, distance, a `third` of `BESIDES`; error, section, energy.
 
     Colours and section have by default the limits that suit this outcome.
     """
@@ -120,7 +174,7 @@ def outcome_board(outcome: Outcome, cut: Cut, limits: Shared | None = None, colu
     depth = map_panel(f"Distance [{problem.unit}], {outcome.label}", colours, limits.depth)
     for panel in (frame, depth):
         cut_panel(panel, shape, cut.index(shape), cut.is_row)
-    normals = map_panel("Normals, (n + 1)/2", grey_or_colour((result.normals + 1) / 2))
+    chosen = _third_panel(outcome, third, limits.of)
     if truth is None:
         error = map_panel("Error: the truth is unknown", grey_or_colour(np.full(shape, np.nan)))
     else:
@@ -133,7 +187,7 @@ def outcome_board(outcome: Outcome, cut: Cut, limits: Shared | None = None, colu
         for name in ("data", "regulariser", "energy")
     ]
     curve = curve_panel("Energy", terms, "iteration", "energy [1]", log=True)
-    panels = [frame, depth, normals, error, _section_panel(outcome, cut, limits.of), curve]
+    panels = [frame, depth, chosen, error, _section_panel(outcome, cut, limits.of), curve]
     return board([panels[first : first + columns] for first in range(0, PANELS, columns)])
 
 
@@ -167,6 +221,8 @@ def summary(outcome: Outcome, drawing: float | None = None) -> str:
         error_of(outcome),
         f"solved in {1e3 * outcome.seconds:.0f} ms",
     ]
+    if outcome.untold is not None:
+        parts.append(outcome.untold)
     if drawing is not None:
         parts.append(f"drawn in {1e3 * drawing:.0f} ms")
     return " · ".join(parts)

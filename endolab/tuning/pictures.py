@@ -28,7 +28,11 @@ COLOURS = {  # Okabe and Ito's, as in `plots`
     "energy": (0, 0, 0),
     "data": (0, 114, 178),
     "regulariser": (213, 94, 0),
+    "criterion": (0, 114, 178),
+    "chosen": (0, 158, 115),
+    "now": (213, 94, 0),
 }
+MAPS = {"viridis": cv2.COLORMAP_VIRIDIS, "magma": cv2.COLORMAP_MAGMA}
 QUALITY = 88  # of a JPEG
 
 
@@ -65,14 +69,14 @@ def write(
 
 @lru_cache(maxsize=4)
 def _palette(name: str) -> Picture:
-    if name == "viridis":
-        scale = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)
+    if name in MAPS:
+        scale = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], MAPS[name])
         return np.ascontiguousarray(scale[:, 0, ::-1])
     return blue_white_red(np.linspace(-1, 1, 256))
 
 
 def coloured(values: FloatArray, limits: Limits, palette: str = "viridis") -> Picture:
-    """Colour a map, (H, W): "viridis" or "diverging" between the limits, grey where it is nan."""
+    """Colour a map, (H, W): "viridis", "magma" or "diverging" between the limits, grey where it is nan."""
     low, high = limits
     known = np.isfinite(values)
     share = (np.where(known, values, low) - low) / max(high - low, 1e-12)
@@ -130,6 +134,21 @@ def map_panel(
             y = round(bottom - 1 - (value - limits[0]) / (limits[1] - limits[0]) * (size[1] - 1))
             paper[y, left + 12 : left + 16] = INK
             write(paper, f"{value:g}", left + 18, y - 11, 12)
+    return paper
+
+
+def key_panel(
+    title: str, names: Sequence[str], picture: Picture, colours: Sequence[Sequence[int]]
+) -> Picture:
+    """A picture of few colours, fitted in under a title, with what they mean in its lower left corner."""
+    paper, height = map_panel(title, picture), _fitted(picture.shape)[1]
+    top = TITLE + height - 20 * len(names) - 6
+    for i, (name, colour) in enumerate(zip(names, colours, strict=True)):
+        ink = _written(name, 12).shape[1]
+        y = top + 20 * i
+        paper[y : y + 20, EDGE + 4 : EDGE + 30 + ink] = 255
+        paper[y + 4 : y + 16, EDGE + 8 : EDGE + 20] = colour
+        write(paper, name, EDGE + 24, y - 2, 12)
     return paper
 
 

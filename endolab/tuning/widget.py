@@ -34,11 +34,12 @@ from endolab.reports.result import result_files, save_result
 from endolab.synthetic.scenes import SCENES
 from endolab.tuning.controls import Pair, choice, close_parts, log_slider, slider
 from endolab.tuning.engine import Outcome, Tuner, sentence_of
-from endolab.tuning.panels import NAMES, Cut, outcome_board, summary
+from endolab.tuning.panels import BESIDES, NAMES, Cut, outcome_board, summary
 from endolab.tuning.pictures import png
 from endolab.tuning.source import Settings
 
 IMPORTS = "from dataclasses import replace\n\nimport endolab as el\n"
+VIEWS = ("section", "across", "third")  # knobs that change what is seen and not what is solved
 KEEP = "show this beside what comes, to compare"
 
 
@@ -83,7 +84,7 @@ def tune(
 class TunerBox(w.VBox):
     """The tuner's widget; `tune` makes it.
 
-    `engine` solves what the `knobs` say, by the names of `Settings`, and "section", "across". `pair`
+    `engine` solves what the `knobs` say, by the names of `Settings`, and "section", "across", "third". `pair`
     shows what there is now, and A; its section follows the pointer on input and distance. `status`
     is one line: how the solve went, or what went wrong.
     """
@@ -95,7 +96,7 @@ class TunerBox(w.VBox):
         self._quiet = False
         self._answered = False
         self._calibration, self._frame = calibration, frame
-        self.pair = Pair(self._cut)
+        self.pair = Pair(self._cut, lambda: self.knobs["third"].value)
         for picture in (self.pair.picture, self.pair.picture_kept):
             picture.observe(self._guarded(lambda change: self._point(change["new"])), "point")
         self._make_knobs(scene, width)
@@ -128,9 +129,11 @@ class TunerBox(w.VBox):
             "width": choice("width, px", sorted({160, 320, 480, 640, width}), value=width),
             "section": slider("section", 50, 0, 100, 0.5, "where the cross-section lies, % of the picture"),
             "across": choice("along", ["column", "row"]),
+            "third": choice("third view", [*BESIDES]),
         }
+        self.knobs["third"].observe(self._guarded(lambda _: self._look()), "value")
         for name, knob in self.knobs.items():
-            follow = self.pair.redraw if name in ("section", "across") else self.ask
+            follow = self.pair.redraw if name in VIEWS else self.ask
             knob.observe(self._guarded(lambda _, follow=follow: follow()), "value")
 
     def _scenes(self) -> list[tuple[str, str]]:
@@ -158,7 +161,7 @@ class TunerBox(w.VBox):
 
     def settings(self) -> Settings:
         """Return what the knobs say."""
-        values = {name: knob.value for name, knob in self.knobs.items() if name not in ("section", "across")}
+        values = {name: knob.value for name, knob in self.knobs.items() if name not in VIEWS}
         light = self._calibration.photometry
         for name in ("k", "gamma"):
             if abs(values[name] - getattr(light, name)) < 1e-9:
@@ -214,6 +217,10 @@ class TunerBox(w.VBox):
         except Exception as error:
             self._say(sentence_of(error), bad=True)
             raise
+
+    def _look(self) -> None:
+        """Have found what the third view needs."""
+        self.engine.look_at(BESIDES[self.knobs["third"].value])
 
     def _cut(self) -> Cut:
         return Cut(self.knobs["section"].value / 100, self.knobs["across"].value == "row")

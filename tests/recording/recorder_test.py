@@ -479,7 +479,7 @@ def test_the_layout_shows_trust_where_there_is_some(trusted):
             views(layout(one).root_container) for one in (shown, replace(shown, sigma=None))
         )
         assert [name for name in without if name in with_trust] == without
-        title = f"σ at the end: dark 0 to bright {shown.sigma:g} % of the distance"
+        title = f"σ, 0 to {shown.sigma:g} %"
         assert title in with_trust
         assert title not in without
 

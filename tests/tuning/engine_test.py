@@ -242,7 +242,7 @@ def test_a_watcher_that_fails_stops_nothing(start):
 def test_close_ends_the_thread_and_the_solve(start):
     before, solver = threading.active_count(), Slow()
     tuner = start(solve=solver)
-    assert threading.active_count() == before + 1
+    assert threading.active_count() == before + 2
     tuner.ask(SMALL)
     for _ in range(1000):  # 10 s at most
         if solver.begun:
@@ -266,6 +266,109 @@ def test_waiting_ends(start):
     tuner.ask(SMALL)
     with pytest.raises(TimeoutError, match="no answer in 0"):
         tuner.wait(0.001)
+
+
+def until(condition, seconds=60):
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.02)
+    assert condition()
+
+
+def test_trust_is_found_when_somebody_looks_and_told_as_the_last_answer_once_more(start):
+    told = []
+    tuner = start(told.append)
+    fine = answer(tuner, SMALL)
+    time.sleep(2 * tuning.REST)
+    assert told[-1] is fine
+    assert fine.trust is None
+    tuner.look_at("trust")
+    until(lambda: told[-1].trust is not None)
+    assert (told[-1].result, told[-1].serial) == (fine.result, fine.serial)
+    assert told[-1].trust.draws == tuning.DRAWS
+    expected = el.trust_of(fine.result, fine.subject.calibration, draws=tuning.DRAWS)
+    assert np.array_equal(told[-1].trust.sigma, expected.sigma, equal_nan=True)
+    assert tuner.wait(1) is told[-1]
+    tuner.look_at(None)
+    count = len(told)
+    assert answer(tuner, replace(SMALL, lam=0.5)).trust is None
+    time.sleep(2 * tuning.REST)
+    assert all(outcome.trust is None for outcome in told[count:])
+
+
+def test_a_wish_stops_the_search_for_trust_and_is_answered_first(start, monkeypatch):
+    told, stopped, begun = [], [], threading.Event()
+
+    def slow(result, known, *, draws, observers):
+        if result.problem.lam == 1.0:
+            begun.set()
+            stopped.append(any(observer(None) for observer in observers))
+            until(lambda: any(observer(None) for observer in observers))
+            stopped.append(True)
+        return f"trust of λ = {result.problem.lam:g}"
+
+    monkeypatch.setattr(tuning, "trust_of", slow)
+    tuner = start(told.append)
+    tuner.look_at("trust")
+    answer(tuner, SMALL)
+    assert begun.wait(30)
+    tuner.ask(replace(SMALL, lam=0.5))
+    until(lambda: told[-1].trust is not None)
+    assert stopped == [False, True]
+    assert told[-1].trust == "trust of λ = 0.5"
+    assert [outcome.trust for outcome in told if outcome.settings.lam == 1.0 and outcome.trust] == []
+    kinds = [outcome.stage for outcome in told if outcome.serial == 2]
+    assert (kinds[0], kinds[-2:]) == ("coarse", ["fine", "fine"])
+
+
+def test_the_curve_of_lam_is_that_of_auto_and_stays_while_lam_moves(start):
+    told = []
+    tuner = start(told.append)
+    tuner.look_at("curve")
+    fine = answer(tuner, replace(SMALL, noise=1.0))
+    until(lambda: told[-1].curve is not None)
+    keywords = told[-1].settings.keywords(grey=False) | {"lam": "auto"}
+    expected = el.reconstruct(fine.subject.frame, fine.subject.calibration, **keywords)
+    curve = expected.problem.origin.lam_curve
+    assert told[-1].curve.chosen == curve.chosen
+    assert np.allclose(told[-1].curve.criterion, curve.criterion)
+    answer(tuner, replace(SMALL, noise=1.0, lam=0.2))
+    moved = [outcome for outcome in told if outcome.serial == 2]
+    assert moved[0].stage == "coarse"
+    assert all(outcome.curve is told[-1].curve for outcome in moved)
+    assert answer(tuner, replace(SMALL, noise=2.0)).curve is None
+    until(lambda: told[-1].curve is not None)
+    assert told[-1].serial == 3
+
+
+@pytest.mark.parametrize(
+    ("besides", "words"), [("trust", "minimises no energy"), ("curve", "minimises none")]
+)
+def test_why_there_is_no_trust_or_curve_is_one_sentence_once(start, besides, words):
+    told = []
+    tuner = start(told.append)
+    tuner.look_at(besides)
+    answer(tuner, replace(SMALL, solver="fast_marching"))
+    until(lambda: told[-1].untold is not None)
+    assert words in told[-1].untold
+    assert words in summary(told[-1])
+    count = len(told)
+    time.sleep(2 * tuning.REST)
+    assert len(told) == count
+    assert answer(tuner, SMALL).untold is None
+
+
+def test_a_failing_watcher_does_not_end_the_search_and_closing_does(start):
+    def fail(outcome):
+        raise ZeroDivisionError("no picture")
+
+    tuner = start(fail)
+    tuner.look_at("trust")
+    answer(tuner, SMALL)
+    until(lambda: tuner.wait(1).trust is not None)
+    assert tuner.complaint == "no picture"
+    tuner.close()
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("endolab tuner")]
 
 
 def frame_of(width=200):

@@ -14,9 +14,25 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.io.atomic import as_json
+from endolab.plots.scales import DECIDERS
+from endolab.trust.choice_of_lam import LamCurve
 from endolab.tuning.engine import Tuner
-from endolab.tuning.panels import Cut, contrast, limits_of, outcome_board, spots, summary
-from endolab.tuning.pictures import board, coloured, curve_panel, grey_or_colour, map_panel, panel, ticks
+from endolab.tuning.panels import BESIDES, Cut, contrast, limits_of, outcome_board, spots, summary
+from endolab.tuning.pictures import (
+    COLOURS,
+    EDGE,
+    HEIGHT,
+    LEFT_OUT,
+    TITLE,
+    WIDTH,
+    board,
+    coloured,
+    curve_panel,
+    grey_or_colour,
+    map_panel,
+    panel,
+    ticks,
+)
 from endolab.tuning.source import Settings
 
 
@@ -352,7 +368,7 @@ def test_wrong_arguments_are_refused_and_close_ends_the_thread(make, seen):
             el.tune(*seen[:2], truth=truth)
     assert threading.active_count() == threads
     box = make()
-    assert threading.active_count() == threads + 1
+    assert threading.active_count() == threads + 2
     box.close()
     assert threading.active_count() == threads
 
@@ -375,6 +391,74 @@ def outcome():
     engine = Tuner(datasets.load_calibration("simple", 160))
     yield engine.cold(Settings(scene="tube", width=160))
     engine.close()
+
+
+@pytest.fixture(scope="module")
+def trusted(outcome):
+    """The same, and how far it can be trusted, and what other λ would leave."""
+    lam, alike = np.array([0.1, 1.0, 10.0]), np.array([-0.2, 0.1, 0.2])
+    curve = LamCurve(0.5, lam, lam, lam, alike, np.zeros(3))
+    return replace(outcome, trust=el.trust_of(outcome.result, draws=4), curve=curve)
+
+
+def third_of(outcome, third, limits=None):
+    """The third panel of a board."""
+    picture = outcome_board(outcome, Cut(), limits, third=third)
+    return picture[: picture.shape[0] // 2, 2 * picture.shape[1] // 3 :]
+
+
+def test_the_third_view_shows_what_was_chosen(trusted):
+    views = [third_of(trusted, third) for third in BESIDES]
+    assert all((one != other).any() for i, one in enumerate(views) for other in views[:i])
+    _, sigma, decided, weights = views
+    mask, inner = trusted.result.mask, np.s_[TITLE : TITLE + HEIGHT, EDGE : EDGE + WIDTH]
+    percent = np.where(mask, 100 * trusted.trust.sigma / trusted.result.distance, np.nan)
+    most = next(limit for limit in (2, 5, 10, 20, 50, 100) if limit >= np.nanpercentile(percent, 98))
+    large = cv2.resize(coloured(percent, (0, most), "magma"), (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
+    assert np.array_equal(sigma[inner], large)
+    for k, colour in enumerate(DECIDERS.values(), 1):
+        share = np.mean((decided[inner] == colour).all(axis=-1))
+        assert share == pytest.approx(np.mean(trusted.trust.decided_by == k), abs=0.15)
+    assert (weights == COLOURS["now"]).all(axis=-1).any()
+
+
+def test_the_marker_follows_the_slider(trusted):
+    def marker(lam):
+        picture = third_of(replace(trusted, settings=replace(trusted.settings, lam=lam)), "λ")
+        return np.flatnonzero((picture == COLOURS["now"]).all(axis=-1).sum(axis=0) > 100).mean()
+
+    assert marker(0.2) < marker(1.0) < marker(5.0)
+    middle = (marker(0.1) + marker(10.0)) / 2
+    assert marker(1.0) == pytest.approx(middle, abs=1.5)
+
+
+def test_what_is_not_known_yet_or_never_is_grey_and_a_lends_its_colours(trusted, outcome):
+    known = third_of(trusted, "normals")
+    for third in ("σ", "who decided", "λ"):
+        waiting, never = third_of(outcome, third), third_of(replace(outcome, untold="no energy"), third)
+        assert (waiting[100, 100] == LEFT_OUT).all()
+        assert (waiting != never).any()
+        assert known.shape == waiting.shape
+    trust = replace(trusted.trust, sigma=5 * trusted.trust.sigma)
+    other = replace(trusted, trust=trust)
+    alone, beside = third_of(other, "σ"), third_of(other, "σ", limits_of(trusted))
+    bar = np.s_[TITLE:, EDGE + WIDTH :]
+    assert np.array_equal(beside[bar], third_of(trusted, "σ")[bar])
+    assert (alone[bar] != beside[bar]).any()
+
+
+def test_a_third_view_is_chosen_without_a_solve(make):
+    box = make()
+    final = box.engine.wait(30)
+    before = box.pair.picture.value
+    box.knobs["third"].value = "σ"
+    until(lambda: box.pair.shown.trust is not None, 60)
+    assert box.pair.shown.result is final.result
+    assert box.pair.picture.value != before
+    assert "third" not in box.python()
+    box.knobs["third"].value = "normals"
+    assert box.pair.picture.value == before
+    assert box.engine.complaint == ""
 
 
 def test_a_board_shows_what_is_known_and_a_cut_stays_in_the_picture(outcome):
