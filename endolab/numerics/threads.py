@@ -36,6 +36,9 @@ SHARES = ("/sys/fs/cgroup/cpu.max",), (f"{V1}quota_us", f"{V1}period_us")  # µs
 # milliseconds, takes the cores from other programs, and from the very threads that are waited for.
 os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
+# OpenMP first: Numba would rather have TBB, and warns if another package has loaded one that is too old.
+numba.config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]  # type: ignore[attr-defined]
+
 _limit: ContextVar[int | None] = ContextVar("limit", default=None)
 _cores = threading.Lock()
 _forked = False

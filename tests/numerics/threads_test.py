@@ -227,3 +227,17 @@ def test_cores_are_those_that_joblib_finds():
 def test_no_more_are_asked_for_than_numba_was_given():
     assert said("print(threads.threads())", NUMBA_NUM_THREADS="1") == "1"
     assert said("print(threads.threads())", NUMBA_NUM_THREADS="1", ENDOLAB_THREADS="2") == "1"
+
+
+def test_what_threads_another_package_has_loaded_does_not_matter():
+    """Open3D brings a TBB that is too old for Numba, which would warn of it."""
+    pytest.importorskip("open3d")
+    code = (
+        "import open3d, warnings; warnings.simplefilter('error'); import numpy as np, numba\n"
+        "from endolab.depth.multigrid import dot\n"
+        "assert dot(np.ones((400, 400)), np.ones((400, 400))) == 160000\n"
+        "print(numba.threading_layer())"
+    )
+    env = {**os.environ, "ENDOLAB_THREADS": "2"}
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, timeout=120)
+    assert (ran.returncode, ran.stdout.split()[-1:]) == (0, ["omp"]), ran.stderr
