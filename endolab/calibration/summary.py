@@ -11,8 +11,9 @@ from endolab.calibration.geometric.projection import NAMES, camera_vector
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.session import Session, describe_target
+from endolab.calibration.uncertainty import fall_off_uncertainty, places, ray_uncertainty
 from endolab.model.brdf import TabulatedBRDF
-from endolab.model.cameras import KannalaBrandt
+from endolab.model.cameras import Camera, KannalaBrandt
 from endolab.numerics.arrays import FloatArray, IntArray
 
 AGREEMENT = 0.85  # share of points that must fit the camera, or the report warns
@@ -32,17 +33,27 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
+def _known_to(values: FloatArray, camera: Camera, seen: float) -> dict[str, float]:
+    """Median and largest of a map at `places`, of what lies within an angle off the axis, rad."""
+    inside = values[np.isfinite(values) & (camera.unproject(places(camera))[..., 2] >= np.cos(seen))]
+    return {"median": float(np.median(inside)), "largest": float(inside.max())} if inside.size else {}
+
+
 def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
+    seen = geometry.max_angle_seen
+    rays = ray_uncertainty(geometry.camera, geometry.covariance, max_angle=seen)
     inliers = int(sum(np.sum(good) for good in geometry.inliers))
     return {
         "rmse_px": geometry.rmse,
         "sigma_px": geometry.sigma,
         "standard_errors": geometry.standard_errors,
+        "rays_mrad": _known_to(rays.mrad_shape, geometry.camera, seen),
+        "rays_turn_mrad": rays.mrad_turn,
         "views": len(geometry.views),
         "views_dropped": geometry.dropped,
         "points": inliers,
         "outliers": sum(len(good) for good in geometry.inliers) - inliers,
-        "max_angle_deg": np.rad2deg(geometry.max_angle_seen),
+        "max_angle_deg": np.rad2deg(seen),
         "status": geometry.status.value,
     }
 
@@ -58,6 +69,9 @@ def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[
     }
     return {
         "standard_errors": light.standard_errors,
+        "fall_off_percent": _known_to(
+            fall_off_uncertainty(light, session.camera), session.camera, light.alpha_range[1]
+        ),
         "k/gamma": light.ratio,
         "correlation": {"names": light.names, "matrix": light.correlation},
         "reflectance": light.reflectance,

@@ -6,7 +6,7 @@ and the ray of a pixel by -J B δ, J being the ray's derivative by the pixel.
 
 A turn that all rays share is told apart. A camera calibrated anew has its axis elsewhere by some of that
 turn, its targets turn along with it, and no surface changes its shape by it. It is the turn after which the
-rays of the picture move least. (mrcal, which shows such maps too, takes it from the targets' poses.)
+pixels move least: rays near the end of a lens's range, which move wildly, have little say.
 """
 
 from dataclasses import dataclass
@@ -71,14 +71,14 @@ def ray_uncertainty(
     rays = every[seen]
     still, origin = np.broadcast_to(np.eye(3), (len(rays), 3, 3)), np.zeros((len(rays), 3))
     there = project(camera_vector(camera), still, rays, origin, np.zeros(len(rays)))
-    # A pixel moves by no change of a ray's length, so that the least change that undoes it is a turn.
-    moved = -np.linalg.pinv(there.by_pose[..., 3:]) @ there.by_camera  # (n, 3, 8), of rays
-    # The turn ω that leaves least: Σ (1 - r rᵀ) ω = Σ r × δr.
+    by_camera, by_ray = there.by_camera, there.by_pose[..., 3:]
+    # The turn ω that leaves least of the pixels: Σ |B δ - P (ω × r)|².
     near = rays[:, 2] >= np.cos(max_angle)
-    across = np.eye(3) - rays[near, :, None] * rays[near, None, :]
-    turned = np.cross(rays[near, :, None], moved[near], axis=1)
-    turn = np.linalg.pinv(across.sum(axis=0)) @ turned.sum(axis=0)
-    rest = moved + np.cross(rays[:, :, None], turn[None], axis=1)
+    by_turn = np.cross(by_ray, -rays[:, None], axis=-1)
+    design = by_turn[near].reshape(-1, 3)
+    turn = np.linalg.pinv(design.T @ design) @ (design.T @ by_camera[near].reshape(-1, 8))
+    # A pixel moves by no change of a ray's length, so that the least change that undoes it is a turn.
+    back = -np.linalg.pinv(by_ray)
 
     def spread(slopes: FloatArray) -> FloatArray:
         """Root of the trace of the covariance, as a map."""
@@ -91,9 +91,9 @@ def ray_uncertainty(
     whole = float(np.sqrt(max(np.trace(turn @ finite @ turn.T), 0.0)))
     return RayUncertainty(
         pixels=pixels,
-        px=spread(there.by_camera),
-        mrad=1e3 * spread(moved),
-        mrad_shape=1e3 * spread(rest),
+        px=spread(by_camera),
+        mrad=1e3 * spread(back @ by_camera),
+        mrad_shape=1e3 * spread(back @ (by_camera - by_turn @ turn)),
         mrad_turn=np.inf if turn[:, lost].any() else 1e3 * whole,
     )
 

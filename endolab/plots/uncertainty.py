@@ -32,16 +32,19 @@ def ring(camera: Camera, angle: float) -> FloatArray:
     return camera.project(np.stack([out * np.cos(turn), out * np.sin(turn), along], axis=-1))
 
 
+def largest_shown(values: FloatArray, camera: Camera, seen: float) -> float:
+    """Where the colours of a map at `places` end, by what lies within the angle seen, rad."""
+    inside = values[np.isfinite(values) & (camera.unproject(places(camera))[..., 2] >= np.cos(seen))]
+    most = float(np.percentile(inside, MOST)) if inside.size else 0.0
+    return most if most > 0 else 1.0
+
+
 def _show(
     values: FloatArray, camera: Camera, seen: float, ax: Axes | None, title: str, label: str, ends: str
 ) -> Axes:
     """Show a map at `places` with the ring of the largest angle seen."""
     ax = new_axes(ax)
-    cosine = camera.unproject(places(camera))[..., 2]
-    known = np.isfinite(values)
-    inside = values[known & (cosine >= np.cos(seen))]
-    most = float(np.percentile(inside, MOST)) if inside.size else 1.0
-    most = most if most > 0 else 1.0
+    most = largest_shown(values, camera, seen)
     extent = (-0.5, camera.width - 0.5, camera.height - 0.5, -0.5)
     shown = ax.imshow(values, cmap="viridis", vmin=0.0, vmax=most, extent=extent, interpolation="nearest")
     decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(LEFT_OUT)

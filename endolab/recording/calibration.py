@@ -17,12 +17,14 @@ from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.session import Named, Session
 from endolab.calibration.summary import account, brdf_of, mean_distances
 from endolab.calibration.targets import Target
+from endolab.calibration.uncertainty import fall_off_uncertainty, ray_uncertainty
 from endolab.io.atomic import PathLike
 from endolab.io.video import Frames
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import blue_white_red
+from endolab.plots.uncertainty import largest_shown
 from endolab.recording import layouts
-from endolab.recording.stream import NOW, OUTLIER, START, THIN, Sink, camera_shape, jpeg
+from endolab.recording.stream import NOW, OUTLIER, START, THIN, Sink, camera_shape, depth_map, jpeg
 from endolab.recording.stream import TRUTH as GREY
 
 FRAME, ITERATION = "frame", "iteration"  # the timelines
@@ -61,7 +63,8 @@ def record_calibration(
     `frames` is what was calibrated from, `light_steps` what a `LightRecorder` among the session's
     `light_observers` has kept; pictures wider than `max_width`, px, are thinned.
 
-    Static: ``account``, ``world/camera``. Per frame: ``picture``, ``picture/detected``,
+    Static: ``account``, ``world/camera``, ``uncertainty/rays`` (mrad, a common turn apart),
+    ``uncertainty/fall_off`` (%). Per frame: ``picture``, ``picture/detected``,
     ``picture/reprojection`` (measured - predicted, magnified), ``picture/samples`` (coloured by
     measured - predicted grey level), ``world/sheet/<panel>``, ``plots/gain``, ``plots/distance``,
     ``plots/residual`` (standard deviation). Per iteration: ``fit/k``, ``fit/gamma``,
@@ -141,8 +144,24 @@ class _Recording:
         if session.light is not None:
             self._log_brdf_axes(session.light)
         titles = {name: title for name, (_, title) in curves.items()}
-        view = layouts.calibration(centre, distance, titles, session.light is not None, FRAME)
+        maps = self._log_uncertainty()
+        view = layouts.calibration(centre, distance, titles, maps, session.light is not None, FRAME)
         self.sink.arrange(view)
+
+    def _log_uncertainty(self) -> dict[str, str]:
+        """Maps of how well rays and light are known; returns their titles by entity."""
+        geometry, light, camera = self.session.geometry, self.session.light, self.session.camera
+        maps = {}
+        if geometry is not None:
+            seen = geometry.max_angle_seen
+            rays = ray_uncertainty(geometry.camera, geometry.covariance, max_angle=seen)
+            maps["rays"] = "σ of rays [mrad]", rays.mrad_shape, seen
+        if light is not None:
+            maps["fall_off"] = "σ of μ′ [%]", fall_off_uncertainty(light, camera), light.alpha_range[1]
+        for name, (_, values, seen) in maps.items():
+            limits = 0.0, largest_shown(values, camera, seen)
+            self.sink.log(f"uncertainty/{name}", depth_map(values, False, limits), static=True)
+        return {name: title for name, (title, *_) in maps.items()}
 
     def _log_brdf_axes(self, light: PhotometricFit) -> None:
         theta, relative, _ = brdf_of(light)

@@ -217,12 +217,17 @@ def sequence(
 
 
 def calibration(
-    centre: FloatArray, distance: float, curves: Mapping[str, str], light: bool, timeline: str
+    centre: FloatArray,
+    distance: float,
+    curves: Mapping[str, str],
+    maps: Mapping[str, str],
+    light: bool,
+    timeline: str,
 ) -> Layout:
-    """The frame, the sheet in space, the curves over the frames, and the light's fit behind a tab.
+    """The frame, the sheet in space, the curves over the frames; behind tabs the light's fit and the maps.
 
     The sheet is mostly at `centre`, (3,), mm, `distance` away; `curves` are titles of what lies
-    below ``plots``; `light` tells whether it was fitted.
+    below ``plots``, `maps` of what lies below ``uncertainty``; `light` tells whether it was fitted.
     """
     fit: list[rrb.View | rrb.Container] = [
         rrb.TimeSeriesView(origin="/fit", contents=["/fit/k", "/fit/gamma"], name="k and γ"),
@@ -236,12 +241,19 @@ def calibration(
     # Between the camera and where the sheet mostly is.
     sheet = _space("Sheet", centre / 2, 2.0 * distance, direction=(-0.6, -0.4, -0.7))
     plots = [rrb.TimeSeriesView(origin=f"/plots/{entity}", name=title) for entity, title in curves.items()]
+    tabs: list[rrb.View | rrb.Container] = [
+        rrb.TextDocumentView(origin="/account", name="Account"),
+        rrb.Vertical(*fit, name="Fit"),
+    ]
+    if maps:
+        known = [rrb.Spatial2DView(origin=f"/uncertainty/{name}", name=title) for name, title in maps.items()]
+        tabs.append(rrb.Vertical(*known, name="Uncertainty"))
     columns = (
         rrb.Vertical(
             rrb.Spatial2DView(origin="/", contents=found, name="Detection"),
             rrb.Spatial2DView(origin="/", contents=read, name="Brightness"),
         ),
         rrb.Vertical(sheet, rrb.Horizontal(*plots), row_shares=[2, 1]),
-        rrb.Tabs(rrb.TextDocumentView(origin="/account", name="Account"), rrb.Vertical(*fit, name="Fit")),
+        rrb.Tabs(*tabs),
     )
     return _opened(rrb.Horizontal(*columns, column_shares=[1.2, 1.5, 1]), timeline)

@@ -22,6 +22,14 @@ def test_the_evidence_has_what_was_found_and_how_sure_it_is():
     assert camera["points"] + camera["outliers"] == sum(len(view.ids) for view in session.geometry.views)
     assert 30 < camera["max_angle_deg"] < 90
     assert light["standard_errors"]["gamma"] == 0
+    at_rim = -100 * np.log(np.cos(session.light.alpha_range[1])) * session.light.standard_errors["k"]
+    assert light["fall_off_percent"]["largest"] == pytest.approx(at_rim, rel=0.05)
+    assert 0 < light["fall_off_percent"]["median"] < at_rim / 2
+    assert 0 < camera["rays_mrad"]["median"] < camera["rays_mrad"]["largest"]
+    centre = replace(session.geometry, covariance=np.diag([0, 0, 1, 1, 0, 0, 0, 0]) * 0.012**2)
+    turn = evidence(replace(session, geometry=centre))["camera"]["rays_turn_mrad"]
+    # As much as on the axis at least; farther off, a pixel is a larger angle.
+    assert 1 < turn / (1e3 * 0.012 * np.sqrt(2) / session.camera.fx) < 1.5
     assert light["k/gamma"] == pytest.approx(session.light.photometry.k / 2.2)
     assert np.shape(light["correlation"]["matrix"]) == (len(light["correlation"]["names"]),) * 2
     assert list(light["gains"]) == list(session.poses)

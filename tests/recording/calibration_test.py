@@ -7,6 +7,7 @@ import pytest
 
 from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.summary import brdf_of, mean_distances
+from endolab.calibration.uncertainty import fall_off_uncertainty, ray_uncertainty
 from endolab.plots.calibration import samples_of
 from endolab.recording.calibration import LightRecorder, record_calibration
 from tests.tools.recorded import Recorded
@@ -29,7 +30,9 @@ def test_every_entity_is_there_and_every_frame_has_its_picture_and_its_features(
     plots = {"/plots/gain", "/plots/distance", "/plots/residual"}
     fit = {"/fit/k", "/fit/gamma", "/fit/sigma", "/fit/cost", "/fit/change", "/residuals"}
     brdf = {"/brdf/now", "/brdf/fitted", "/brdf/grid", "/brdf/ticks"}
-    assert file.entities == picture | sheets | plots | fit | brdf | {"/account", "/world", "/world/camera"}
+    known = {"/uncertainty/rays", "/uncertainty/fall_off"}
+    rest = {"/account", "/world", "/world/camera"}
+    assert file.entities == picture | sheets | plots | fit | brdf | known | rest
     names = list(session.detections)
     assert list(file.rows["/picture"]["blob"]) == list(range(len(names)))
     shown = file.picture("/picture", 4, grey=True)
@@ -123,6 +126,18 @@ def test_curves_are_on_the_frames_of_the_video_and_iterations_are_those_of_the_f
     assert not np.allclose(file.at("/brdf/now", "strips", 0).reshape(-1, 2), line, rtol=1e-5)
 
 
+def test_maps_of_uncertainty_are_there_once_with_colours_to_what_was_seen(recorded):
+    session, _, _, file = recorded
+    geometry = session.geometry
+    rays = ray_uncertainty(geometry.camera, geometry.covariance, max_angle=geometry.max_angle_seen).mrad_shape
+    for name, expected in (("rays", rays), ("fall_off", fall_off_uncertainty(session.light, session.camera))):
+        entity = f"/uncertainty/{name}"
+        stored = file.at(entity, "buffer", None).astype(np.uint8).view(np.float32).reshape(expected.shape)
+        assert np.allclose(stored, expected, rtol=1e-5, equal_nan=True)
+        low, high = file.at(entity, "depth_range", None)
+        assert low == 0 < high < np.nanmax(expected)
+
+
 def test_a_recorder_keeps_the_steps_of_a_fit():
     session, _, steps = simulated()
     recorder = LightRecorder()
@@ -152,6 +167,7 @@ def test_a_session_without_light_camera_or_picture_is_recorded(tmp_path):
     assert "/brdf/now" not in file.rows
     assert "/plots/gain" not in file.rows
     assert "/fit/k" in file.rows
+    assert not any(name.startswith("/uncertainty") for name in file.entities)
 
 
 def test_a_matt_sheet_has_a_level_brdf(tmp_path):
