@@ -448,7 +448,7 @@ def test_a_full_disk_keeps_what_is_done(out, call, monkeypatch):
     ("options", "message"),
     [
         (["--every", "0"], "--every must be at least 1, got 0"),
-        (["--mesh"], "--mesh, --prepare and --snapshots are of one frame"),
+        (["--mesh"], "--mesh, --prepare, --trust and --snapshots are of one frame"),
         (["--lam", "-1"], "no frame could be reconstructed; the first: frame_0.png: lam must "),
         (["--solver", "magic"], "unknown solver 'magic'"),
     ],
