@@ -13,7 +13,7 @@ NBVAL  := -p tests.tools.notebook_timeouts -p tests.tools.notebook_solutions
 NBVAL  += --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
 
 .DEFAULT_GOAL := help
-.PHONY: help lab demo test test-browser attack html lint bench unseen traced lock clean
+.PHONY: help lab demo test test-browser attack html slides drawings lint bench unseen traced lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -44,9 +44,16 @@ test-browser: $(READY) ## run the browser's tests alone; they leave screenshots 
 attack: $(READY) ## give endolab some 24000 damaged files, odd calls, full disks and kills (half an hour)
 	@export OPENBLAS_NUM_THREADS=1; $(BIN)/python -m tests.hostile.attack
 
-html: $(READY) ## render every notebook to a static page: build/html/index.html
-	@unset MPLBACKEND; $(BIN)/python -m tests.tools.render_pages notebooks build/html
+html: $(READY) ## render notebooks and a reference to build/html; with SOLUTIONS=1, the solutions are open
+	@unset MPLBACKEND; $(BIN)/python -m tests.tools.render_pages notebooks build/html $(if $(SOLUTIONS),--solutions)
 	@echo 'Look at build/html/index.html'
+
+slides: $(READY) ## make a deck of slides of every notebook in build/slides
+	@unset MPLBACKEND; $(BIN)/python -m tests.tools.render_slides notebooks build/slides
+	@echo 'Look at build/slides/index.html'
+
+drawings: $(READY) ## draw the vector figures of notebooks and README anew
+	@unset MPLBACKEND; $(BIN)/python -m tests.tools.draw_images
 
 lint: $(READY) ## check style, format and types
 	$(BIN)/ruff check .

@@ -61,6 +61,7 @@ from .reports.result import save_result as save_result
 from .synthetic.rendering import render as render
 from .synthetic.scenes import SCENES as SCENES
 from .synthetic.scenes import Bowl as Bowl
+from .synthetic.scenes import Bump as Bump
 from .synthetic.scenes import Colon as Colon
 from .synthetic.scenes import Plane as Plane
 from .synthetic.scenes import Tube as Tube
@@ -68,6 +69,8 @@ from .trust.choice_of_lam import LamCurve as LamCurve
 from .trust.doubts import Doubts as Doubts
 from .trust.trust import Trust as Trust
 from .trust.trust import trust_of as trust_of
+from .tuning.calibration.board import tune_calibration as tune_calibration
+from .tuning.surface_view import show_surface as show_surface
 from .tuning.widget import tune as tune
 
 __version__: str

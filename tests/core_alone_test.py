@@ -111,6 +111,8 @@ def test_what_is_missing_is_said_in_a_sentence(without_lab, use, package):
 def test_the_command_line_says_it_too(without_lab, capsys):
     assert cli.main(["lab"]) == 2
     assert capsys.readouterr().err == f"endolab: {SENTENCE.format('jupyterlab')}\n"
+    assert cli.main(["tune", "frame.png", "--calibration", "paper"]) == 2
+    assert capsys.readouterr().err == f"endolab: {SENTENCE.format('ipywidgets')}\n"
 
 
 def test_nothing_is_said_of_what_is_there():

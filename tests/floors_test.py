@@ -17,7 +17,7 @@ PACKAGE = ROOT / "endolab"
 ORDER = [
     *("numerics", "model", "preprocessing", "synthetic", "depth", "calibration", "metrics", "trust"),
     "reconstruction",
-    *("io", "datasets", "plots", "reports", "recording", "batch", "tuning", "cli"),
+    *("io", "datasets", "plots", "reports", "recording", "batch", "tuning", "course", "cli"),
 ]
 CORE = ORDER[: ORDER.index("io")]
 BESIDE = {"_deprecated", "_extras", "__main__"}  # files at the top

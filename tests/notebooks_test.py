@@ -14,6 +14,8 @@ ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 PAGES = [*NOTEBOOKS, *(ROOT / name for name in ("notebooks/README.md", "README.md", "CONTRIBUTING.md"))]
 LINK = re.compile(r'\]\(([^)\s]+)(?: "(\w+)")?\)')  # its target and, for a line of code, what is there
+CHECK = re.compile(r"^check\.(\w+)\(", re.MULTILINE)  # of an answer, in a cell; of a solution
+CHECKED = re.compile(r"^assert check\.(\w+)\(", re.MULTILINE)
 MOST_CELLS, MOST_LINES, MOST_COLUMNS, MOST_BYTES = 60, 15, 110, 100_000
 
 
@@ -109,23 +111,31 @@ def test_the_rule_itself_can_tell(source, found):
 
 
 def test_it_closes_with_an_assertion_and_two_exercises(cells):
-    assert "assert " in code_of(cells)[-1]
-    assert "Exercises" in cells[-1]["text"]
-    assert all(f"**{number}" in cells[-1]["text"] for number in (1, 2))
+    start = next(i for i, cell in enumerate(cells) if cell["text"].startswith("## Exercises"))
+    assert "assert " in code_of(cells[:start])[-1]
+    told = "\n".join(cell["text"] for cell in cells[start:] if cell["cell_type"] == "markdown")
+    assert all(f"**{number}" in told for number in (1, 2))
+    assert len(code_of(cells[start:])) >= 2, "each exercise has a cell to answer in"
 
 
-def test_its_solutions_are_code_that_the_notebook_run_tests(cells):
-    found = solutions(cells[-1]["text"])
-    assert len(found) == 2
-    for code in found:
-        assert code, "a solution without Python is not tested"
-        assert list(thick(code)) == []
+def test_every_solution_goes_through_the_check_of_an_answer(cells):
+    asked = [CHECK.findall(text) for text in code_of(cells)]
+    assert all(len(names) <= 1 for names in asked), "one answer a cell"
+    names = [name for one in asked for name in one]
+    found = solutions(cells)
+    assert len(found) >= 2
+    assert [CHECKED.findall(code)[-1:] for code in found] == [[name] for name in names]
 
 
 def test_solutions_are_found():
-    told = "**1.** Why?\n<details>Because.\n```\nls\n```\n</details>\n```python\nnot(this)\n```\n"
-    coded = "<details><summary>S</summary>\n\n```python\na = 1\n```\nthen\n```python\nb = a\n```\n</details>"
-    assert solutions(told + coded) == ["", "a = 1\nb = a\n"]
+    fold = "<details><summary>{}</summary>\n\n{}\n</details>"
+    python = "```python\n{}\n```\n"
+    hint = fold.format("Hint 1", python.format("not(this)"))
+    told = fold.format("Solution", "Because.\n```\nls\n```") + python.format("not(this)")
+    coded = fold.format("Solution", python.format("a = 1") + "then\n" + python.format("b = a"))
+    cells = [{"cell_type": "markdown", "source": text} for text in (hint + told, coded)]
+    code = {"cell_type": "code", "source": coded}
+    assert solutions([*cells, code]) == ["", "a = 1\nb = a\n"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)

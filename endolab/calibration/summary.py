@@ -58,6 +58,10 @@ def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
     }
 
 
+def _fall_off_known(light: PhotometricFit, camera: Camera) -> dict[str, float]:
+    return _known_to(fall_off_uncertainty(light, camera), camera, light.alpha_range[1])
+
+
 def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[str, Any]:
     names, scores = list(session.poses), session.scores
     held_out = scores and {
@@ -69,9 +73,7 @@ def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[
     }
     return {
         "standard_errors": light.standard_errors,
-        "fall_off_percent": _known_to(
-            fall_off_uncertainty(light, session.camera), session.camera, light.alpha_range[1]
-        ),
+        "fall_off_percent": _fall_off_known(light, session.camera),
         "k/gamma": light.ratio,
         "correlation": {"names": light.names, "matrix": light.correlation},
         "reflectance": light.reflectance,
@@ -181,6 +183,18 @@ def _held_out(scores: HeldOut) -> str:
     return f"frames held out: their light is as predicted within {worst:.2g} %, to {to:.0f}° off the axis"
 
 
+def _rounded(value: float) -> str:
+    return f"{float(f'{value:.2g}'):g}"
+
+
+def _known(what: str, known: Mapping[str, float], unit: str, to: float) -> str:
+    """Say how well a map of the picture is known within `to` degrees off the axis."""
+    if not known:
+        return f"{what}: not told by these frames"
+    median, worst = (_rounded(known[name]) for name in ("median", "largest"))
+    return f"σ of {what}: {median} {unit} in the median, {worst} {unit} at worst, to {to:.0f}° off the axis"
+
+
 def _camera_lines(session: Session) -> list[str]:
     geometry = session.geometry
     if geometry is None:
@@ -193,7 +207,10 @@ def _camera_lines(session: Session) -> list[str]:
         f"reprojection: RMSE {geometry.rmse:.3f} px of {facts['points']} points "
         f"in {counted(facts['views'], 'view')}, {counted(facts['outliers'], 'outlier')}; "
         f"seen to {facts['max_angle_deg']:.0f}° off the axis",
+        _known("a ray", facts["rays_mrad"], "mrad", facts["max_angle_deg"]),
     ]
+    if facts["rays_mrad"]:
+        lines[-1] += f"; beside a turn of {_rounded(facts['rays_turn_mrad'])} mrad that all rays share"
     if geometry.agreement < AGREEMENT:
         why = "the lens is of another kind, or the sheet was not flat"
         lines.append(f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: {why}")
@@ -217,6 +234,7 @@ def _light_lines(session: Session) -> list[str]:
         f"{int(np.sum(~light.used))} left out",
         f"sampled: {a:.0f}° to {b:.0f}° off the axis, incidence {c:.0f}° to {d:.0f}°, "
         f"{near:.0f} to {far:.0f} mm",
+        _known("the fall-off μ′", _fall_off_known(light, session.camera), "%", b),
     ]
     if session.scores is not None:
         lines.append(_held_out(session.scores))

@@ -1,4 +1,4 @@
-"""The command line: python -m endolab reconstruct, sweep, calibrate, target, simulate, evaluate, lab."""
+"""The command line: python -m endolab reconstruct, sweep, calibrate, simulate, tune and others."""
 
 import argparse
 import atexit
@@ -30,6 +30,7 @@ from endolab.cli.reconstruct import add_reconstruct_commands
 from endolab.cli.signals import ended_like_interrupted
 from endolab.cli.stopwatch import process_began
 from endolab.cli.streams import in_one_line, patient_streams
+from endolab.cli.tune import add_tune_command
 
 FRAME_OPTIONS = ("texture", "fog", "highlights")  # of `simulate`, but for its calibration video
 
@@ -216,6 +217,8 @@ def _parser() -> argparse.ArgumentParser:
     option("--scale", choices=("none", "median"), help="default: median for relative units, else none")
     option("--max-angle", type=number, default=90.0, metavar="DEG", help="only pixels this near the axis")
     option("--json", action="store_true", help="print JSON")
+
+    add_tune_command(commands)
 
     command = add_command(
         commands,

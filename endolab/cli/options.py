@@ -2,7 +2,7 @@
 
 import argparse
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -10,6 +10,8 @@ from typing import Any
 CHANNELS = ("auto", "separated", "red", "green", "blue", "grey")
 MOST = 2**31 - 1  # that a whole number may be; no count is larger
 CONTOURS = {"auto": None, "yes": True, "no": False}
+USUAL = {"xi": "1/d", "regulariser": "auto", "lam": 1.0, "contours": "auto"}  # where nothing is said
+LENGTHS = ("median_distance", "known_distance", "known_diameter")  # one of which may fix the scale
 CHOSEN = ("highlights", "epsilon", "threshold", "max_iterations")  # handed on only if they were given
 KNOWN = {"distance": "MM,COLUMN,ROW", "diameter": "MM,COLUMN1,ROW1,COLUMN2,ROW2"}
 
@@ -84,7 +86,15 @@ def calibration_of(arguments: argparse.Namespace) -> Any:
     """Return the calibration that the options name, with the wall that they say."""
     from endolab.datasets.known_endoscopes import load_calibration
 
-    return _of_a_wall(load_calibration(arguments.calibration), arguments.albedo)
+    calibration = load_calibration(arguments.calibration)
+    settings = getattr(arguments, "believed", None)  # of the light, by a settings file
+    if settings is None:
+        return _of_a_wall(calibration, arguments.albedo)
+    light = dict(settings.photometry)
+    if arguments.albedo is not None:
+        light.pop("albedo", None)
+    known = replace(settings, photometry=light).believed(calibration)
+    return known if "albedo" in light else _of_a_wall(known, arguments.albedo)
 
 
 def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) -> None:
@@ -95,12 +105,12 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
     )
     add("--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name")
     add("--solver", metavar="NAME", help="facing, fast_marching, gauss_newton (default) or primal_dual")
-    add("--xi", default="1/d", metavar="ξ", help=f"what the regulariser sees: 1/z, d or 1/d (default){more}")
+    add("--xi", metavar="ξ", help=f"what the regulariser sees: 1/z, d or 1/d (default){more}")
     forms = f"first, second, curvature or auto (default): curvature, or second if light bounced{orders}"
-    add("--regulariser", default="auto", metavar="ORDER", help=forms)
+    add("--regulariser", metavar="ORDER", help=forms)
     chosen = "" if several else "; auto: chosen for the picture, see the report"
     weight = f"its weight; larger is smoother (default 1){weights}{chosen}"
-    add("--lam", type=str if several else number_or_auto, default=1.0, metavar="λ", help=weight)
+    add("--lam", type=str if several else number_or_auto, metavar="λ", help=weight)
     channels = (
         "auto (default): what the frame's evidence allows; separated: all three colours, light that bounced "
     )
@@ -113,7 +123,7 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
     add("--channel", metavar="NAME", help=channels)
     add("--albedo", metavar="A", help="of a matt wall, or R,G,B, in place of the calibration's BRDF")
     folds = "whether folds may hide what is behind them; auto: if that explains the picture better"
-    add("--contours", choices=tuple(CONTOURS), default="auto", help=folds)
+    add("--contours", choices=tuple(CONTOURS), help=folds)
     treated = "what to do with mirrored light (default: ignore it with auto and separated, else keep)"
     add("--highlights", choices=("keep", "ignore", "inpaint"), help=treated)
     add("--median-distance", type=number, metavar="MM", help="fix the scale of the result")
@@ -121,9 +131,40 @@ def add_solving_options(parser: argparse.ArgumentParser, several: bool = False) 
         add("--known-distance", metavar=KNOWN["distance"], help="fix it by the distance at a pixel")
         length = "fix it by the length between the surface at two pixels: a polyp, the lumen"
         add("--known-diameter", metavar=KNOWN["diameter"], help=length)
+        saved = "how to solve, as the tuner saved it; options given here win"
+        add("--settings", metavar="FILE.json", help=saved)
     add("--width", type=whole, metavar="PX", help="shrink the frame to this width first")
     add("--smooth", type=number, metavar="PX", help="blur the light first (default: by the noise)")
     add("--threads", type=whole, metavar="N", help="cores at most (default: ENDOLAB_THREADS, or all)")
+
+
+def settle(arguments: argparse.Namespace) -> None:
+    """Fill in what no option said: from the settings file, if there is one, and then by default."""
+    if getattr(arguments, "settings", None) is not None:
+        from endolab.io.settings import read_settings
+
+        settings = read_settings(arguments.settings)
+        arguments.believed = settings
+        said = {name: _as_option(value) for name, value in settings.keywords.items()}
+        if any(getattr(arguments, name) is not None for name in LENGTHS):
+            said = {name: value for name, value in said.items() if name not in LENGTHS}
+        _fill(arguments, said)
+    _fill(arguments, USUAL)
+
+
+def _fill(arguments: argparse.Namespace, values: Mapping[str, Any]) -> None:
+    for name, value in values.items():
+        if getattr(arguments, name, None) is None:
+            setattr(arguments, name, value)
+
+
+def _as_option(value: Any) -> Any:
+    """Say a keyword of `reconstruct` as its option does."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return ",".join(_as_option(part) if isinstance(part, tuple) else repr(part) for part in value)
+    return value
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from endolab.cli.options import (
     calibration_of,
     known_length,
     listed,
+    settle,
     solver_of,
     solving_keywords,
     whole,
@@ -66,6 +67,7 @@ class _Progress:
 def _reconstruct(arguments: argparse.Namespace) -> None:
     from endolab.io.video import is_sequence, is_stream
 
+    settle(arguments)
     source, *others = arguments.frame
     if others:
         wanted = "one picture, one folder of a video's frames, or one video"
@@ -179,7 +181,7 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
             keywords["snapshots"] = snapshots
         unrecorded = lacking("rerun")
         files = result_files(arguments.mesh, arguments.prepare, arguments.trust)
-        inputs = [arguments.frame, arguments.calibration, arguments.mask]
+        inputs = [arguments.frame, arguments.calibration, arguments.mask, arguments.settings]
         files = (*files, *(() if unrecorded else ("recording.rrd",)))
         with staged_folder(arguments.out, files, overwrite=arguments.overwrite, inputs=inputs) as folder:
             with nullcontext() if unrecorded else _Recording(folder / "recording.rrd") as recording:
@@ -272,7 +274,7 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
         raise ValueError(f"{options} are of one frame, not of a folder or a video")
     calibration = calibration_of(arguments)
     keywords = solving_keywords(arguments) | known_length(arguments)
-    spare_inputs([Path(arguments.out) / name for name in FILES], [arguments.calibration])
+    spare_inputs([Path(arguments.out) / name for name in FILES], [arguments.calibration, arguments.settings])
     _say_effort(arguments, calibration, " a frame")
     depths = sorted(path.name for path in Path(arguments.frame).glob("*") if depth_layout(path))
     if depths:
@@ -344,7 +346,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
         views, files = [], [*LIVE_FILES][: 2 if lacking("rerun") else 3]
         depth, table, recording = LIVE_FILES
         if arguments.out is not None:
-            inputs = [arguments.frame, arguments.calibration, arguments.mask]
+            inputs = [arguments.frame, arguments.calibration, arguments.mask, arguments.settings]
             how = {"overwrite": arguments.overwrite, "inputs": inputs}
             folder = ending.enter_context(staged_folder(arguments.out, files, **how))
             if recording in files:
@@ -444,6 +446,7 @@ def _sweep(arguments: argparse.Namespace) -> None:
 
     from endolab.batch.sweep import sweep
 
+    settle(arguments)
     keywords = solving_keywords(arguments)
     for name, kind in (("lam", float), ("xi", str), ("regulariser", str)):
         keywords[name] = listed(keywords[name], name, kind)
@@ -493,6 +496,7 @@ def add_reconstruct_commands(commands: Any) -> None:
         "endolab reconstruct frame.png --calibration endoscope.json --out result",
         "endolab reconstruct frame.png --calibration paper --width 480 --out quick",
         "endolab reconstruct frame.png --calibration c3vd --channel green --out r",
+        "endolab reconstruct a.png --calibration paper --settings tuned.json --out r",
         "endolab reconstruct video.mp4 --calibration paper --every 5 --out video",
         "endolab reconstruct 0 --calibration endoscope.json --live",
     )

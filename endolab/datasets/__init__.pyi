@@ -1,6 +1,7 @@
 from .c3vd import read_c3vd as read_c3vd
 from .c3vd import read_c3vd_depth as read_c3vd_depth
 from .folders import Folder as Folder
+from .folders import find_dataset as find_dataset
 from .folders import open_dataset as open_dataset
 from .folders import true_z as true_z
 from .known_endoscopes import CALIBRATIONS as CALIBRATIONS

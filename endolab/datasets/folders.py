@@ -9,11 +9,12 @@ from typing import overload
 import numpy as np
 
 from endolab.datasets.c3vd import read_c3vd, read_c3vd_depth
-from endolab.datasets.sample import Sample
+from endolab.datasets.sample import Sample, data_folder
 from endolab.datasets.simcol3d import read_simcol3d, read_simcol3d_depth
 from endolab.datasets.ucl2019 import read_ucl2019, read_ucl2019_depth
 from endolab.io.atomic import PathLike, as_path, one_sentence
 from endolab.model.cameras import Camera
+from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 
 _LAYOUTS = {
@@ -104,6 +105,35 @@ def open_dataset(path: PathLike, camera: Camera | None = None) -> Folder:
         return (read_c3vd if layout == "c3vd" else read_simcol3d)(place, index)
 
     return Folder(place, layout, tuple(found), read)
+
+
+def find_dataset(layout: str, prefer: str = "") -> Folder | None:
+    """Find published frames on this machine: in `data_folder`, or in a folder that lies in it.
+
+    Parameters
+    ----------
+    layout : {"c3vd", "simcol3d"}
+        Of which data set.
+    prefer : str
+        What the folder's name should hold, if there are several.
+
+    Returns
+    -------
+    Folder or None
+        The first by name, whatever it is called; None if there is none, or no `data_folder`.
+    """
+    if layout not in (known := ("c3vd", "simcol3d")):
+        raise unknown_name("layout", layout, known)
+    place = data_folder()
+    inside = [] if place is None else [place, *sorted(entry for entry in place.iterdir() if entry.is_dir())]
+    for folder in sorted(inside, key=lambda folder: prefer not in folder.name):
+        try:
+            found = open_dataset(folder)
+        except (OSError, ValueError):  # other files, or other data
+            continue
+        if found.layout == layout:
+            return found
+    return None
 
 
 def depth_layout(path: PathLike) -> str | None:

@@ -10,6 +10,8 @@ from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
 from endolab.model.photometry import Photometry
 from endolab.model.schema import unknown_name
 
+NOMINAL = {"photometry": {"nominal": True}}  # evidence of a light that was taken from the paper
+
 CALIBRATIONS: dict[str, Calibration] = {
     # The paper's endoscope (Section IV-A) over tissue of a colon's mean albedo.
     "paper": Calibration(
@@ -36,10 +38,11 @@ CALIBRATIONS: dict[str, Calibration] = {
             -0.00296316,
         ),
         Photometry(k=2.5, gamma=2.2),
+        NOMINAL,
     ),
     # SimCol3D (Rau et al., 2023). Published with the picture's corner as origin, c = 237.5.
     "simcol3d": Calibration(
-        Pinhole(475, 475, 227.60416, 227.60416, 237.0, 237.0), Photometry(k=2.5, gamma=2.2)
+        Pinhole(475, 475, 227.60416, 227.60416, 237.0, 237.0), Photometry(k=2.5, gamma=2.2), NOMINAL
     ),
 }
 

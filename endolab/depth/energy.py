@@ -1,6 +1,6 @@
 """The one energy: how well a depth map explains a frame, and how smooth it is.
 
-    E(v) = mean ρ(I_model(v) - I) + λ mean g ‖D ξ(v)/ξ̃‖_ε,        v = log d
+    E(v) = mean ρ(I_model(v) - I) + λ mean w ‖D ξ(v)/ξ̃‖_ε,        v = log d
 
 ρ is Huber's penalty, D the gradient or the Hessian, ξ̃ the median of ξ at the start d₀, and
 derivatives are per 1/320 of the picture's width, so that one λ serves all ξ, units and sizes
@@ -10,7 +10,7 @@ Where the picture leaves a surface free, as at the border of a tube, the regular
 norm of all second derivatives chooses wrongly: a tube, too, has one that is not 0. With
 `regulariser` "curvature" it is therefore how the surface of 1/d bends,
 
-    λ mean g (‖κ‖_ε + η ‖κ₁κ₂/(κ² + s²)^½‖_ε),       κ = (κ₁² + κ₂²)^½,
+    λ mean w (‖κ‖_ε + η ‖κ₁κ₂/(κ² + s²)^½‖_ε),       κ = (κ₁² + κ₂²)^½,
 
 0 on planes and small on whatever a sheet can be rolled into; `curvature` has the details. What
 solvers minimise, recordings show and tests check is this function.

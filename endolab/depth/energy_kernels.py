@@ -281,7 +281,7 @@ def _differentiate_row(rows: Any, gamma: float, threshold: float, factors: Any) 
 
 @kernel
 def _weight_row(active: Any, edge: Any, lam: float, i: int, out: Any) -> None:
-    """λ g on a row, 0 outside the mask."""
+    """λ w on a row, 0 outside the mask."""
     there, g = active[i], edge[i]
     for j in range(out.size):
         out[j] = float(there[j + 2]) * lam * g[j + 2]

@@ -1,28 +1,28 @@
 """The paper's path: a primal-dual solver after DTAM, with the normals lagged by one step.
 
-Newcombe, Lovegrove and Davison (DTAM, ICCV 2011) split the energy by an auxiliary map a,
+Newcombe, Lovegrove and Davison (DTAM, ICCV 2011) split the energy by an auxiliary map ζ, on a spring 1/χ,
 
-    Σ ρ(I_model(a, n) - I) + (ξ - a)²/2θ + λ g ‖D ξ‖_ε,
+    Σ ρ(I_model(ζ, n) - I) + (ξ - ζ)²/2χ + λ w ‖D ξ‖_ε,
 
 and take in turn (ξ in units of its median ξ̃, K the energy's derivative of it, n from the last ξ)
 
-    q ← Π[(q + σ K ξ̄) / (1 + σ ε/λg)],  |q| ≤ λ g           dual ascent, Huber
-    a ← ξ - θ ρ′ I′ / (1 + θ c),        c = ρ″ I′²           data, one Gauss-Newton step per pixel
-    ξ ← (ξ - τ_p Kᵀq + τ_p a/θ) / (1 + τ_p/θ)               primal descent
+    p ← Π[(p + τ_d K ξ̄) / (1 + τ_d ε/λw)],  |p| ≤ λ w       dual ascent, Huber
+    ζ ← ξ - χ ρ′ I′ / (1 + χ c),        c = ρ″ I′²           data, one Gauss-Newton step per pixel
+    ξ ← (ξ - τ_p Kᵀp + τ_p ζ/χ) / (1 + τ_p/χ)               primal descent
     ξ̄ ← 2 ξ_new - ξ_old
 
 **Why it is slow, and stable.** With the normals given, a pixel's data wants v = v₀ + ½ log C(P),
 P = ∇vᵀ G⁻¹ ∇v of the last map, C = cos θ f_r(θ)/f_r(0) (Lambertian: C² = 1/(1 + P)). A ripple δ of
-v comes back as i s δ: its slope is out of phase, and central differences pass at most one per pixel,
+v comes back as i A δ: its slope is out of phase, and central differences pass at most one per pixel,
 so that for a Lambertian surface
 
-    s = ½ Σ_j |(G⁻¹∇v)_j| / (1 + P),
+    A = ½ Σ_j |(G⁻¹∇v)_j| / (1 + P),
 
-tens at 320 columns and growing with them. The data update goes the part τ = θc/(1 + θc) of the way
-and makes δ (1 - τ + i τ s) δ, which shrinks only for τ < 2/(1 + s²). The same bound is Condat's and
-Vũ's for a primal-dual step, 1/τ_p + 1/θ - σ‖K‖² ≥ ½ (1 + s²) c/(1 + θc), with τ_p σ ‖K‖² = 1. So
-every pixel's θ is limited to a share of it. News then travels 2/s pixels a step: hence the paper's
-thousands of iterations. Normals of a patch (Hinterstoisser et al., ICCV 2011) make s smaller: the
+tens at 320 columns and growing with them. The data update goes the part τ = χc/(1 + χc) of the way
+and makes δ (1 - τ + i τ A) δ, which shrinks only for τ < 2/(1 + A²). The same bound is Condat's and
+Vũ's for a primal-dual step, 1/τ_p + 1/χ - τ_d‖K‖² ≥ ½ (1 + A²) c/(1 + χc), with τ_p τ_d ‖K‖² = 1. So
+every pixel's χ is limited to a share of it. News then travels 2/A pixels a step: hence the paper's
+thousands of iterations. Normals of a patch (Hinterstoisser et al., ICCV 2011) make A smaller: the
 mean of n slopes in a row, taken twice so that it hides no ripple, passes 1.5/n of one at most.
 
 **Precision.** Memory is what a step waits for, so that maps are of single precision: results differ from
@@ -50,7 +50,8 @@ from endolab.numerics.derivatives import REFERENCE_WIDTH, gradient, hessian_sten
 from endolab.numerics.iteration import Status
 from endolab.numerics.threads import band_rows, bands, on_cores
 
-BALANCE, LEAST = 0.1, 1e-3  # τ_p and the least θ in units of 1/c at the start
+BALANCE, LEAST = 0.1, 1e-3  # τ_p and the least χ in units of 1/c at the start
+NORMS = {"first": 8, "second": 64}  # ‖K‖² of differences per pixel, at most
 RANGES = {"coupling": (LEAST, 1e6), "decay": (0, 1), "safety": (1e-3, 1), "patch": (0, 32)}
 
 
@@ -59,7 +60,7 @@ SINGLE, INDEX = np.float32, np.uint64
 HALF, ONE, TWO, THREE, ROOT = SINGLE(0.5), SINGLE(1), SINGLE(2), SINGLE(3), SINGLE(np.sqrt(2))
 ODD = tuple(SINGLE(1 / k) for k in (3, 5, 7, 9, 11, 13))  # artanh z = z (1 + z²/3 + z⁴/5 ...)
 PASSES = SINGLE(1.5)  # what a patch of n pixels passes of a ripple's slope, times n
-FREE, TINY = SINGLE(1 / 999), SINGLE(1e-30)  # 1/θc of pixels that nothing limits; a size above 0
+FREE, TINY = SINGLE(1 / 999), SINGLE(1e-30)  # 1/χc of pixels that nothing limits; a size above 0
 STRIP = 128  # columns that are averaged together, at least
 TABLE_SIZE = 4096  # of a BRDF
 
@@ -218,7 +219,7 @@ def _primal(i: int, theta: Any, state: Any, rows: Any, metric: Any, share: Any, 
     per_gamma, per_theta, lift = ONE / gamma, ONE / theta, HALF / safety
     sign = -TWO / gamma if away else TWO / gamma
     for j in range(pull.size):
-        # 1/θc = 1/τ - 1 at least, of τ = `safety` times 2/(1 + s²), less than 1
+        # 1/χc = 1/τ - 1 at least, of τ = `safety` times 2/(1 + A²), less than 1
         p_u, p_v = p[0, i, j], p[1, i, j]
         along_u = abs(metric[0, i, j] * p_u + metric[1, i, j] * p_v) * min(ONE, PASSES * share[0, i, j])
         along_v = abs(metric[1, i, j] * p_u + metric[2, i, j] * p_v) * min(ONE, PASSES * share[1, i, j])
@@ -237,12 +238,12 @@ def _primal(i: int, theta: Any, state: Any, rows: Any, metric: Any, share: Any, 
         wanted = model if silent else wanted
         least = FREE if silent else least
         limit[i, j] = least
-        # The slope is that by log ξ, and what is per ξ² is times ξ²: c, 1/τ_p and 1/θ.
+        # The slope is that by log ξ, and what is per ξ² is times ξ²: c, 1/τ_p and 1/χ.
         residual, slope, own = model - wanted, sign * model, pace[i, j] * here * here
         weight = threshold / max(threshold, abs(residual))
         c = weight * slope * slope
         stiff = max(own * per_theta, least * c)
-        force = weight * residual * slope * stiff  # (ξ - a)/θ, times 1/θ + c
+        force = weight * residual * slope * stiff  # (ξ - ζ)/χ, times 1/χ + c
         step = here * (pull[j] * here * (stiff + c) + force) / ((stiff + c) * (own + stiff))
         step = max(min(step, HALF * here), -here)
         # ξ is x and a rest too small for it.
@@ -268,7 +269,7 @@ def _advance(
     table: Any,
     work: Any,
 ) -> float:
-    """Take `count` steps, in place; return θ (in units of τ_p) after them."""
+    """Take `count` steps, in place; return χ (in units of τ_p) after them."""
     x, _, ahead, q, _, p, other = state
     sign, steps, offsets, metric = slopes
     rows, lines, line_sums, running, sums = work
@@ -345,7 +346,7 @@ class _Path:
     """The state of the scheme and what its steps need, framed by one pixel."""
 
     problem: Problem
-    state: tuple[Any, ...]  # ξ and its rest, ξ̄, q, the least 1/θc, slopes and their averages
+    state: tuple[Any, ...]  # ξ and its rest, ξ̄, p, the least 1/χc, slopes and their averages
     given: tuple[Any, ...]
 
     @classmethod
@@ -370,11 +371,11 @@ class _Path:
 
         x, image = framed_xi(start), framed(np.where(mask, problem.image, 1.0), 1.0)
         tau_p = BALANCE * (0.5 * problem.photometry.gamma * x / image) ** 2
-        # σ τ_p ‖K‖² ≤ 1 for every pair of pixels that K joins
+        # τ_d τ_p ‖K‖² ≤ 1 for every pair of pixels that K joins
         widest = framed(np.where(mask, tau_p[1:-1, 1:-1], 0.0))
         for axis in (0, 1):
             widest = np.max([np.roll(widest, k, axis) for k in (-1, 0, 1)], axis=0)
-        sigma = 1 / ((8 if first else 64) * scale**2 * np.where(widest > 0, widest, 1.0))
+        sigma = 1 / (NORMS[problem.regulariser] * scale**2 * np.where(widest > 0, widest, 1.0))
         bound = framed(np.where(mask, problem.lam * problem.edge_weight, 0.0))
         shrink = np.where(bound > 0, bound / (bound + sigma * problem.epsilon), 0.0)
         whole = np.stack([*joined, 0 * joined[0]] if first else hessian_stencils(joined))
@@ -417,7 +418,7 @@ class _Path:
         )
 
     def advance(self, count: int, theta: float, decay: float) -> float:
-        """Take steps with θ, in units of 1/c at the start; return θ after them."""
+        """Take steps with χ, in units of 1/c at the start; return χ after them."""
         return BALANCE * _advance(
             self.state[0], count, theta / BALANCE, float(decay), self.state, *self.given
         )
@@ -437,7 +438,7 @@ class _Path:
     def share(self, theta: float) -> float:
         """Part of the way to its data that a pixel went in the last step, on average, c as at first."""
         limit = self.state[4][1:-1, 1:-1][self.problem.mask].astype(np.float64)
-        t = np.minimum(1 / limit, theta)  # θc
+        t = np.minimum(1 / limit, theta)  # χc
         return float(np.mean(t / (1 + t) * BALANCE / (BALANCE + t)))
 
 
@@ -461,8 +462,8 @@ def primal_dual(
     regulariser is "curvature", or the BRDF has two slants for one brightness.
 
     - start: (H, W), log d to begin with, finite inside the mask; the paper's d₀ by default.
-    - coupling: θ in units of 1/c at the start; what is stable limits it further.
-    - decay: what θ is multiplied by after each step, down to 0.001. In DTAM it falls; here it stays.
+    - coupling: χ in units of 1/c at the start; what is stable limits it further.
+    - decay: what χ is multiplied by after each step, down to 0.001. In DTAM it falls; here it stays.
     - patch: radius of the box over which slopes are averaged, twice, for the normals; in 1/320 of the
       width. 0 takes two neighbours, as the energy does, and thousands of steps.
     - safety: share of the bound on τ that is taken, in (0, 1].

@@ -1,7 +1,7 @@
 """Cameras: points to pixels, pixels to unit rays, and the ray field that the solvers use.
 
-All three models map the angle ϑ off the axis to a radius ρ in the image and are straight
-lines otherwise, so one class does the work and a model supplies ρ(ϑ) and ϑ(ρ).
+All three models map the angle ϑ off the axis to a radius h in the image and are straight
+lines otherwise, so one class does the work and a model supplies h(ϑ) and ϑ(h).
 
 Frame: x right, y down, z forward. Pixel coordinates are (column, row), the origin at the
 centre of the top-left pixel.
@@ -79,11 +79,11 @@ class Camera:
         raise NotImplementedError
 
     def _radius(self, theta: FloatArray) -> FloatArray:
-        """Return ρ(ϑ) for angles within the range."""
+        """Return h(ϑ) for angles within the range."""
         raise NotImplementedError
 
-    def _angle(self, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ϑ(ρ) and dϑ/dρ for radii within the range."""
+    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ϑ(h) and dϑ/dh for radii within the range."""
         raise NotImplementedError
 
     def _transformed(self, scale: FloatArray, offset: FloatArray, width: int, height: int) -> Self:
@@ -110,9 +110,9 @@ class Camera:
         side = np.hypot(x, y)
         theta = np.arctan2(side, z)
         inside = (theta <= self.max_angle) & ((side > 0) | (z > 0))
-        rho = self._radius(np.where(inside, theta, 0.0))
-        # ρ/side → 0·(anything) on the axis, where x and y vanish too.
-        ratio = rho / np.where(side > 0, side, 1.0)
+        radius = self._radius(np.where(inside, theta, 0.0))
+        # h/side → 0·(anything) on the axis, where x and y vanish too.
+        ratio = radius / np.where(side > 0, side, 1.0)
         plane = np.stack([x * ratio, y * ratio], axis=-1)
         return np.where(inside[..., None], plane @ self._affine.T + self._centre, np.nan)
 
@@ -124,19 +124,19 @@ class Camera:
         """Return the unit rays (…, 3) and their derivatives by the pixel (…, 3, 2)."""
         to_plane = np.linalg.inv(self._affine)
         plane = (pixels - self._centre) @ to_plane.T
-        rho = np.hypot(plane[..., 0], plane[..., 1])
-        inside = rho <= self._max_radius
-        theta, turn = self._angle(np.where(inside, rho, 0.0))
+        radius = np.hypot(plane[..., 0], plane[..., 1])
+        inside = radius <= self._max_radius
+        theta, turn = self._angle(np.where(inside, radius, 0.0))
         theta = np.where(inside, theta, np.nan)
         sin, cos = np.sin(theta), np.cos(theta)
-        on_axis = rho == 0
-        rho = np.where(on_axis, 1.0, rho)
-        cphi, sphi = plane[..., 0] / rho + on_axis, plane[..., 1] / rho
-        rays = np.empty((*rho.shape, 3))
+        on_axis = radius == 0
+        radius = np.where(on_axis, 1.0, radius)
+        cphi, sphi = plane[..., 0] / radius + on_axis, plane[..., 1] / radius
+        rays = np.empty((*radius.shape, 3))
         rays[..., 0], rays[..., 1], rays[..., 2] = sin * cphi, sin * sphi, cos
-        # Moving out by dρ turns the ray by ϑ'dρ; moving sideways by ρdφ turns it by sin ϑ dφ.
-        out, side = turn * cos, np.where(on_axis, turn, sin / rho)
-        by_plane = np.empty((*rho.shape, 3, 2))
+        # Moving out by dh turns the ray by ϑ'dh; moving sideways by h dφ turns it by sin ϑ dφ.
+        out, side = turn * cos, np.where(on_axis, turn, sin / radius)
+        by_plane = np.empty((*radius.shape, 3, 2))
         by_plane[..., 0, 0] = out * cphi**2 + side * sphi**2
         by_plane[..., 0, 1] = by_plane[..., 1, 0] = (out - side) * cphi * sphi
         by_plane[..., 1, 1] = out * sphi**2 + side * cphi**2
@@ -222,7 +222,7 @@ class _FocalCamera(Camera):
 
 @dataclass(frozen=True)
 class Pinhole(_FocalCamera):
-    """Pinhole camera: ρ = tan ϑ.
+    """Pinhole camera: h = tan ϑ.
 
     Parameters
     ----------
@@ -245,13 +245,13 @@ class Pinhole(_FocalCamera):
     def _radius(self, theta: FloatArray) -> FloatArray:
         return np.tan(theta)
 
-    def _angle(self, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return np.arctan(rho), 1 / (1 + rho * rho)
+    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return np.arctan(radius), 1 / (1 + radius * radius)
 
 
 @dataclass(frozen=True)
 class KannalaBrandt(_FocalCamera):
-    """Kannala-Brandt fisheye: ρ = ϑ + k1 ϑ³ + k2 ϑ⁵ + k3 ϑ⁷ + k4 ϑ⁹ (paper, Section III-A).
+    """Kannala-Brandt fisheye: h = ϑ + k1 ϑ³ + k2 ϑ⁵ + k3 ϑ⁷ + k4 ϑ⁹ (paper, Section III-A).
 
     Parameters
     ----------
@@ -297,8 +297,8 @@ class KannalaBrandt(_FocalCamera):
     def _radius(self, theta: FloatArray) -> FloatArray:
         return self._polynomial(theta)[0]
 
-    def _angle(self, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
-        theta = invert_increasing(self._polynomial, rho, 0.0, self.max_angle)
+    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+        theta = invert_increasing(self._polynomial, radius, 0.0, self.max_angle)
         with np.errstate(divide="ignore"):
             return theta, 1 / self._polynomial(theta)[1]
 
@@ -377,9 +377,9 @@ class Scaramuzza(Camera):
     def max_angle(self) -> float:  # noqa: D102
         return float(self._angle(np.asarray(self._max_radius))[0])
 
-    def _angle(self, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _angle(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
         a0, _, a2, a3, a4 = self.a
-        r = rho
+        r = radius
         height = a0 + r * r * (a2 + r * (a3 + r * a4))
         turn = a0 - r * r * (a2 + r * (2 * a3 + r * 3 * a4))
         return np.arctan2(r, height), turn / (r * r + height * height)

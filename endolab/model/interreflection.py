@@ -5,11 +5,11 @@ model I_c = cos θ / d². Once a surface is known roughly, it follows: patches o
 light (radiosity; Goral et al., "Modeling the interaction of light between diffuse surfaces",
 SIGGRAPH 1984),
 
-    S_i = Σ_j F_ij ρ (E_j + S_j),     F_ij = cos θ_ij cos θ_ji A_j / (π r_ij²)  where i sees j,
+    S_i = Σ_j F_ij a (E_j + S_j),     F_ij = cos θ_ij cos θ_ji A_j / (π r_ij²)  where i sees j,
 
 E being the irradiance straight from the lamp and S that of bounced light. Both fall with the square
-of the scene's size, so that the share S/E asks for its shape only. A picture divided by 1 + S/E is
-one that the model explains: solve it, compute S/E anew, and so on; two rounds do.
+of the scene's size, so that the share ι = S/E asks for its shape only. A picture divided by 1 + ι is
+one that the model explains: solve it, compute ι anew, and so on; two rounds do.
 
 The walls beside and behind the camera are not in the picture, but half of the bounced light comes
 from them: the picture's rim is drawn back along the axis, as a colon goes on as it came. Behind folds,
@@ -37,7 +37,7 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import gradient
 from endolab.numerics.threads import band_rows, bands, on_cores
 
-PATCHES = 500  # of the picture; twice as many change S/E by a hundredth
+PATCHES = 500  # of the picture; twice as many change ι by a hundredth
 STEEPEST = 0.1  # cos θ below which a pixel's surface is a fold's edge rather than a wall
 SECTORS = 20  # of the rim
 BACK = 2.0  # how far behind the camera the wall goes on, in radii
@@ -46,7 +46,7 @@ HIDDEN = 0.75  # of what a patch does not see, how much is a wall; so red and gr
 BOUNCES = 16  # counted one by one; those after them fall by a constant share
 LASTING = 0.98  # share that a further bounce may leave
 GRAZING = 1e-3  # cos α below which a lamp's light no longer falls
-MOST = 20.0  # S/E, beyond which it says that the lamp hardly reaches the wall
+MOST = 20.0  # ι, beyond which it says that the lamp hardly reaches the wall
 
 
 @on_cores
@@ -228,13 +228,13 @@ class Walls:
         return bounced(self.orders, one.ravel()).reshape(len(self.lit), *one.shape)
 
     def inflation(self, albedo: ArrayLike) -> FloatArray:
-        """S/E of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
+        """ι of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
         light = self.bounced(albedo)
         spread = self._spread(light.reshape(len(light), -1))
         return spread[..., 0] if light.ndim == 1 else spread
 
     def _spread(self, bounced: FloatArray) -> FloatArray:
-        """S/E of pixels, (H, W, n), from S of patches, (N, n)."""
+        """ι of pixels, (H, W, n), from S of patches, (N, n)."""
         shape = (*self.seen.shape, bounced.shape[1])
         coarse, known = np.zeros(shape), self.seen.astype(np.float64)
         coarse[self.seen] = bounced[: self.count]

@@ -13,7 +13,7 @@ from endolab.numerics.arrays import FloatArray
 class SpotLight:
     """A small light that fades with the cosine off its direction and the square of the distance.
 
-    L(x) = w cosⁿψ / |x - x_l|² (paper, eqs. 1 and 2, with the exponent n and weight w = σo).
+    L(x) = b cosᵐψ / |x - x_l|² (paper, eqs. 1 and 2, with the exponent m and weight b = σo).
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class SpotLight:
     def illuminate(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Light that arrives at points (..., 3) in the camera frame, mm.
 
-        Returns w cosⁿψ / distance², (...), 1/mm², 0 behind the light; and the distance to it, mm.
+        Returns b cosᵐψ / distance², (...), 1/mm², 0 behind the light; and the distance to it, mm.
         """
         offset = points - np.asarray(self.position)
         distance = np.linalg.norm(offset, axis=-1)

@@ -2,7 +2,7 @@
 
 General model (eq. 6), a sum over the lights l:
 
-    I = ( cos^k α · Σ_l w_l cosⁿψ_l / |x - x_l|² · f_r · cos θ_l · g )^(1/γ)
+    I = ( cos^k α · Σ_l b_l cosᵐψ_l / |x - x_l|² · f_r · cos θ_l · g )^(1/γ)
 
 With the one light at the optical centre, looking forward (the default, eq. 9):
 

@@ -30,6 +30,12 @@ if TYPE_CHECKING:
     from endolab.trust.trust import Trust
 
 
+START = "start"  # a curve that axes do not follow: it may have spikes many times as far as all else
+# Of what a section shows: room for the word to the camera's left, and above and below for the legend.
+SPARE = np.array([[-0.25, -0.15], [0.0, 0.15]])
+NEW_LINE = "\n"
+
+
 def _draw(picture: FloatArray, ax: Axes | None, title: str, **how: object) -> tuple[Axes, ScalarMappable]:
     """Show a map on pixel axes."""
     ax = style.new_axes(ax)
@@ -192,8 +198,12 @@ def show_decided(decided_by: np.ndarray, ax: Axes | None = None, *, title: str =
     patches = []
     for k, name in enumerate(DECIDERS, 1):
         share = 100 * float((decided_by == k).sum()) / inside
-        patches.append(Patch(color=colours[k], label=f"{name} {share:.0f} %"))
-    ax.legend(handles=patches, loc="lower left", frameon=True, framealpha=0.9)
+        lines = f"{name.replace(' or ', NEW_LINE + 'or ')}{NEW_LINE}{share:.0f} %"
+        patches.append(Patch(color=colours[k], label=lines))
+    # Where colour bars are: on the map it would hide what it names.
+    ax.legend(
+        handles=patches, loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.0, labelspacing=1.0
+    )
     return ax
 
 
@@ -226,16 +236,22 @@ def show_section(
     ax = style.new_axes(ax)
     across, name = (1, f"column {column}") if row is None else (0, f"row {row}")
     others = iter(style.OTHERS * len(distances))
+    followed = [np.zeros((1, 2))]  # what the axes show; the camera is at 0
     for label, distance in distances.items():
         surface = distance[..., None] * field.rays
-        points = surface[:, column] if row is None else surface[row]
+        points = (surface[:, column] if row is None else surface[row])[:, [2, across]]
         colour = style.LINES[label] if label in style.LINES else next(others)
-        ax.plot(points[:, 2], points[:, across], color=colour, lw=1.8, label=label)
+        ax.plot(*points.T, color=colour, lw=1.8, label=label)
+        if label != START or len(distances) == 1:
+            followed.append(points[np.isfinite(points).all(axis=1)])
     ax.plot(0, 0, marker=">", color="black", ms=7, ls="none")
-    box = {"fc": style.PAPER, "ec": "none", "alpha": 0.75, "pad": 1.0}  # a wall may be as near as the word
-    ax.annotate("camera", (0, 0), xytext=(-4, 8), textcoords="offset points", bbox=box)
+    # To its left, where no wall is in view.
+    ax.annotate("camera", (0, 0), xytext=(-8, 0), textcoords="offset points", ha="right", va="center")
     title = f"Section along {name}" if title is None else title
     style.decorate(ax, title, f"z [{unit}]", f"{'xy'[across]} [{unit}]")
+    low, high = (edge(np.concatenate(followed), axis=0) for edge in (np.min, np.max))
+    ax.dataLim.set_points(np.stack([low, high]) + SPARE * (high - low))
+    ax.autoscale_view()
     ax.set_aspect("equal", adjustable="datalim")
     if across == 1 and not ax.yaxis_inverted():
         ax.invert_yaxis()  # as in the picture, y points down

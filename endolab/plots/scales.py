@@ -35,3 +35,8 @@ def round_length(length: float) -> float:
 def tallness(shape: tuple[int, ...]) -> float:
     """Height of a picture's panel over its width: the picture's own, but what is very tall stands in less."""
     return min(shape[0] / shape[1], TALLEST)
+
+
+def lifted(picture: FloatArray) -> FloatArray:
+    """Brighten a frame, in [0, 1], that is seen from the side: the far end of a lumen is dark in any."""
+    return np.asarray((picture / max(float(np.percentile(picture, 99)), 1e-6)).clip(0, 1) ** 0.6)

@@ -10,7 +10,7 @@ from matplotlib.collections import PolyCollection
 from endolab.metrics.mesh_distance import caster, load_open3d, to_open3d
 from endolab.model.mesh import Mesh, triangle_normals
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.scales import VIEW_WIDTH, in_colour
+from endolab.plots.scales import VIEW_WIDTH, in_colour, lifted
 from endolab.plots.style import BACKDROP, house, new_axes, scale_bar
 
 JUMP = 1.25  # neighbours whose distances differ by more are not joined
@@ -29,6 +29,7 @@ def show_cloud(
     elevation: float = 20.0,
     unit: str = "mm",
     title: str = "Surface from the side",
+    lift: bool = True,
 ) -> Axes:
     """Show a surface from beside the camera, in its picture's colours and with relief.
 
@@ -39,6 +40,9 @@ def show_cloud(
     colours : (H, W, 3) or (H, W) float array, in [0, 1]
     angle, elevation : float
         How far the viewer stands to the left of the optical axis and above it, degrees.
+    unit, title : str
+    lift : bool
+        Make the dark of a frame brighter; not for a map whose colours have a meaning.
 
     Notes
     -----
@@ -65,13 +69,14 @@ def show_cloud(
     patch = patch[kept]
     colour = in_colour(colours)[:-1, :-1][kept]
     if len(patch):
-        colour = _lit(colour, normal[kept])
+        colour = _lit(colour, normal[kept], lift)
         order = np.argsort(-patch[..., 2].mean(axis=-1))
         faces, flat = colour[order], patch[order, :, :2]
         patches = PolyCollection(flat, facecolors=faces, edgecolors=faces, linewidths=0.4, rasterized=True)
         ax.add_collection(patches, autolim=False)
         low, high = _bounds(patch[..., :2], distance[kept].max(axis=-1))
-        ax.update_datalim(np.stack([low, high + (high - low) * [0, 0.12]]))  # the bar's place
+        # Room for the camera's name above, and for the bar below.
+        ax.update_datalim(np.stack([low - (high - low) * [0, 0.12], high + (high - low) * [0, 0.12]]))
         ax.autoscale_view()
         scale_bar(ax, high[0] - low[0], unit)
     _mark_camera(ax, title)
@@ -201,16 +206,14 @@ def _to_viewer(angle: float, elevation: float) -> FloatArray:
     return nod @ turn
 
 
-def _lit(colours: FloatArray, away: FloatArray) -> FloatArray:
+def _lit(colours: FloatArray, away: FloatArray, lift: bool = True) -> FloatArray:
     """Give colours, (n, 3) in [0, 1], the relief of a lamp that stands by the viewer.
 
     `away`, (n, 3), are unit normals in the viewer's frame that point away from the viewer.
     """
     if not len(colours):
         return colours
-    # The far end of a lumen is dark in any frame: lift it, or relief drowns.
-    colours = (colours / max(np.percentile(colours, 99), 1e-6)).clip(0, 1) ** 0.6
-    return colours * (0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)[:, None])
+    return (lifted(colours) if lift else colours) * (0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)[:, None])
 
 
 def _bounds(seen: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -228,7 +231,17 @@ def _mark_camera(ax: Axes, title: str) -> None:
     if not ax.yaxis_inverted():
         ax.invert_yaxis()
     ax.plot(0, 0, marker="o", color="white", ms=5)
-    ax.annotate("camera", (0, 0), xytext=(0, 7), textcoords="offset points", color="white", ha="center")
+    # In a corner, for around the camera there are walls.
+    ax.annotate(
+        "camera",
+        (0, 0),
+        xytext=(0.97, 0.97),
+        textcoords="axes fraction",
+        ha="right",
+        va="top",
+        color="white",
+        arrowprops={"arrowstyle": "-", "color": "white", "lw": 0.8, "shrinkB": 4},
+    )
     ax.set_title(title)
     ax.set(xticks=[], yticks=[], facecolor=BACKDROP)
     ax.set_aspect("equal", adjustable="datalim")

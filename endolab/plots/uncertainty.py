@@ -21,7 +21,7 @@ MOST = 90  # percentile of what lies within the angles seen, where the colours e
 RAYS = {  # what can be shown of them: field of `RayUncertainty`, title and label
     "shape": ("mrad_shape", "Rays, a common turn apart", "σ of the ray [mrad]"),
     "whole": ("mrad", "Rays", "σ of the ray [mrad]"),
-    "px": ("px", "Pixels", "σ of the pixel [px]"),
+    "px": ("px", "Pixel of a ray", "σ of the pixel [px]"),
 }
 
 
@@ -40,11 +40,18 @@ def largest_shown(values: FloatArray, camera: Camera, seen: float) -> float:
 
 
 def _show(
-    values: FloatArray, camera: Camera, seen: float, ax: Axes | None, title: str, label: str, ends: str
+    values: FloatArray,
+    camera: Camera,
+    seen: float,
+    ax: Axes | None,
+    limit: float | None,
+    title: str,
+    label: str,
+    ends: str,
 ) -> Axes:
     """Show a map at `places` with the ring of the largest angle seen."""
     ax = new_axes(ax)
-    most = largest_shown(values, camera, seen)
+    most = largest_shown(values, camera, seen) if limit is None else limit
     extent = (-0.5, camera.width - 0.5, camera.height - 0.5, -0.5)
     shown = ax.imshow(values, cmap="viridis", vmin=0.0, vmax=most, extent=extent, interpolation="nearest")
     decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(LEFT_OUT)
@@ -60,7 +67,12 @@ def _show(
 
 @house()
 def show_ray_uncertainty(
-    geometry: GeometricFit, ax: Axes | None = None, *, what: str = "shape", title: str | None = None
+    geometry: GeometricFit,
+    ax: Axes | None = None,
+    *,
+    what: str = "shape",
+    limit: float | None = None,
+    title: str | None = None,
 ) -> Axes:
     """Show how well the ray of each pixel is known; beyond the dashed ring it was not seen, but follows.
 
@@ -69,13 +81,16 @@ def show_ray_uncertainty(
     geometry : GeometricFit
     what : {"shape", "whole", "px"}
         How far rays are off without the turn that all share, with it, or how far pixels are.
+    limit : float, optional
+        Where the colours end, mrad or px; by default such that most of what was seen is below.
     """
     if what not in RAYS:
         raise unknown_name("what", what, tuple(RAYS))
     name, usual, label = RAYS[what]
     camera, seen = geometry.camera, geometry.max_angle_seen
     values = getattr(ray_uncertainty(camera, geometry.covariance, max_angle=seen), name)
-    return _show(values, camera, seen, ax, usual if title is None else title, label, "farthest feature")
+    title = usual if title is None else title
+    return _show(values, camera, seen, ax, limit, title, label, "farthest feature")
 
 
 @house()
@@ -85,6 +100,7 @@ def show_fall_off_uncertainty(
     ax: Axes | None = None,
     *,
     distance: float | None = None,
+    limit: float | None = None,
     title: str = "Light's fall-off μ′",
 ) -> Axes:
     """Show how well the light along each ray is known, relative to that on the axis.
@@ -95,9 +111,11 @@ def show_fall_off_uncertainty(
     camera : Camera
     distance : float, optional
         Of the wall, mm, if the light's place was fitted; see `fall_off_uncertainty`.
+    limit : float, optional
+        Where the colours end, %; by default such that most of what was seen is below.
     """
     values = fall_off_uncertainty(light, camera, distance=distance)
-    return _show(values, camera, light.alpha_range[1], ax, title, "σ of μ′ [%]", "farthest sample")
+    return _show(values, camera, light.alpha_range[1], ax, limit, title, "σ of μ′ [%]", "farthest sample")
 
 
 def uncertainty_figure(session: Session) -> Figure:

@@ -1,14 +1,14 @@
 """What three colours of one wall tell: how much light bounced, the wall's albedos, how much it mirrors.
 
-A wall of albedo ρ_c shows, of the lamp's light E,
+A wall of albedo a_c shows, of the lamp's light E,
 
-    q_c = g/π E (ρ_c (1 + a s_c) + m M),        s_c = S_c/E,
+    q_c = g/π E (a_c (1 + p ι_c) + m M),        ι_c = S_c/E,
 
 where S, light that bounced, follows from a surface and the albedos (`interreflection`) and M is the lobe
 of a rough wet film. E is the same in red, green and blue, so that the colours, in level and in tint, tell
-how right S is: a factor a for walls that are not in the picture, the share b of the light's fall cos^k α
+how right S is: a factor p for walls that are not in the picture, the share b of the light's fall cos^k α
 that is the lamp's (the lens's part lights no walls), the albedos, and m. All have priors, so that what
-the colours do not tell stays as it was: given albedos as given, others those of mucosa. The priors of a
+the colours do not tell stays as it was: given albedos as given, others those of mucosa. The priors of p
 and m are lines, not squares, far from their middle, so that a picture in which nothing bounces is heard.
 """
 
@@ -28,7 +28,7 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 TISSUE = (0.7, 0.35, 0.28)  # red, green and blue of mucosa, before anything is known
 TEXTURE = (0.05, 0.2, 0.2)  # of the albedos' logarithms: blood takes green and blue light, hardly red
 TOGETHER = 0.8  # correlation of green's texture with blue's
-FACTOR = 0.9, 0.2  # a before and its width; 0.8 to 1.1 for the true surfaces of traced cavities
+FACTOR = 0.9, 0.2  # p before and its width; 0.8 to 1.1 for the true surfaces of traced cavities
 LAMP = 1.0, 0.3  # b before and its width: all the lamp's, or any share
 GIVEN = 0.03, 0.03  # widths of given albedos' logarithms: of green's, of red's and blue's against green's
 GREEN = 0.1, 0.35  # the same where green's alone is given
@@ -37,11 +37,11 @@ FILM = 0.0, 0.15  # m before and its width; 1 mirrors 4 % at normal incidence, a
 ROUGHNESS = 0.3  # of the film, GGX's α
 PIECES = 20.0  # errors of S go on over many patches: so many of them are independent
 FLOOR = 0.25  # of the robust standard deviation, in units of TEXTURE: S is never exact
-LARGEST, SHINIEST = 2.5, 3.0  # a and m at most
+LARGEST, SHINIEST = 2.5, 3.0  # p and m at most
 NEAR = 0.98  # share of a bound beyond which an estimate is at it
 ALBEDOS = 0.02, 0.95  # least and greatest
 MISFIT = 0.1  # mean difference of the colours' log E beyond which they say no one E
-NONE_BOUNCED = 0.05  # of a, below which nothing is taken to have bounced
+NONE_BOUNCED = 0.05  # of p, below which nothing is taken to have bounced
 SEEN = 0.2  # of m, beyond which a film is spoken of
 LEAST = 30  # patches that show all three colours
 ROUNDS = 3  # of the robust weights' scale
@@ -88,7 +88,7 @@ class Light:
     """What three colours tell of a wall and its light."""
 
     albedo: FloatArray  # (3,)
-    factor: float  # a
+    factor: float  # p
     lamp: float  # b
     film: float  # m
     misfit: float = 0.0  # mean |log E_c - its mean over colours|
@@ -211,7 +211,7 @@ def _tempered(r: FloatArray) -> tuple[FloatArray, FloatArray]:
 class _Disagreement:
     """How far the colours and what is believed are from what light and albedos x make of them.
 
-    x holds a, b, m and the logarithms of the albedos.
+    x holds p, b, m and the logarithms of the albedos.
     """
 
     def __init__(self, patches: Patches, belief: Belief, sigma: float) -> None:

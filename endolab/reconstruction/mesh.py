@@ -80,7 +80,8 @@ def make_mesh(
         raise ValueError(
             f"jump must be at least 1 and grazing from 0 to 90 degrees, got {jump} and {grazing}"
         )
-    triangles = _triangles(points, cuts)
+    distance = np.linalg.norm(points, axis=-1)
+    triangles = joined_triangles(distance, links(np.isfinite(distance) & (distance > 0), cuts))
     points = points.reshape(-1, 3)
     triangles = triangles[~_torn(points, triangles, jump, grazing)]
     used = np.zeros(len(points), dtype=bool)
@@ -108,10 +109,13 @@ def _certainty(
     return scale, f"sigma of the distance, dark 0 to bright {most:g} % of it, or more (magma)"
 
 
-def _triangles(points: FloatArray, cuts: BoolArray | None) -> IndexArray:
-    """Triangles whose sides along rows and columns are all steps that may be taken."""
-    distance = np.linalg.norm(points, axis=-1)
-    right, lower = links(np.isfinite(distance) & (distance > 0), cuts)
+def joined_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
+    """Triangles, (m, 3), between the points of a grid, whose sides along rows and columns are all steps.
+
+    `joined`, (2, H, W), are the steps that there are (see `derivatives.links`). A square that has all four is
+    split along the diagonal over which the distance, (H, W), changes by the smaller factor.
+    """
+    right, lower = joined
     number = np.arange(distance.size, dtype=np.int32).reshape(distance.shape)
 
     def corners(a: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:

@@ -1,9 +1,9 @@
 """Direct light out of a colour picture: what bounced is computed from the surface, and taken out.
 
-A wall of albedo ρ shows I_c = g ρ/π (E + S), the lamp's light E and light S from other walls. The
+A wall of albedo a shows I_c = g a/π (E + S), the lamp's light E and light S from other walls. The
 three colours see one E, but the more a colour is reflected, the more of it bounces. From a surface
-that is known roughly follows S/E for each colour (`interreflection`); divided by 1 + S/E, the three
-pictures are three measurements of E, which are merged and solved, and S/E follows anew from a better
+that is known roughly follows ι = S/E for each colour (`interreflection`); divided by 1 + ι, the three
+pictures are three measurements of E, which are merged and solved, and ι follows anew from a better
 surface.
 
 Albedos that are not given are found from the colours: the tissue looks more alike all over the
@@ -64,8 +64,8 @@ from endolab.reconstruction.problem_setup import (
 )
 
 BOUNCED = "bounced light"  # stage
-DOUBT = 0.15  # share of S/E that may be wrong
-GUESS = 0.5  # of f in S/E = f ρ/(1 - f ρ), before there is a surface
+DOUBT = 0.15  # share of ι that may be wrong
+GUESS = 0.5  # of s in ι = s a/(1 - s a), before there is a surface
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
 STEPS, TORN_STEPS = (10, 5, 5), (10, 5)  # of each round's solve, without contours and then with them
 # The colours' misfit on a torn surface, as a share of that on a smooth one: below the first they speak for
@@ -100,7 +100,7 @@ class Colours:
 class Separation:
     """What was found of a picture's bounced light."""
 
-    inflation: FloatArray  # (H, W, 3), S/E in red, green and blue; 0 where nothing is known
+    inflation: FloatArray  # (H, W, 3), ι in red, green and blue; 0 where nothing is known
     light: Light
     surface: Iterate  # of the last problem that was solved; its cuts are the contours that were found
 
@@ -243,10 +243,10 @@ def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -
 
 
 def merged(colours: Sequence[Problem], inflation: FloatArray, albedo: FloatArray) -> Problem:
-    """Merge red, green and blue of one picture into one problem of direct light, given S/E (H, W, 3).
+    """Merge red, green and blue of one picture into one problem of direct light, given ι (H, W, 3).
 
     It is green's, with the picture that direct light alone would have made. Each colour counts by its
-    noise, its texture and what may be wrong with S/E; what is saturated does not.
+    noise, its texture and what may be wrong with ι; what is saturated does not.
     """
     gamma = colours[1].photometry.gamma
     mask = np.any([one.mask for one in colours], axis=0)
@@ -296,7 +296,7 @@ def _check_colours(colours: Sequence[Problem]) -> None:
             raise NoColour("red, green and blue are one")
 
 
-# Albedos and S/E ------------------------------------------------------------------------
+# Albedos and ι --------------------------------------------------------------------------
 
 
 def _albedos(calibration: Endoscope, must: bool) -> FloatArray | None:
@@ -315,7 +315,7 @@ def _albedos(calibration: Endoscope, must: bool) -> FloatArray | None:
 
 
 def _bounced(colours: Sequence[Problem], surface: Iterate, belief: Belief) -> tuple[FloatArray, Light]:
-    """S/E (H, W, 3) of a surface, and what the colours tell of its light."""
+    """ι (H, W, 3) of a surface, and what the colours tell of its light."""
     return _bounced_of(colours, surface.log_distance, surface.problem.cuts, belief)
 
 

@@ -24,6 +24,7 @@ from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import blue_white_red
 from endolab.plots.uncertainty import largest_shown
 from endolab.recording import layouts
+from endolab.recording.scales import scale, sequential
 from endolab.recording.stream import NOW, OUTLIER, START, THIN, Sink, camera_shape, depth_map, jpeg
 from endolab.recording.stream import TRUTH as GREY
 
@@ -64,7 +65,7 @@ def record_calibration(
     `light_observers` has kept; pictures wider than `max_width`, px, are thinned.
 
     Static: ``account``, ``world/camera``, ``uncertainty/rays`` (mrad, a common turn apart),
-    ``uncertainty/fall_off`` (%). Per frame: ``picture``, ``picture/detected``,
+    ``uncertainty/fall_off`` (%), ``scales/<map>``. Per frame: ``picture``, ``picture/detected``,
     ``picture/reprojection`` (measured - predicted, magnified), ``picture/samples`` (coloured by
     measured - predicted grey level), ``world/sheet/<panel>``, ``plots/gain``, ``plots/distance``,
     ``plots/residual`` (standard deviation). Per iteration: ``fit/k``, ``fit/gamma``,
@@ -148,8 +149,8 @@ class _Recording:
         view = layouts.calibration(centre, distance, titles, maps, session.light is not None, FRAME)
         self.sink.arrange(view)
 
-    def _log_uncertainty(self) -> dict[str, str]:
-        """Maps of how well rays and light are known; returns their titles by entity."""
+    def _log_uncertainty(self) -> dict[str, tuple[str, tuple[int, ...]]]:
+        """Maps of how well rays and light are known; returns their titles and shapes by entity."""
         geometry, light, camera = self.session.geometry, self.session.light, self.session.camera
         maps = {}
         if geometry is not None:
@@ -161,7 +162,9 @@ class _Recording:
         for name, (_, values, seen) in maps.items():
             limits = 0.0, largest_shown(values, camera, seen)
             self.sink.log(f"uncertainty/{name}", depth_map(values, False, limits), static=True)
-        return {name: title for name, (title, *_) in maps.items()}
+            for part, what in scale(values.shape, sequential("viridis"), *limits).items():
+                self.sink.log(f"scales/{name}/{part}", what, static=True)
+        return {name: (title, values.shape) for name, (title, values, _) in maps.items()}
 
     def _log_brdf_axes(self, light: PhotometricFit) -> None:
         theta, relative, _ = brdf_of(light)

@@ -6,15 +6,19 @@ sheet and fit.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from endolab.numerics.arrays import FloatArray
+from endolab.recording.scales import BELOW, EDGE, KEY, RIGHT
 
-TIMELINE = "iteration"
+TIMELINE, PICTURES = "iteration", "picture"
+PLAYED, SLOWEST = 20.0, 1.0  # s that a run is played, and iterations a second at least: seven take as many
+NEARER, AWAY = 0.3, 0.58  # of a surface's depth, that is looked at; of its diagonal, from where
+A_PICTURE = 2.0  # a second, of runs side by side
 BACKGROUND = (45, 50, 58)
 
 
@@ -26,9 +30,11 @@ class Shown:
     unit: str  # of distances
     terms: tuple[str, ...]  # of the energy
     maps: tuple[str, ...]  # of the solver
-    low: FloatArray  # (3,), ends of the surface along x, y and z
-    high: FloatArray
-    far: float  # z up to which the section is shown
+    low: FloatArray = field(default_factory=lambda: np.zeros(3))  # ends of the surface along x, y and z
+    high: FloatArray = field(default_factory=lambda: np.ones(3))
+    box: FloatArray = field(default_factory=lambda: np.array([[0.0, -1.0], [1.0, 1.0]]))  # section: z and y
+    shape: tuple[int, ...] = (1, 1)  # of maps
+    last: int = 1  # of the timeline
     staged: bool = False  # whether there are several stages
     sigma: float | None = None  # %, end of the colour scale of σ; None if it was not recorded
 
@@ -60,40 +66,70 @@ class Layout(rrb.Blueprint):
             self._sent_by = None
 
 
-def _opened(layout: rrb.Container, timeline: str = TIMELINE) -> Layout:
-    """A layout with the timeline to open on, and without panels beside it."""
+def _opened(layout: rrb.Container, timeline: str = TIMELINE, fps: float | None = None) -> Layout:
+    """A layout with the timeline to open on, played so fast, and without panels beside it."""
     return Layout(
         layout,
-        rrb.TimePanel(state="collapsed", timeline=timeline),
+        rrb.TimePanel(state="collapsed", timeline=timeline, fps=fps),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
     )
 
 
-def _picture(shown: Shown, entity: str, title: str) -> rrb.Spatial2DView:
-    return rrb.Spatial2DView(origin=shown.at(entity), name=shown.called(title))
+def _pace(shown: Shown) -> float:
+    """Iterations a second at which a run is played."""
+    return max(SLOWEST, shown.last / PLAYED)
+
+
+def _picture(
+    shown: Shown, title: str, *entities: str, right: float = 0.0, below: float = 0.0
+) -> rrb.Spatial2DView:
+    """A map, with room for a scale beside it or a key below it."""
+    contents = [shown.at(entity) for entity in entities]
+    height, width = shown.shape[:2]
+    bounds = rrb.VisualBounds2D(x_range=[0, (1 + right) * width], y_range=[0, (1 + below) * height])
+    name = shown.called(title)
+    return rrb.Spatial2DView(origin=shown.at(""), contents=contents, name=name, visual_bounds=bounds)
+
+
+def _scaled(entity: str, title: str, shape: tuple[int, ...]) -> rrb.Spatial2DView:
+    """A map of a recording that holds no run, with its scale."""
+    alone = Shown("", "", (), (), shape=shape)
+    return _picture(alone, title, entity, f"scales/{entity.rpartition('/')[2]}/**", right=RIGHT)
 
 
 def _depth(shown: Shown) -> rrb.Spatial2DView:
-    contents, name = [shown.at("depth"), shown.at("mask")], shown.called(f"Distance [{shown.unit}]")
-    return rrb.Spatial2DView(origin=shown.at(""), contents=contents, name=name)
+    return _picture(shown, f"Distance [{shown.unit}]", "depth", "mask", "scales/depth/**", right=RIGHT)
+
+
+def _residual(shown: Shown) -> rrb.Spatial2DView:
+    return _picture(shown, "Residual [1/255]", "residual", "scales/residual/**", right=RIGHT)
 
 
 def _trust(shown: Shown) -> list[rrb.View]:
     """How far the run's end can be trusted, if it was recorded."""
     if shown.sigma is None:
         return []
-    contents = [shown.at("front/trust/sigma"), shown.at("front/trust/mask")]
-    title = f"σ, 0 to {shown.sigma:g} %"  # a tab has no room for more; the words tell the rest
-    sigma = rrb.Spatial2DView(origin=shown.at("front/trust"), contents=contents, name=shown.called(title))
-    return [sigma, _picture(shown, "front/trust/decided_by", "Who decided")]
+    alone, entity = replace(shown, run=""), shown.at("front/trust")[1:]  # tabs have no room for the run
+    scales = shown.at("scales")[1:]
+    sigma = f"{entity}/sigma", f"{entity}/mask", f"{scales}/sigma/**"
+    decided = f"{entity}/decided_by", f"{scales}/decided_by/**"
+    return [
+        _picture(alone, "σ [%]", *sigma, right=RIGHT),
+        _picture(alone, "Who decided", *decided, below=BELOW),
+    ]
 
 
-def _surface(shown: Shown) -> rrb.Spatial3DView:
-    target = (shown.low + shown.high) / 2
-    away = 0.9 * float(np.linalg.norm(shown.high - shown.low))
+def _surface(shown: Shown, runs: Sequence[Shown] = ()) -> rrb.Spatial3DView:
+    """A run's surface, seen from where all `runs` are seen from."""
+    low = np.min([one.low for one in runs or [shown]], axis=0)
+    high = np.max([one.high for one in runs or [shown]], axis=0)
+    away = AWAY * float(np.linalg.norm(high - low))
+    # What is near is large: were the middle looked at, most would be to one side.
+    target = low + (high - low) * [0.5, 0.5, NEARER]
     hidden = [shown.at("world/truth")]
-    return _space(shown.called("Surface"), target, away, origin=shown.at("world"), hidden=hidden)
+    name = shown.called(f"Surface [{shown.unit}]")
+    return _space(name, target, away, origin=shown.at("world"), hidden=hidden)
 
 
 def _space(
@@ -119,88 +155,118 @@ def _space(
 
 
 def _section(runs: Sequence[Shown]) -> rrb.Spatial2DView:
-    far = max(shown.far for shown in runs)
-    top, bottom = min(shown.low[1] for shown in runs), max(shown.high[1] for shown in runs)
-    bounds = rrb.VisualBounds2D(x_range=[-0.1 * far, 1.1 * far], y_range=[1.2 * top, 1.2 * bottom])
+    low, high = np.min([one.box[0] for one in runs], axis=0), np.max([one.box[1] for one in runs], axis=0)
+    width, height = high - low
+    x_range = [low[0] - EDGE * width, high[0] + EDGE * width]
+    y_range = [low[1] - 1.2 * KEY * height, high[1] + EDGE * height]
+    bounds = rrb.VisualBounds2D(x_range=x_range, y_range=y_range)
     contents = [shown.at("section/**") for shown in runs]
     return rrb.Spatial2DView(origin="/", contents=contents, name="Middle column", visual_bounds=bounds)
 
 
 def _curves(title: str, contents: Sequence[str]) -> rrb.TimeSeriesView:
     legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
-    return rrb.TimeSeriesView(origin="/", contents=list(contents), name=title, plot_legend=legend)
+    return rrb.TimeSeriesView(
+        origin="/",
+        contents=list(contents),
+        name=title,
+        plot_legend=legend,
+        interaction=rrb.PlotInteraction(points_display="always"),  # a few iterates make no line
+    )
 
 
 def _energy(shown: Shown) -> rrb.TimeSeriesView:
-    return _curves("Energy", [shown.at(f"plots/{name}") for name in ("energy", *shown.terms)])
+    return _curves("log₁₀ energy", [shown.at(f"log10/{name}") for name in ("energy", *shown.terms)])
 
 
 def _change(*runs: Shown) -> rrb.TimeSeriesView:
-    return _curves("Change of log-distance", [shown.at("plots/change") for shown in runs])
+    return _curves("log₁₀ change of log-distance", [shown.at("log10/change") for shown in runs])
 
 
-def _others(shown: Shown, *left_out: str) -> rrb.TimeSeriesView:
-    """Curves of other scalars, without some and without a mere count, which would flatten the others."""
-    without = [f"- {shown.at(f'plots/{name}')}" for name in ("energy", *shown.terms, *left_out, "steps")]
-    return _curves("Steps", [shown.at("plots/**"), *without])
+def _steps(shown: Shown) -> rrb.Vertical:
+    """The change, and curves of the solver's scalars but for a mere count, which would flatten the others."""
+    without = [f"- {shown.at(f'plots/{name}')}" for name in ("energy", *shown.terms, "change", "steps")]
+    return rrb.Vertical(_change(shown), _curves("Solver", [shown.at("plots/**"), *without]), name="Steps")
 
 
 def reconstruction(shown: Shown) -> Layout:
     """Pictures above, the surface and the curves below."""
-    residual = [_picture(shown, "residual", "Residual")]
-    residual += [_picture(shown, f"front/{name}", name.capitalize()) for name in shown.maps]
-    trust = _trust(shown)
+    residual: list[rrb.View] = [_residual(shown)]
+    residual += [_picture(shown, name.capitalize(), f"front/{name}") for name in shown.maps]
+    active = 0 if shown.staged else len(residual) - 1
+    sigma, decided = (trust := _trust(shown))[:1], trust[1:]
     documents = [rrb.TextDocumentView(origin=shown.at("settings"), name="Settings")]
     if trust:
         documents.append(rrb.TextDocumentView(origin=shown.at("front/trust/words"), name="Trust"))
-    words: rrb.View | rrb.Container = rrb.Tabs(*documents, _others(shown))
-    if shown.staged:
-        stage = rrb.TextDocumentView(origin=shown.at("stage"), name="Stage")
-        words = rrb.Vertical(stage, words, row_shares=[1, 7])
-    frame = rrb.Spatial2DView(origin=shown.at(""), contents=[shown.at("input")], name="Frame")
-    last = rrb.Tabs(*residual, active_tab=0 if shown.staged else len(residual) - 1)
-    facing = _picture(shown, "normals", "Normals")
-    normals: rrb.View | rrb.Container = rrb.Tabs(*trust, facing, active_tab=0) if trust else facing
-    pictures = rrb.Horizontal(frame, _depth(shown), normals, last)
+    words = rrb.Tabs(*documents, _steps(shown))
+    frame = _picture(shown, "Frame", "input")
+    # No more than two tabs with trust where there was one without: titles have little room.
+    last = rrb.Tabs(*residual, *decided, active_tab=active)
+    facing = _picture(shown, "Normals", "normals")
+    normals: rrb.View | rrb.Container = rrb.Tabs(*sigma, facing, active_tab=0) if sigma else facing
+    pictures = rrb.Horizontal(frame, _depth(shown), normals, last, column_shares=[1, 1.25, 1.25, 1.25])
     curves = rrb.Vertical(_energy(shown), _section([shown]))
-    below = rrb.Horizontal(_surface(shown), curves, words, column_shares=[2, 1.4, 1])
-    return _opened(rrb.Vertical(pictures, below, row_shares=[1, 1.4]))
+    surface: rrb.View | rrb.Container = _surface(shown)
+    if shown.staged:
+        surface = rrb.Vertical(surface, _stages(shown), row_shares=[2.1, 1])
+    below = rrb.Horizontal(surface, curves, words, column_shares=[1.7, 1.4, 1.1])
+    return _opened(rrb.Vertical(pictures, below, row_shares=[1, 1.4]), fps=_pace(shown))
+
+
+def _stages(*runs: Shown) -> rrb.StateTimelineView:
+    """Which stage each iteration belongs to, as a lane."""
+    contents = [shown.at(entity) for shown in runs for entity in ("stage", "round")]
+    return rrb.StateTimelineView(origin="/", contents=contents, name="Stages")
 
 
 def convergence(shown: Shown) -> Layout:
     """Curves of energy, change and steps above, at large; what they mean for the surface below."""
-    steps = rrb.Vertical(_change(shown), _others(shown, "change"))
-    curves = rrb.Horizontal(_energy(shown), steps, column_shares=[1.4, 1])
-    below = rrb.Horizontal(_picture(shown, "residual", "Residual"), _section([shown]), _depth(shown))
-    return _opened(rrb.Vertical(curves, below, row_shares=[1.4, 1]))
+    curves = rrb.Horizontal(_energy(shown), _steps(shown), column_shares=[1.4, 1])
+    below = rrb.Horizontal(_residual(shown), _section([shown]), _depth(shown))
+    return _opened(rrb.Vertical(curves, below, row_shares=[1.4, 1]), fps=_pace(shown))
 
 
 BLUEPRINTS = {"reconstruction": reconstruction, "convergence": convergence}
 
 
 def comparison(runs: Sequence[Shown]) -> Layout:
-    """Each run a column of pictures; energies and sections of all in one plot each, beside them."""
+    """Each run a column of pictures and its surface; energies and sections of all in one plot each.
+
+    On the timeline of pictures, where a run of seven iterates and one of hundreds are both seen.
+    """
     columns = [
         rrb.Vertical(
-            _depth(shown), _picture(shown, "residual", "Residual"), *_trust(shown)[:1], name=shown.run
+            _depth(shown),
+            rrb.Tabs(_residual(shown), *_trust(shown)) if shown.sigma is not None else _residual(shown),
+            _surface(shown, runs),
+            row_shares=[1, 1, 1.2],
+            name=shown.run,
         )
         for shown in runs
     ]
-    energy = _curves("Energy", [shown.at("plots/energy") for shown in runs])
-    plots = rrb.Vertical(energy, _change(*runs), _section(runs))
-    return _opened(rrb.Horizontal(*columns, plots, column_shares=[*(1.0 for _ in runs), 1.2]))
+    energy = _curves("log₁₀ energy", [shown.at("log10/energy") for shown in runs])
+    staged = [shown for shown in runs if shown.staged]
+    plots = rrb.Vertical(energy, _change(*runs), *([_stages(*staged)] if staged else []), _section(runs))
+    layout = rrb.Horizontal(*columns, plots, column_shares=[*(1.0 for _ in runs), 1.2])
+    return _opened(layout, PICTURES, A_PICTURE)
 
 
 def sequence(
-    unit: str, middle: float, far: float, timeline: str, curves: Mapping[str, Sequence[str]] | None = None
+    unit: str,
+    middle: float,
+    far: float,
+    shape: tuple[int, ...],
+    timeline: str,
+    curves: Mapping[str, Sequence[str]] | None = None,
 ) -> Layout:
     """Pictures of a video's frame above, its surface and the curves over the frames below.
 
-    `middle` and `far` are distances of the first surface, in `unit`; `curves` are titles of what lies below
-    ``plots``.
+    `middle` and `far` are distances of the first surface, in `unit`, `shape` that of its map; `curves` are
+    titles of what lies below ``plots``.
     """
-    titles = {"input": "Frame", "depth": f"Distance [{unit}]", "normals": "Normals"}
-    pictures = [rrb.Spatial2DView(origin=f"/{entity}", name=title) for entity, title in titles.items()]
+    distance = _scaled("depth", f"Distance [{unit}]", shape)
+    frame = rrb.Spatial2DView(origin="/input", name="Frame")
+    pictures = [frame, distance, rrb.Spatial2DView(origin="/normals", name="Normals")]
     curves = curves or {
         "Energy": ["energy"],
         f"Median distance [{unit}]": ["median_distance"],
@@ -220,14 +286,15 @@ def calibration(
     centre: FloatArray,
     distance: float,
     curves: Mapping[str, str],
-    maps: Mapping[str, str],
+    maps: Mapping[str, tuple[str, tuple[int, ...]]],
     light: bool,
     timeline: str,
 ) -> Layout:
     """The frame, the sheet in space, the curves over the frames; behind tabs the light's fit and the maps.
 
     The sheet is mostly at `centre`, (3,), mm, `distance` away; `curves` are titles of what lies
-    below ``plots``, `maps` of what lies below ``uncertainty``; `light` tells whether it was fitted.
+    below ``plots``, `maps` titles and shapes of what lies below ``uncertainty``; `light` tells whether it
+    was fitted.
     """
     fit: list[rrb.View | rrb.Container] = [
         rrb.TimeSeriesView(origin="/fit", contents=["/fit/k", "/fit/gamma"], name="k and γ"),
@@ -246,7 +313,7 @@ def calibration(
         rrb.Vertical(*fit, name="Fit"),
     ]
     if maps:
-        known = [rrb.Spatial2DView(origin=f"/uncertainty/{name}", name=title) for name, title in maps.items()]
+        known = [_scaled(f"uncertainty/{name}", *what) for name, what in maps.items()]
         tabs.append(rrb.Vertical(*known, name="Uncertainty"))
     columns = (
         rrb.Vertical(

@@ -28,7 +28,7 @@ class Pictures:
 
     depth: NDArray[np.float32]  # (h, w), distance; nan outside the mask
     normals: bytes  # PNG
-    residual: bytes  # PNG
+    misfit: NDArray[np.float32]  # model - frame, grey levels of 255; nan outside the mask
     maps: dict[str, bytes]  # PNG, by name
     cloud: NDArray[np.float32]  # (n, 3)
     section: list[FloatArray]  # strips (m, 2)
@@ -60,8 +60,8 @@ class Painter:
         model = self.problem.photometry.brightness(v, slant, self._attenuation)
         return np.subtract(model, self._image, out=model)
 
-    def paint(self, iterate: Iterate, grey_levels: float) -> Pictures:
-        """Make the pictures of an iterate, with colours of the residual up to so many grey levels of 255."""
+    def paint(self, iterate: Iterate) -> Pictures:
+        """Make the pictures of an iterate."""
         v = iterate.log_distance
         distance = np.exp(v[self.thin])
         points = distance[:: self._further, :: self._further][self._inside][:, None] * self._rays
@@ -70,7 +70,7 @@ class Painter:
         return Pictures(
             distance.astype(np.float32),
             png_bytes(facing, SMOOTH),
-            palette_png(shades(self.misfit(v), grey_levels / 255), DIVERGING),
+            (255 * self.misfit(v)).astype(np.float32),
             {name: png_bytes(grey(np.asarray(a)[self.thin], self.seen)) for name, a in iterate.maps.items()},
             points.astype(np.float32),
             section(v, self.problem),
@@ -87,7 +87,12 @@ def section(log_distance: FloatArray, problem: Problem) -> list[FloatArray]:
     return [line[first:end] for first, end in ends if end - first > 1]
 
 
-def shades(values: FloatArray, most: float) -> NDArray[np.uint8]:
+def residual_png(misfit: NDArray[np.float32], grey_levels: float) -> bytes:
+    """Encode a misfit, (h, w), in blue, white and red up to so many grey levels."""
+    return palette_png(shades(misfit, grey_levels), DIVERGING)
+
+
+def shades(values: NDArray, most: float) -> NDArray[np.uint8]:
     """Places of values from -`most` to `most`, (h, w), in `DIVERGING`; nan is black, its last."""
     half = (SHADES - 1) / 2
     places: NDArray[np.uint8] = np.empty(values.shape, np.uint8)

@@ -147,6 +147,7 @@ class Recording:
             shapes = {self.depth(k).shape, self._mask(k).shape, self._colours("normals", k).shape[:2]}
             if len(shapes) > 1:
                 raise self._damaged(f"pictures of iteration {k} are not of one size")
+        _ = self.sigma, self.decided_by
 
     def _damaged(self, why: str) -> ValueError:
         return ValueError(f"{self.path} is damaged: {why}")
@@ -252,6 +253,31 @@ class Recording:
         k = self._chosen(iteration)
         n = np.where(self._mask(k)[..., None], 2 * (self._colours("normals", k) / 255.0) - 1, np.nan)
         return n / np.linalg.norm(n, axis=-1, keepdims=True)
+
+    @property
+    def sigma(self) -> FloatArray | None:
+        """Standard deviation of the last `depth`, (h, w), in its unit; None if no trust was recorded."""
+        if not self._rows("front/trust/sigma", "buffer"):
+            return None
+        depth, percent = self.depth(), self._map("front/trust/sigma", None, np.float32).astype(float)
+        known = np.isfinite(depth)
+        if percent.shape != depth.shape or not (percent[known] >= 0).all() or np.isinf(percent).any():
+            raise self._damaged("the trust is not that of the run's end")
+        return np.where(known, percent / 100 * depth, np.nan)
+
+    @property
+    def decided_by(self) -> NDArray[np.uint8] | None:
+        """Who decided the pixels of the last `depth`, (h, w); None if no trust was recorded.
+
+        1 the data, 2 border or contour, 3 the prior; 0 outside the mask.
+        """
+        if not self._rows("front/trust/decided_by", "buffer"):
+            return None
+        decided = self._map("front/trust/decided_by", None, np.uint8)
+        depth = self.depth()
+        if decided.shape != depth.shape or not np.isin(decided[np.isfinite(depth)], (1, 2, 3)).all():
+            raise self._damaged("the trust is not that of the run's end")
+        return decided
 
     def _chosen(self, iteration: int) -> int:
         pictured = self.pictured

@@ -7,15 +7,17 @@ A file is written when the run has ended, interrupted or not, whole or not at al
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 import cv2
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate, Result
@@ -24,8 +26,19 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.side_by_side import side_by_side
 from endolab.plots.scales import DECIDERS, in_colour, round_length
-from endolab.recording.layouts import BLUEPRINTS, TIMELINE, Shown, comparison
-from endolab.recording.pictures import Painter, section
+from endolab.recording.layouts import BLUEPRINTS, PICTURES, TIMELINE, Shown, comparison
+from endolab.recording.pictures import Painter, Pictures, residual_png, section
+from endolab.recording.scales import (
+    Limits,
+    box_of,
+    cut,
+    diverging,
+    key,
+    lines_key,
+    scale,
+    sequential,
+    words,
+)
 from endolab.recording.stream import (
     NOW,
     START,
@@ -35,9 +48,11 @@ from endolab.recording.stream import (
     as_bytes,
     camera_shape,
     depth_columns,
+    depth_limits,
     every,
     png,
     png_columns,
+    stage_of,
     stage_text,
 )
 from endolab.trust.trust import Trust
@@ -100,9 +115,23 @@ def record(
     return Recorder(Sink(path, live), truth, max_width, blueprint)
 
 
-_Place = tuple[
-    int, Iterate | Callable[[], None]
-]  # on the timeline; whose pictures come there, or what is done
+# On the timelines of iterations and of pictures; whose pictures come there, or what is done.
+_Place = tuple[int, int, Iterate | Callable[[], None]]
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """What a stage has come to."""
+
+    at: int  # where it begins on the timeline of iterations, and on that of pictures
+    picture: int
+    unit: str  # of distances
+    shape: tuple[int, ...]  # of its pictures
+    limits: Limits  # of its last iterate
+    low: FloatArray  # (3,), ends of the surface along x, y and z
+    high: FloatArray
+    box: FloatArray  # (2, 2), ends of the section along z and y
+    facing: list[FloatArray]  # the section of d₀
 
 
 class Comparison:
@@ -139,9 +168,15 @@ class Comparison:
         with self._sink:
             for recorder in self._runs.values():
                 recorder.close()
-            shown = [recorder.shown for recorder in self._runs.values() if recorder.shown is not None]
-            if shown and self._sink.open:
-                self._sink.arrange(comparison(shown))
+            if not self._sink.open:  # there was an error
+                return
+            runs = [recorder for recorder in self._runs.values() if recorder.limits]
+            units = dict.fromkeys(unit for recorder in runs for unit in recorder.limits)
+            common = {u: Limits.common(run.limits[u] for run in runs if u in run.limits) for u in units}
+            for recorder in runs:
+                recorder.conclude(common)
+            if runs:
+                self._sink.arrange(comparison([run.shown for run in runs if run.shown is not None]))
 
     def __enter__(self) -> Comparison:
         return self
@@ -154,13 +189,16 @@ class Recorder:
     """An observer that logs iterates to a recording; see `record`.
 
     Of the problem: ``input``, ``mask``, ``settings``, ``world/camera``, ``world/truth``,
-    ``section/start``, ``section/truth``; static, but where a run has several stages these are
-    logged when each begins, with its name, ``stage``. Per iterate: ``depth`` (distance),
-    ``normals`` ((n + 1)/2), ``residual`` (model - image), ``front/<name>`` (the iterate's maps),
-    ``world/cloud``, ``section/now``, ``plots/<name>``. Scalars are logged for every iterate,
-    pictures for the first 20 of the solution, its last, and between them each time k has grown by
-    half; of the stages before it only for the first and the last, as there may be a dozen.
-    The timeline runs on over all stages. In a `Comparison` all names begin with the run's.
+    ``section/start`` (d₀), ``section/truth``, ``scales/<map>``; static, but where a run has several
+    stages these are logged when each begins, with its name, ``stage``. Per iterate: ``depth``
+    (distance), ``normals`` ((n + 1)/2), ``residual`` (model - image), ``front/<name>`` (the iterate's
+    maps), ``world/cloud``, ``section/now``, ``plots/<name>``, and ``log10/<name>`` of energy, terms and
+    change. Scalars are logged for every iterate, pictures for the first 20 of the solution, its last,
+    and between them each time k has grown by half; of the stages before it only for the first and the
+    last, as there may be a dozen. The timeline "iteration" runs on over all stages, and so does
+    "picture", on which only iterates with pictures are, at equal distances.
+    Colours reach what the last stage in a unit needs at its end; in a `Comparison`, where all names
+    begin with the run's, what all its runs need.
     Of how far the end can be trusted, if that is added: ``front/trust/sigma`` (% of the distance),
     ``front/trust/decided_by``, ``front/trust/mask``, ``front/trust/words``; static.
 
@@ -189,6 +227,9 @@ class Recorder:
         self._several = False  # whether there are several stages
         self._before = 0  # places on the timeline before this stage's k = 0
         self._pictured = -1  # k of the last iterate whose pictures were logged
+        self._numbers: dict[int, int] = {}  # of the iterates with pictures, by their places
+        self._stage = 0, 0  # where the stage began: iteration and picture
+        self._length = 0  # of the timeline
         self._open, self._within = True, False  # within: in a block at whose end it is closed
         self._thread = ThreadPoolExecutor(1)
         self._jobs: deque[Future[None]] = deque()  # of the thread
@@ -197,6 +238,13 @@ class Recorder:
         self._painter: Painter | None = None
         self._input: tuple[FloatArray, rr.EncodedImage] | None = None  # a frame and its picture
         self._curves: dict[str, list[tuple[int, float]]] = {}  # what is still to be logged
+        self._newest: Pictures | None = None  # that were made
+        # Until all is over nobody knows what their colours must reach. No more than the depth maps take.
+        self._residuals: list[tuple[str, Sequence[int], list[NDArray[np.float32]]]] = []
+        self._facing: list[FloatArray] = []  # of the section: of d₀ and the truth
+        self._true_section: list[FloatArray] = []
+        self._true_points: FloatArray | None = None  # (n, 3)
+        self._ends: list[_Stage] = []
         # What stays for a stage, until it is known whether it stays for ever.
         self._held: list[tuple[str, tuple[rr.AsComponents, ...]]] | None = None if self.path is None else []
 
@@ -219,8 +267,9 @@ class Recorder:
                     self._defer(self._release, self._began[0])
                 self._before += last.k + 1 - iterate.k
             self._kept += _bytes(vars(iterate.problem).values())
-            self._defer(partial(self._begin, replace(iterate), truth), self._before + iterate.k)
-        self._last = iterate
+            self._stage = self._before + iterate.k, len(self._numbers)
+            self._defer(partial(self._begin, replace(iterate), truth, self._stage), self._stage[0])
+        self._last, self._length = iterate, self._before + iterate.k
         self._note_scalars(iterate)
         often = iterate.k <= ALL_UNTIL or iterate.k >= GROWTH * self._pictured
         if self._pictured < 0 or (often and iterate.stage == SOLUTION):
@@ -278,10 +327,13 @@ class Recorder:
             while self._jobs:
                 self._jobs.popleft().result()
             self._log_all(self._waiting)
+            if self._last is not None and not self._run:
+                self.conclude(self.limits)
             whole = True
         finally:
             self._thread.shutdown()
             self._last, self._waiting, self._painter, self._input = None, [], None, None
+            self._newest = self._true_points = None
             if not whole:
                 self._sink.drop()
             elif not self._run:
@@ -291,16 +343,18 @@ class Recorder:
         if last.k != self._pictured:
             self._picture(last)
         self._pictured = -1
+        self._defer(partial(self._sum_up, self._stage, last.problem), self._stage[0])
 
     def _picture(self, iterate: Iterate) -> None:
         self._pictured = iterate.k
+        self._numbers[self._before + iterate.k] = len(self._numbers)
         self._kept += _bytes((iterate.log_distance, *iterate.maps.values()))
         # Without what others have asked it for, which it would keep as well.
         self._defer(replace(iterate), self._before + iterate.k)
 
     def _defer(self, what: Iterate | Callable[[], None], place: int) -> None:
         """Have pictures logged, or something done, at a place of the timeline: later, if nobody watches."""
-        self._waiting.append((place, what))
+        self._waiting.append((place, self._numbers.get(place, len(self._numbers)), what))
         if self.path is None:
             self._hand_over(WATCHED)
         elif self._kept > KEPT:
@@ -315,13 +369,13 @@ class Recorder:
 
     def _log_all(self, waiting: list[_Place]) -> None:
         pictured: list[tuple[int, Iterate]] = []
-        for place, what in waiting:
+        for place, number, what in waiting:
             if isinstance(what, Iterate):
                 pictured.append((place, what))
                 continue
             self._log_pictures(pictured)
             pictured = []
-            self._sink.at(TIMELINE, place)
+            self._sink.at(TIMELINE, place, {PICTURES: number})
             what()
         self._log_pictures(pictured)
 
@@ -351,19 +405,20 @@ class Recorder:
         for entity, what in held:
             self._log(entity, *what, static=not self._several)
         if self._several or self._began[1] != SOLUTION:
-            self._log("stage", rr.TextDocument(self._began[1]))
+            self._log_stage(self._began[1])
+
+    def _log_stage(self, text: str) -> None:
+        name, round = stage_of(text)
+        self._log("stage", rr.TextDocument(text), rr.StateChange(state=name))
+        self._log("round", rr.StateChange(state=str(round or "-")))
 
     # What stays -----------------------------------------------------------------------
 
-    def _begin(self, iterate: Iterate, truth: FloatArray | None) -> None:
+    def _begin(self, iterate: Iterate, truth: FloatArray | None, began: tuple[int, int]) -> None:
         problem, inside = iterate.problem, iterate.mask
         painter = self._painter_of(problem)
         thin, sparse, seen = painter.thin, painter.sparse, painter.seen
         distance = np.exp(iterate.log_distance[thin])
-        near, middle, far = (float(value) for value in np.percentile(distance[seen], [1, 50, 99]))
-        self._range = near, far
-        error = np.abs(painter.misfit(iterate.log_distance)[seen])
-        self._grey_levels = max(5.0, float(np.ceil(255 * np.percentile(error, 98))))
         picture = in_colour(problem.shown)
         if self._input is None or self._input[0] is not problem.shown:
             self._input = problem.shown, png(picture[thin])
@@ -372,36 +427,40 @@ class Recorder:
         mask = rr.SegmentationImage(seen.astype(np.uint8), opacity=1.0)
         self._log_of_stage("mask", classes, mask)
         self._log_of_stage("settings", rr.TextDocument(self._settings(problem), media_type="text/markdown"))
-        self._log_of_stage("world/camera", camera_shape(problem.camera, 0.35 * middle))
+        size = 0.35 * float(np.median(distance[seen]))
+        self._log_of_stage("world/camera", camera_shape(problem.camera, size))
         # The colours of the cloud never change: logged once.
         own = as_bytes(picture[sparse][inside[sparse]])
         colours = rr.Points3D.from_fields(colors=own, radii=rr.Radius.ui_points(2.5))
         self._log_of_stage("world/cloud", colours)
-        self._log_of_stage("section/start", _strips(section(iterate.log_distance, problem), START))
-        shown = (distance[..., None] * problem.field.rays[thin])[seen]
+        self._facing = section(np.where(inside, problem.log_facing, np.nan), problem)
+        self._true_section, self._true_points = [], None
         if truth is not None and np.isfinite(truth[inside]).any():
             unit = 1.0 if problem.metric else np.nanmedian((distance / truth[thin])[seen])
             true = np.where(inside & (truth > 0), unit * truth, np.nan)
-            self._log_of_stage("section/truth", _strips(section(np.log(true), problem), TRUTH))
+            self._true_section = section(np.log(true), problem)
+            self._log_of_stage("section/truth", _strips(self._true_section, TRUTH))
             points = true[thin][..., None] * problem.field.rays[thin]
-            shown = points[np.isfinite(points).all(axis=-1)]
-            self._log_of_stage("world/truth", rr.Points3D(shown, colors=TRUTH, radii=THIN))
-        low, high = np.percentile(shown, [1, 99], axis=0)
-        far = float(high[2])
-        length = round_length(far / 3)
-        label = f"{length:g} {problem.unit}"
-        bar = rr.LineStrips2D([[[0.0, 0.0], [length, 0.0]]], colors=TRUTH, radii=THIN, labels=label)
-        self._log_of_stage("section/scale", bar)
-        self._log_views(iterate, low, high, far)
+            self._true_points = points[np.isfinite(points).all(axis=-1)]
+            self._log_of_stage("world/truth", rr.Points3D(self._true_points, colors=TRUTH, radii=THIN))
+        self._log_views(iterate)
+        if self.path is None:  # someone is watching, and what comes is not known
+            self._newest = painter.paint(iterate)
+            self._sum_up(began, problem)
+            stage = self._ends[-1]
+            self._log_parts("section", {"start": _strips(cut(stage.facing, stage.box), START)})
+            self._log_scales(stage, stage.limits, stage.box)
+            self._show(self._ends[-1])
+            self._log_blueprint()
 
-    def _log_views(self, iterate: Iterate, low: FloatArray, high: FloatArray, far: float) -> None:
+    def _log_views(self, iterate: Iterate) -> None:
         """Log what a new stage has to show beside the others, and hide what it has not."""
         terms, maps = tuple(iterate.terms), tuple(iterate.maps)
         earlier = self.shown
         if earlier is None:
             self._log("world", rr.ViewCoordinates.RDF, static=True)
         else:
-            self._log("stage", rr.TextDocument(stage_text(iterate.stage, iterate.round)))
+            self._log_stage(stage_text(iterate.stage, iterate.round))
             nothing = png(np.zeros_like(self._painter_of(iterate.problem).seen, np.uint8))
             for name in set(earlier.maps) - set(maps):
                 self._log(f"front/{name}", nothing)  # the viewer would show the old one despite a Clear
@@ -410,17 +469,83 @@ class Recorder:
         for name in ("energy", *terms, *(["change"] if self._run else [])):
             colour = self._colour if self._run else COLOURS.get(name)
             style = rr.SeriesLines(colors=colour, names=f"{self._run} {name}".strip(), widths=2)
-            self._log(f"plots/{name}", style, static=True)
-        unit = iterate.problem.unit
-        self.shown = Shown(self._run, unit, terms, maps, low, high, far, earlier is not None)
-        if self.path is None:  # someone is watching
-            self._log_blueprint()
+            self._log(f"log10/{name}", style, static=True)
+        self.shown = Shown(self._run, iterate.problem.unit, terms, maps, staged=earlier is not None)
 
     def _finish(self) -> None:
         if not self._several:
             self._release()
+
+    # What is known at the end ---------------------------------------------------------
+
+    @property
+    def limits(self) -> dict[str, Limits]:
+        """What the run's colours must reach, by the unit of distances."""
+        return {stage.unit: stage.limits for stage in self._ends}
+
+    def _sum_up(self, began: tuple[int, int], problem: Problem) -> None:
+        """Note what a stage has come to, by the pictures that were made last."""
+        newest = self._newest
+        if newest is None:
+            return
+        surface = newest.cloud if self._true_points is None else self._true_points
+        low, high = np.percentile(surface, [1, 99], axis=0)
+        box = box_of(chain(newest.section, self._true_section))
+        limits = Limits.of(newest.depth, newest.misfit)
+        low, high = np.minimum(low, 0), np.maximum(high, 0)  # with the camera
+        shape, facing = newest.depth.shape, self._facing
+        self._ends.append(_Stage(*began, problem.unit, shape, limits, low, high, box, facing))
+
+    def conclude(self, limits: Mapping[str, Limits]) -> None:
+        """Log, when all else is logged, what depends on the end."""
+        last = self._ends[-1]
         if self.path is not None:
+            for unit, places, misfits in self._residuals:
+                self._log_residuals(places, misfits, limits[unit].grey_levels)
+            self._residuals.clear()
+            boxes = {stage.unit: stage.box for stage in self._ends}
+            there: object = None  # what the last scales depended on; they stay until others come
+            for stage in self._ends:
+                self._sink.at(TIMELINE, stage.at, {PICTURES: stage.picture})
+                box = boxes[stage.unit]
+                self._log_parts("section", {"start": _strips(cut(stage.facing, box), START)})
+                if there != (stage.unit, stage.shape):
+                    self._log_scales(stage, limits[stage.unit], box)
+                there = stage.unit, stage.shape
+        self._show(last)
+        if self._blueprint is not None:
             self._log_blueprint()
+
+    def _show(self, stage: _Stage) -> None:
+        """Note for the layout what a stage has come to."""
+        if self.shown is not None:
+            known = replace(self.shown, last=self._length, shape=stage.shape, box=stage.box)
+            self.shown = replace(known, low=stage.low, high=stage.high)
+
+    def _log_scales(self, stage: _Stage, limits: Limits, box: FloatArray) -> None:
+        """Log what the colours of a stage's maps mean, and how long things are in its section."""
+        shape, levels = stage.shape, limits.grey_levels
+        self._log("depth", depth_limits((limits.near, limits.far)), static=self._static)
+        self._log_parts("scales/depth", scale(shape, sequential("viridis"), limits.near, limits.far))
+        self._log_parts("scales/residual", scale(shape, diverging(), -levels, levels))
+        wide = float((box[1] - box[0])[0])
+        length = round_length(wide / 3) if wide > 0 else 0.0  # of a section that meets one pixel
+        bar = rr.LineStrips2D([[[0.0, 0.0], [length, 0.0]]], colors=TRUTH, radii=THIN)
+        named = words([[length / 2, 0.0]], [f"{length:g} {stage.unit}"])
+        # Those of several runs have colours of their own, which the curves beside them name.
+        lines = {} if self._run else {"now": self._colour}
+        lines |= {"d₀": START, **({"truth": TRUTH} if self._true_section else {})}
+        self._log_parts("section", {"scale": bar, "length": named, **lines_key(box, lines)})
+
+    def _log_parts(self, entity: str, parts: Mapping[str, rr.AsComponents]) -> None:
+        """Log what lies below an entity and depends on the end."""
+        for name, what in parts.items():
+            self._log(f"{entity}/{name}", what, static=self._static)
+
+    @property
+    def _static(self) -> bool:
+        """Whether what depends on the end is logged for all times: a file has no other stage."""
+        return self.path is not None and not self._several
 
     def _log_blueprint(self) -> None:
         if self._blueprint is not None and self.shown is not None:
@@ -428,17 +553,17 @@ class Recorder:
 
     def _settings(self, problem: Problem) -> str:
         gain = problem.photometry.gain
-        low, high = self._range
         order = "" if problem.regulariser == "curvature" else " order"
         rows = {
-            "distances": "mm" if problem.metric else "**relative units**, not mm: the gain is unknown",
-            "picture": f"{problem.camera.width} x {problem.camera.height} px, {problem.camera.model} camera",
+            "distances": "mm" if problem.metric else "**relative units**",
+            "picture": f"{problem.camera.width} x {problem.camera.height} px",
+            "camera": problem.camera.model.replace("_", "-"),
             "k": problem.photometry.k,
             "γ": problem.photometry.gamma,
             "gain": ("unknown" if gain is None else f"{gain:.6g}") + ("" if problem.metric else " (a guess)"),
             "ξ": problem.xi,
             "regulariser": f"{problem.regulariser}{order}, λ = {problem.lam:g}, ε = {problem.epsilon:g}",
-            "data": f"Huber, threshold {255 * problem.threshold:.3g} grey levels of 255",
+            "data": f"Huber, ρ = {255 * problem.threshold:.3g}/255",
             **problem.settings,
         }
         for name, value in rows.items():
@@ -446,11 +571,10 @@ class Recorder:
         table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
         return (
             f"## Settings\n\n| | |\n|---|---|\n{table}\n\n## Colours\n\n"
-            f"- **depth**: distance from the camera, dark {low:.3g} to bright {high:.3g} {problem.unit}\n"
-            f"- **residual**: model - image, blue -{self._grey_levels:.0f} (too dark), white 0, "
-            f"red +{self._grey_levels:.0f} grey levels of 255 (too bright)\n"
+            "- **depth**: distance from the camera, dark is near\n"
+            "- **residual**: model - image in grey levels of 255; blue is too dark, red too bright\n"
             "- **normals**: (n + 1)/2 as red, green, blue; x right, y down, z forward\n"
-            "- **section**: middle column; orange now, blue start, grey truth\n"
+            "- **section**: middle column; d₀ is where every bit of wall would face the camera\n"
             "- black: left out\n"
         )
 
@@ -462,8 +586,15 @@ class Recorder:
         shown, decided = percent[thin].astype(np.float32), np.ascontiguousarray(trust.decided_by[thin])
         most = float(f"{np.percentile(shown[seen], 98):.2g}") or 1.0
         # Values, not colours, so that the viewer tells them to who points at them.
-        sigma = rr.DepthImage(shown, meter=1.0, colormap="magma", depth_range=(0.0, most))
+        sigma = rr.DepthImage(
+            shown, meter=1.0, colormap="magma", depth_range=(0.0, most), magnification_filter="nearest"
+        )
         self._log("front/trust/sigma", sigma, static=True)
+        parts = {"sigma": scale(shown.shape, sequential("magma"), 0.0, most)}
+        parts["decided_by"] = key(shown.shape, DECIDERS)
+        for entity, drawn in parts.items():
+            for name, what in drawn.items():
+                self._log(f"scales/{entity}/{name}", what, static=True)
         black, nothing = (0, "left out", (0, 0, 0, 255)), (1, "used", (0, 0, 0, 0))
         # The run's own mask is that of a stage, which may be on a smaller grid.
         mask = rr.SegmentationImage(seen.astype(np.uint8), opacity=1.0)
@@ -476,13 +607,17 @@ class Recorder:
         if self.shown is not None:
             self.shown = replace(self.shown, sigma=most)
         if self.path is None:  # someone is watching
+            self._show(self._ends[-1])
             self._log_blueprint()
 
     # What changes ---------------------------------------------------------------------
 
     def _note_scalars(self, iterate: Iterate) -> None:
-        scalars = {"energy": iterate.energy, **iterate.terms, "change": iterate.change, **iterate.scalars}
-        for name, value in scalars.items():
+        falling = {"energy": iterate.energy, **iterate.terms, "change": iterate.change}
+        curves = {f"plots/{name}": value for name, value in {**falling, **iterate.scalars}.items()}
+        # The viewer knows no logarithmic axis, and on another one all but the first steps are flat.
+        curves |= {f"log10/{name}": np.log10(value) for name, value in falling.items() if value > 0}
+        for name, value in curves.items():
             if np.isfinite(value):
                 self._curves.setdefault(name, []).append((self._before + iterate.k, float(value)))
         if self.path is None:  # someone is watching
@@ -490,9 +625,14 @@ class Recorder:
 
     def _log_scalars(self) -> None:
         """Log the curves' new pieces."""
+        numbers = self._numbers
         for name, pieces in self._curves.items():
-            at, values = zip(*pieces, strict=True)
-            self._sink.log_curve(f"{self._run}/plots/{name}", TIMELINE, at, values)
+            for pictured in (False, True):
+                chosen = [piece for piece in pieces if (piece[0] in numbers) is pictured]
+                if chosen:
+                    at, values = zip(*chosen, strict=True)
+                    also = {PICTURES: [numbers[place] for place in at]} if pictured else None
+                    self._sink.log_curve(f"{self._run}/{name}", TIMELINE, at, values, also=also)
         self._curves.clear()
 
     def _painter_of(self, problem: Problem) -> Painter:
@@ -509,19 +649,21 @@ class Recorder:
     def _log_some(self, places: Sequence[int], iterates: Sequence[Iterate]) -> None:
         painted = [(self._painter_of(iterate.problem), iterate) for iterate in iterates]
         pixels = PAINTED * sum(painter.seen.size for painter, _ in painted)
-        all_made = side_by_side(lambda one: one[0].paint(one[1], self._grey_levels), painted, pixels)
-
-        def log(entity: str, *columns: Iterable[rr.ComponentColumn], at: Sequence[int] = places) -> None:
-            self._sink.log_rows(f"{self._run}/{entity}", TIMELINE, at, *columns)
-
+        all_made = side_by_side(lambda one: one[0].paint(one[1]), painted, pixels)
+        self._newest = all_made[-1]
+        log = partial(self._log_rows, places)
         # The viewer paints nan like the nearest distance: the blueprint lays the mask over it.
-        depths, metric = [made.depth for made in all_made], iterates[0].problem.metric
-        log("depth", depth_columns(depths, metric, self._range))
+        depths, problem = [made.depth for made in all_made], iterates[0].problem
+        log("depth", depth_columns(depths, problem.metric))
         log("normals", png_columns([made.normals for made in all_made]))
-        log("residual", png_columns([made.residual for made in all_made]))
+        misfits = [made.misfit for made in all_made]
+        if self.path is None:  # someone is watching
+            self._log_residuals(places, misfits, self._ends[-1].limits.grey_levels)
+        else:
+            self._residuals.append((problem.unit, places, misfits))
         for name in dict.fromkeys(name for made in all_made for name in made.maps):
             maps = {k: made.maps[name] for k, made in zip(places, all_made, strict=True) if name in made.maps}
-            log(f"front/{name}", png_columns([*maps.values()]), at=[*maps])
+            self._log_rows([*maps], f"front/{name}", png_columns([*maps.values()]))
         clouds = [made.cloud for made in all_made]
         points = rr.Points3D.columns(positions=np.concatenate(clouds)).partition([len(c) for c in clouds])
         log("world/cloud", points)
@@ -533,6 +675,18 @@ class Recorder:
             lines.partition(counts),
             rr.LineStrips2D.columns(radii=np.full(len(places), THIN)),
         )
+
+    def _log_residuals(
+        self, places: Sequence[int], misfits: list[NDArray[np.float32]], grey_levels: float
+    ) -> None:
+        pixels = sum(misfit.size for misfit in misfits)
+        made = side_by_side(lambda misfit: residual_png(misfit, grey_levels), misfits, pixels)
+        self._log_rows(places, "residual", png_columns(made))
+
+    def _log_rows(self, at: Sequence[int], entity: str, *columns: Iterable[rr.ComponentColumn]) -> None:
+        """Log one thing at each of several places of the timelines that have pictures."""
+        also = {PICTURES: [self._numbers[place] for place in at]}
+        self._sink.log_rows(f"{self._run}/{entity}", TIMELINE, at, *columns, also=also)
 
 
 def _words(trust: Trust, percent: FloatArray, problem: Problem, most: float) -> str:

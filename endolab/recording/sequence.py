@@ -11,6 +11,7 @@ from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import in_colour
 from endolab.recording.layouts import sequence
+from endolab.recording.scales import scale, sequential
 from endolab.recording.stream import Sink, as_bytes, camera_shape, depth_map, every, jpeg
 
 TIMELINE = "frame"
@@ -22,9 +23,9 @@ class SequenceRecorder:
     """Logs frames and what was made of them, in any order.
 
     Per frame: ``input``, ``depth`` (distance), ``normals`` ((n + 1)/2), ``world/cloud`` and
-    ``plots/<name>``; ``world/camera`` is the same for all. The file is written by `close`, whole or
-    not at all. Distances are in `unit`; pictures wider than `max_width`, px, are thinned. `path` may be any
-    other `Sink` too; `curves` are titles of what is plotted, see `layouts.sequence`.
+    ``plots/<name>``; ``world/camera`` and ``scales/depth`` are the same for all. The file is written by
+    `close`, whole or not at all. Distances are in `unit`; pictures wider than `max_width`, px, are thinned.
+    `path` may be any other `Sink` too; `curves` are titles of what is plotted, see `layouts.sequence`.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class SequenceRecorder:
         thin, sparse = every(width, self.max_width), every(width, CLOUD_WIDTH)
         mask = np.isfinite(distance)
         if self._range is None:
-            self._range = self._begin(distance[mask], camera)
+            self._range = self._begin(distance[mask], distance[thin].shape, camera)
         sink.at(TIMELINE, number)
         sink.log("input", self._coded(picture[every(picture.shape[1], self.max_width)]))
         sink.log("depth", depth_map(distance[thin], self.unit == "mm", self._range))
@@ -77,11 +78,13 @@ class SequenceRecorder:
         """A picture, small in a file; as it is for a viewer, which would show none while it decodes."""
         return rr.Image(as_bytes(colours)) if self._sink.path is None else jpeg(colours, QUALITY)
 
-    def _begin(self, known: FloatArray, camera: Camera) -> tuple[float, float]:
+    def _begin(self, known: FloatArray, shape: tuple[int, ...], camera: Camera) -> tuple[float, float]:
         """Log what stays; return the limits of the colours of distances."""
         self._sink.begin()
         low, middle, high = (float(value) for value in np.percentile(known, [1, 50, 99]))
         self._sink.log("world", rr.ViewCoordinates.RDF, static=True)
         self._sink.log("world/camera", camera_shape(camera, 0.2 * middle), static=True)
-        self._sink.arrange(sequence(self.unit, middle, high, TIMELINE, self._curves))
+        for name, what in scale(shape, sequential("viridis"), low, high).items():
+            self._sink.log(f"scales/depth/{name}", what, static=True)
+        self._sink.arrange(sequence(self.unit, middle, high, shape, TIMELINE, self._curves))
         return low, high

@@ -9,6 +9,7 @@ import tempfile
 import time
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
 
@@ -100,13 +101,19 @@ class Sink:
         """Start keeping what is logged."""
         # Not before there is something to keep: Rerun complains of a memory that nobody reads.
         if self.path is not None and self._memory is None:
-            self._memory = rr.binary_stream(self.stream)
+            # In a thread, which Ctrl-C does not reach: Rerun complains of one that is lost half-way, too.
+            with ThreadPoolExecutor(1) as alone:
+                alone.submit(self._remember).result()
             self.log(CHECKSUM, rr.TextDocument(UNKNOWN.decode()), static=True)
 
-    def at(self, timeline: str, number: int) -> None:
-        """Log at this place of a timeline, and of no other, from now on; counts for this thread only."""
+    def _remember(self) -> None:
+        self._memory = rr.binary_stream(self.stream)
+
+    def at(self, timeline: str, number: int, also: Mapping[str, int] | None = None) -> None:
+        """Log at this place of a timeline, and `also` of others, from now on; counts for this thread only."""
         self.stream.reset_time()
-        self.stream.set_time(timeline, sequence=number)
+        for name, place in {timeline: number, **(also or {})}.items():
+            self.stream.set_time(name, sequence=place)
 
     def log(self, entity: str, *what: rr.AsComponents, static: bool = False) -> None:
         """Log something, now or for all times."""
@@ -119,17 +126,32 @@ class Sink:
                 self.log(entity, rr.Scalars(float(value)))
 
     def log_rows(
-        self, entity: str, timeline: str, at: Sequence[int], *columns: Iterable[rr.ComponentColumn]
+        self,
+        entity: str,
+        timeline: str,
+        at: Sequence[int],
+        *columns: Iterable[rr.ComponentColumn],
+        also: Mapping[str, Sequence[int]] | None = None,
     ) -> None:
-        """Log one thing at each of several places of a timeline: all at once costs little more than one."""
+        """Log one thing at each of several places of a timeline: all at once costs little more than one.
+
+        `also` are the places on other timelines.
+        """
         every_column = [column for one in columns for column in one]
-        self.stream.send_columns(entity, [rr.TimeColumn(timeline, sequence=at)], every_column, strict=True)
+        lines = {timeline: at, **(also or {})}
+        times = [rr.TimeColumn(name, sequence=places) for name, places in lines.items()]
+        self.stream.send_columns(entity, times, every_column, strict=True)
 
     def log_curve(
-        self, entity: str, timeline: str, at: Sequence[int], values: Sequence[float] | FloatArray
+        self,
+        entity: str,
+        timeline: str,
+        at: Sequence[int],
+        values: Sequence[float] | FloatArray,
+        also: Mapping[str, Sequence[int]] | None = None,
     ) -> None:
-        """Log numbers at many places of a timeline."""
-        self.log_rows(entity, timeline, at, rr.Scalars.columns(scalars=values))
+        """Log numbers at many places of a timeline; `also` as of `log_rows`."""
+        self.log_rows(entity, timeline, at, rr.Scalars.columns(scalars=values), also=also)
 
     def arrange(self, layout: Layout) -> None:
         """Tell the viewer how to open the recording."""
@@ -186,7 +208,10 @@ def camera_shape(camera: Camera, size: float) -> rr.Pinhole | rr.LineStrips3D:
     if isinstance(camera, Pinhole):
         matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
         return rr.Pinhole(
-            image_from_camera=matrix, resolution=[camera.width, camera.height], image_plane_distance=size
+            image_from_camera=matrix,
+            resolution=[camera.width, camera.height],
+            image_plane_distance=size,
+            color=START,
         )
     rim = size * _rim(camera)
     spokes = [np.array([[0.0, 0.0, 0.0], end]) for end in rim[:-1:12]]
@@ -220,13 +245,14 @@ def every(width: int, most: int) -> tuple[slice, slice]:
 def depth_map(distance: FloatArray, metric: bool, limits: tuple[float, float]) -> rr.DepthImage:
     """Distance, (h, w), mm if `metric`; the viewer paints nan like the nearest distance."""
     values, meter = distance.astype(np.float32), 1000.0 if metric else 1.0
-    return rr.DepthImage(values, meter=meter, colormap="viridis", depth_range=limits)
+    # Between a pixel and one without a distance the viewer would mix a colour of neither.
+    return rr.DepthImage(
+        values, meter=meter, colormap="viridis", depth_range=limits, magnification_filter="nearest"
+    )
 
 
-def depth_columns(
-    maps: Sequence[NDArray[np.float32]], metric: bool, limits: tuple[float, float]
-) -> Iterable[rr.ComponentColumn]:
-    """Distances, (h, w) each, one below the other; see `depth_map`."""
+def depth_columns(maps: Sequence[NDArray[np.float32]], metric: bool) -> Iterable[rr.ComponentColumn]:
+    """Distances, (h, w) each, one below the other; see `depth_map` and `depth_limits`."""
     (height, width), count = maps[0].shape, len(maps)
     form = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.F32)
     return rr.DepthImage.columns(
@@ -234,8 +260,13 @@ def depth_columns(
         format=[form] * count,
         meter=[1000.0 if metric else 1.0] * count,
         colormap=["viridis"] * count,
-        depth_range=[limits] * count,
+        magnification_filter=["nearest"] * count,
     )
+
+
+def depth_limits(limits: tuple[float, float]) -> rr.DepthImage:
+    """What the colours of `depth_columns` reach; what is logged of it stays until other limits come."""
+    return rr.DepthImage.from_fields(depth_range=limits)
 
 
 def png_columns(contents: Sequence[bytes]) -> Iterable[rr.ComponentColumn]:

@@ -39,7 +39,7 @@ TEMPLATE = Path(__file__).with_suffix(".html.j2")
 def _symbol(name: str) -> str:
     """Shorten the name of an unknown for the head of a matrix."""
     kind, _, rest = name.partition(" ")
-    return {"gamma": "γ", "brdf": "f", "reflectance": "ρ"}.get(kind, kind) + rest.replace("tilt ", "t")
+    return {"gamma": "γ", "brdf": "f", "reflectance": "a"}.get(kind, kind) + rest.replace("tilt ", "t")
 
 
 def _values(rows: Iterable[tuple[str, float, float, str]]) -> list[tuple[str, str]]:

@@ -4,7 +4,7 @@ Lights, camera and response are those of the general model (`photometry`), so wh
 shows beyond `rendering.render` is what the model leaves out: light that comes by way of other
 walls, shadows, and a wet film. Each is kept as a layer of its own, in linear light times the gain:
 
-- direct: Σ_l E_l ρ/π, E_l = w_l cosⁿψ_l cos θ_l / r_l², 0 in a shadow (Photometry, eq. 6);
+- direct: Σ_l E_l a/π, E_l = b_l cosᵐψ_l cos θ_l / r_l², 0 in a shadow (Photometry, eq. 6);
 - indirect: what the walls send one another (Kajiya 1986), the walls being Lambertian. Paths from
   every vertex of the mesh, joined to every light at every turn and ended by Russian roulette,
   measure its irradiance by way of other walls; each pixel then gathers by rays of its own what

@@ -2,7 +2,7 @@
 
 01 a tilted plane, 02 the inside of a ball, 03 a tube and 04 a haustral colon, whose folds
 occlude one another. The first three play the parts of the paper's simple scenes (Section
-VI-A, Table I): mean distances of about 110, 60 and 40 mm.
+VI-A, Table I): mean distances of about 110, 60 and 40 mm. `Bump` is a plane with a bump or a dent.
 
 Each is a surface in the camera frame (mm), whatever the camera. 1 to 3 are met by a ray in
 closed form, 4 by marching to the first root and polishing it with Newton's method.
@@ -190,13 +190,13 @@ class Tube:
 class Colon:
     """Scene 04: a haustral colon, a winding tube with folds that hide what lies behind them.
 
-    In the tube's own frame the wall is at ρ(φ, s) = R (1 - h b(s) (0.6 + 0.4 cos 3φ′)) from a
+    In the tube's own frame the wall is at R(φ, s) = R₀ (1 - h b(s) (0.6 + 0.4 cos 3φ′)) from a
     centre line that winds to the side, b(s) = exp(κ (cos 2πs/L - 1)) being the row of folds.
 
     Parameters
     ----------
     radius : float
-        R between the folds, mm.
+        R₀ between the folds, mm.
     fold_height : float
         h, as a share of the radius, below 0.8.
     fold_spacing : float
@@ -228,7 +228,7 @@ class Colon:
     _camera = np.array([2.0, -1.5, 0.0])
 
     def _shape(self, s: FloatArray, cos3: FloatArray, sin3: FloatArray) -> tuple[FloatArray, ...]:
-        """ρ and its derivatives by s and φ, given the cosine and sine of 3φ′."""
+        """R and its derivatives by s and φ, given the cosine and sine of 3φ′."""
         wave = 2 * np.pi / self.fold_spacing
         bump = np.exp(self.sharpness * (np.cos(wave * (s - self._phase)) - 1))
         bump_s = -self.sharpness * wave * np.sin(wave * (s - self._phase)) * bump
@@ -319,6 +319,65 @@ class Colon:
         y = SIDEWAYS * swing + rho * np.sin(around)
         vertices = np.stack([x, y, np.broadcast_to(s[:, None], x.shape)], axis=-1).reshape(-1, 3)
         return vertices - self._camera, grid_triangles(2 * size + 1, 2 * size)
+
+
+@dataclass(frozen=True)
+class Bump:
+    """A plane across the optical axis with a bump on it or, where its height is negative, a dent.
+
+    The surface is z = depth - height exp(-(x² + y²) / (2 width²)); it hides nothing of itself.
+
+    Parameters
+    ----------
+    depth : float
+        z of the plane, mm.
+    height : float
+        Of the bump, mm; at most half the depth.
+    width : float
+        From its middle to where it is steepest, mm.
+    """
+
+    depth: float = 60.0
+    height: float = 8.0
+    width: float = 10.0
+
+    def __post_init__(self) -> None:
+        if not (self.depth > 0 and self.width > 0 and self.height <= self.depth / 2):
+            raise ValueError(
+                "depth and width must be positive and height at most half the depth, "
+                f"got {self.depth}, {self.width} and {self.height}"
+            )
+
+    def _raised(self, squared: FloatArray) -> FloatArray:
+        """How far the wall stands out at squared distances from the axis."""
+        return self.height * np.exp(-squared / (2 * self.width**2))
+
+    def distance(self, rays: FloatArray) -> FloatArray:
+        """See `Scene.distance`; by bisection, as z + raised(z) grows along every ray."""
+        ahead = rays[..., 2]
+        cosine = np.where(ahead > 0, ahead, np.nan)
+        spread = (rays[..., 0] ** 2 + rays[..., 1] ** 2) / cosine**2
+        low = np.full(ahead.shape, self.depth - max(self.height, 0.0))
+        high = low + abs(self.height)
+        for _ in range(60):
+            middle = (low + high) / 2
+            beyond = middle + self._raised(spread * middle**2) > self.depth
+            low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+        return (low + high) / 2 / cosine
+
+    def normals(self, points: FloatArray) -> FloatArray:
+        """See `Scene.normals`."""
+        across = points[..., :2]
+        raised = self._raised(np.sum(across**2, axis=-1))[..., None]
+        normal = np.concatenate([raised * across / self.width**2, -np.ones_like(raised)], axis=-1)
+        return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+    def mesh(self, size: int = 400) -> tuple[FloatArray, IntArray]:
+        """See `Scene.mesh`; a square of 60 times the depth, in finer steps where the bump is."""
+        s = np.sinh(np.linspace(-1.0, 1.0, size) * np.arcsinh(30.0 * self.depth / self.width)) * self.width
+        x, y = np.meshgrid(s, s)
+        z = self.depth - self._raised(x**2 + y**2)
+        return np.stack([x, y, z], axis=-1).reshape(-1, 3), grid_triangles(size, size)
 
 
 SCENES: dict[str, Scene] = {"plane": Plane(), "curved": Bowl(), "tube": Tube(), "colon": Colon()}

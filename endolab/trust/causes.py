@@ -97,7 +97,7 @@ def named(problem: Problem, log_distance: FloatArray, doubts: Doubts) -> Iterato
     if doubts.gamma:
         yield "gamma", doubts.gamma * np.log(np.maximum(said, 0.5 / 255))
     share = doubts.left_in if problem.origin.albedo is None else doubts.bounced
-    bounced = share * _bounced(problem, log_distance) if share else None
+    bounced = share * bounced_light(problem, log_distance) if share else None
     if bounced is not None and bounced.any():
         yield "bounced light", bounced
     if doubts.lamp and problem.metric:
@@ -111,8 +111,8 @@ def named(problem: Problem, log_distance: FloatArray, doubts: Doubts) -> Iterato
             yield f"lamp {'xy'[axis]}", np.where(mask, np.clip(doubts.lamp * slope, -OFF, OFF), 0.0)
 
 
-def _bounced(problem: Problem, log_distance: FloatArray) -> FloatArray:
-    """log(1 + S/E) of the light that the wall's green bounces, as this surface makes it."""
+def bounced_light(problem: Problem, log_distance: FloatArray) -> FloatArray:
+    """log(1 + ι) of the light that the wall's green bounces, as this surface makes it."""
     albedo = problem.origin.albedo
     found = problem.settings.get("channel") == "separated"
     if albedo is None and found:  # and there was none

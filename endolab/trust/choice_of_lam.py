@@ -5,19 +5,19 @@ that a discrepancy of the usual kind has no number to compare with. What noise l
 independent from pixel to pixel, but for the blur that the picture went through. So the principle compares
 not the size of the residual but how alike neighbours in it are,
 
-    ρ(λ) = mean r(u) r(u') / mean r²,    u' the pixel to the right of u or below.
+    q(λ) = mean e(u) e(u') / mean e²,    u' the pixel to the right of u or below.
 
 With too small a λ the surface follows the noise, and what is left of that is rough; with too large a one it
 no longer follows the wall, and what is left looks like the wall, smooth. Between them, the surface leaves of
 the picture what it would leave of noise alone: of noise n a surface leaves, to first order,
 
-    r = (1 - S) n,    S = J (JᵀWJ + λQ)⁻¹ JᵀW,
+    e = (1 - S) n,    S = J (JᵀWJ + λQ)⁻¹ JᵀW,
 
 J being the model's derivative by log d, W and Q the weights of data and regulariser as Gauss-Newton has
 them. One draw of n is enough, since the mean is over all pixels; it is white noise, blurred as the picture
-was, the same for each λ, and gives ρₙ(λ). Chosen is the largest λ, the smoothest surface, with
+was, the same for each λ, and gives qₙ(λ). Chosen is the largest λ, the smoothest surface, with
 
-    c(λ) = ρ(λ) - ρₙ(λ) ≤ 0.
+    c(λ) = q(λ) - qₙ(λ) ≤ 0.
 
 There is no constant in it, and no noise level. It is tried for `LAMS`, each solved from the surface before.
 
@@ -59,12 +59,12 @@ class LamCurve:
     lam: FloatArray  # (L,), ascending
     data: FloatArray  # (L,), the energy's term
     regulariser: FloatArray  # (L,), the same without λ
-    alike: FloatArray  # (L,), ρ: how alike neighbours in the residual are, -1 to 1
-    alike_of_noise: FloatArray  # (L,), ρₙ: the same of what a surface with this λ leaves of noise
+    alike: FloatArray  # (L,), q: how alike neighbours in the residual are, -1 to 1
+    alike_of_noise: FloatArray  # (L,), qₙ: the same of what a surface with this λ leaves of noise
 
     @property
     def criterion(self) -> FloatArray:
-        """c = ρ - ρₙ, whose last zero is the λ that is chosen."""
+        """c = q - qₙ, whose last zero is the λ that is chosen."""
         return self.alike - self.alike_of_noise
 
     @property
@@ -160,7 +160,7 @@ def _noise(shape: tuple[int, ...], smooth: float) -> FloatArray:
 
 
 def _alike(residual: FloatArray, mask: BoolArray) -> float:
-    """ρ: how alike neighbours are, by rows and by columns; nan if there is nothing to compare."""
+    """q: how alike neighbours are, by rows and by columns; nan if there is nothing to compare."""
     r = np.where(mask, residual, 0.0)
     along_u, along_v = links(mask)
     pairs = np.concatenate(
@@ -171,7 +171,7 @@ def _alike(residual: FloatArray, mask: BoolArray) -> float:
 
 
 def _likeness(surface: Iterate, noise: FloatArray) -> tuple[float, float]:
-    """ρ of what a surface leaves of its picture, and ρₙ of what it would leave of noise."""
+    """q of what a surface leaves of its picture, and qₙ of what it would leave of noise."""
     problem = surface.problem
     residual = np.where(problem.mask, model_image(problem, surface.log_distance) - problem.image, 0.0)
     said = contradicted(problem, residual)

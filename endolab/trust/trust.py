@@ -2,7 +2,8 @@
 
 Every uncertain cause is a change of the picture's light, or of the prior, that the surface answers to
 linearly (`linearised`): one solve for a cause with a name, some dozen for random fields, whose mean square
-is taken. Variances add up. What all pixels share is a scale, and told apart from the shape.
+is taken. λ and contours, which are choices, are made otherwise, and the frame solved anew (`anew`). Variances
+add up. What all pixels share is a scale, and told apart from the shape.
 
 The sum is multiplied by `FACTOR`, which was fitted to path-traced and real frames with their truth; which
 causes there are, the length of the texture and what `Doubts` takes by default were chosen with these in view.
@@ -17,29 +18,28 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.csgraph
 
-from endolab.depth.grid import Grid
 from endolab.depth.problem import NONE, Problem
 from endolab.depth.result import Iterate, Result
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.checks import told, whole
-from endolab.numerics.compiled import inner, padded
 from endolab.numerics.derivatives import REFERENCE_WIDTH, links
 from endolab.numerics.iteration import Status, checked_observers, closing, drive
+from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import QUIET, noise_level
+from endolab.trust.anew import Anew
 from endolab.trust.causes import Texture, correlated, named, perhaps_torn
 from endolab.trust.doubts import Doubts
 from endolab.trust.fewer_pixels import enlarged, thinned
 from endolab.trust.linearised import Linearised
 from endolab.trust.shares import Bumps, Rim, decided_by, of_border, rim, shares
 
-FACTOR = 1.05
-DRAWS, LEAST = 24, 4  # of each random field: by default, before an interrupt is heeded
+FACTOR = 1.0  # nothing, once λ and contours are solved anew; 1.05 while they were linear
+DRAWS, LEAST = 24, 4  # of each random field: by default, below which nothing is told
 ALONG = 40.0  # of what enters along a rim, per 320 px of the width: values of one wall go together
 FEW = 8  # of those that are smooth, or matter little
 TRIES = 6  # of random fields that tell what a fit leaves, and what it does not find
 LARGEST = 1.0  # σ of log d at most: what is worse is not known at all
-LONGEST = 1.0  # of a step towards a torn surface, in log d
 SHARP = 0.5  # px, blur that is none
 WITHOUT = ("facing", "fast_marching")  # solvers that do not minimise the energy
 
@@ -63,9 +63,9 @@ class Trust:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far the computation is."""
+    """How far the computation is, after every solve."""
 
-    done: int  # draws
+    done: int  # draws; 0 while what needs none is found
     of: int
 
 
@@ -126,6 +126,7 @@ def trust_of(
     doubts: Doubts | None = None,
     draws: int = DRAWS,
     observers: Iterable[Callable[[Progress], bool | None]] = (),
+    threads: int | None = None,
 ) -> Trust:
     """Find how far each pixel of a result can be trusted.
 
@@ -141,11 +142,16 @@ def trust_of(
         Of each random field. Their σ is off by a share of 1/√(2 draws), at random, the same in every run.
     observers : iterable of callables
         Each is shown the `Progress`; one that returns True stops, as an interrupt does, with what there is.
+    threads : int, optional
+        The most cores to use, as of `reconstruct`.
 
     Raises
     ------
     ValueError
         In one sentence, if the result is of a solver that has no energy, or an option cannot be used.
+    KeyboardInterrupt
+        If it is stopped before the fourth draw: σ without the random fields, the most of it, would be too
+        small, and nothing is told.
     """
     if not isinstance(result, Result | Iterate):
         raise ValueError(f"result must be a Result, got {told(result)}")
@@ -155,10 +161,14 @@ def trust_of(
     check_solver(result.problem.settings.get("solver"))
     iterate = result.iterate if isinstance(result, Result) else result
     doubts = Doubts.of(calibration) if doubts is None else doubts
-    estimate = _Estimate(thinned(iterate), doubts, draws)
     watching = checked_observers(observers)
-    with closing(watching):
+    with limited_threads(threads), closing(watching):
+        estimate = _Estimate(thinned(iterate), doubts, draws)
         status = drive(estimate.steps(), watching, lambda step, seconds: None)
+    if estimate.done < LEAST:
+        raise KeyboardInterrupt(
+            "how far the result can be trusted: stopped before there was anything to tell"
+        )
     return estimate.trust(status, iterate)
 
 
@@ -167,50 +177,58 @@ class _Estimate:
 
     def __init__(self, iterate: Iterate, doubts: Doubts, draws: int) -> None:
         self._iterate, self._doubts, self._asked = iterate, doubts, draws
-        self._sums, self._done = _Sums(iterate.problem), 0
+        self._sums, self.done = _Sums(iterate.problem), 0
         self._parts: FloatArray = np.zeros((3, *iterate.mask.shape))
 
     def steps(self) -> Generator[Progress, None, Status]:
-        """Solve for every cause; the first step comes when there is something to be told."""
+        """Solve for every cause, a step each."""
+        for found in self._answers():
+            if found is not None:
+                self._sums.add(*found)
+            yield Progress(self.done, self._asked)
+        return Status.CONVERGED
+
+    def _answers(self) -> Generator[tuple[str, FloatArray] | None, None, None]:
+        """What each cause does, or a draw of it; None while what that takes is made ready."""
         problem, doubts, mask = self._iterate.problem, self._doubts, self._iterate.mask
         v = np.where(mask, self._iterate.log_distance, 0.0)
-        surface, rng, add = Linearised.at(problem, v), np.random.default_rng(0), self._sums.add
+        surface, rng = Linearised.at(problem, v), np.random.default_rng(0)
+        yield None
         bumps = Bumps(surface, rng)
         for _ in range(TRIES):
-            add("bumps", doubts.bumps * bumps.try_one())
+            yield "bumps", doubts.bumps * bumps.try_one()
         self._parts = shares(mask, of_border(surface, v), bumps.share())
+        yield None
         for cause, light in named(problem, v, doubts):
-            add(cause, surface.to_light(light))
+            yield cause, surface.to_light(light)
         for cause in ("gain", "albedo"):  # they move all pixels alike
-            add(cause, 0.5 * getattr(doubts, cause) * mask)
+            yield cause, 0.5 * getattr(doubts, cause) * mask
+        anew, loose = Anew(problem, v), surface
         if doubts.lam:
-            add("lambda", doubts.lam * surface.solved(surface.adjoint(surface.weight * surface.residual)))
+            yield "lambda", (yield from anew.with_lam(np.exp(doubts.lam)))
         cuts = perhaps_torn(problem)
-        if cuts is problem.cuts:
-            loose = surface
-        else:
-            torn = replace(problem, cuts=cuts)
-            loose = Linearised.at(torn, v)
-            add("contours", doubts.contours * _step(loose, v))
+        if cuts is not None and cuts is not problem.cuts:
+            loose = Linearised.at(replace(problem, cuts=cuts), v)
+            yield None
+            yield "contours", doubts.contours * (yield from anew.with_cuts(cuts))
         entering = Rim(loose, rim(loose.problem, v))
         texture = Texture(surface, rng, doubts.texture)
         for _ in range(TRIES):
             texture.try_one()
-        noise, blur = _noise(problem)
+            yield None
+        noise, blur = noise_left(problem)
         strength = texture.strength(noise)
         temperature = 2 * self._iterate.energy
         for draw in range(self._asked):
-            add("texture", surface.to_light(strength * texture.field()))
+            yield "texture", surface.to_light(strength * texture.field())
             if draw < FEW:
                 along = correlated(rng, mask.shape, ALONG * mask.shape[1] / REFERENCE_WIDTH)
-                add("border", entering.moved(doubts.border * along))
+                yield "border", entering.moved(doubts.border * along)
                 white = correlated(rng, mask.shape, blur)
-                add("noise", surface.to_picture(noise * white))
-                add("prior", np.sqrt(temperature) * surface.solved(surface.prior_draw(rng)))
-            self._done = draw + 1
-            if self._done >= LEAST:
-                yield Progress(self._done, self._asked)
-        return Status.CONVERGED
+                yield "noise", surface.to_picture(noise * white)
+                yield "prior", np.sqrt(temperature) * surface.solved(surface.prior_draw(rng))
+            self.done = draw + 1
+            yield None
 
     def trust(self, status: Status, whole: Iterate) -> Trust:
         """Sum up, on the pixels of the whole frame."""
@@ -231,20 +249,13 @@ class _Estimate:
             causes={cause: frozen(sigma([square])) for cause, square in sums.shape.items()},
             scales={cause: FACTOR * float(np.sqrt(square)) for cause, square in sums.scale.items()},
             factor=FACTOR,
-            draws=self._done,
+            draws=self.done,
             status=status,
             notes=self._doubts.notes,
         )
 
 
-def _step(torn: Linearised, log_distance: FloatArray) -> FloatArray:
-    """What a step towards the surface does that is torn."""
-    problem = torn.problem
-    descent = Grid.of(problem).linearised(padded(log_distance), problem.lam)[1]
-    return np.clip(torn.solved(inner(descent)), -LONGEST, LONGEST)
-
-
-def _noise(problem: Problem) -> tuple[float, float]:
+def noise_left(problem: Problem) -> tuple[float, float]:
     """Standard deviation of the picture's noise, and the blur, px, that it was given since."""
     shown = problem.shown
     level = max(noise_level(shown if shown.ndim == 2 else shown[..., 1], problem.mask), QUIET)

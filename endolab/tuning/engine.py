@@ -1,9 +1,12 @@
 """The tuner's engine: the latest wish wins, a rough answer comes first, and no wish waits in a queue.
 
 A thread of its own solves; `Tuner.ask` returns at once. A new wish stops the solve in flight at its
-next iterate. Every wish is answered twice, on a grid of half the size and then in full, and both
-start from the last result there, so that a small change of λ costs a step or two. While a long
-full solve goes on, what it has so far is told now and then.
+next iterate. Every wish is answered twice. The first answer is quick, since it follows from the last one:
+after a change of λ or ε alone the last problem is solved again from where it ended, and otherwise a grid of
+half the size. The final one is what `reconstruct` makes of the whole frame from a cold start, so that it
+depends on nothing that was tried before and the lines of `Settings.code` give it again, bit for bit; an
+energy with more than one minimum can make the two differ, and the outcome holds both. While a long solve goes
+on, what it has so far is told now and then.
 
 How far the answer can be trusted, or what other λ would leave, is found besides if somebody looks at it:
 after the last answer, by another thread that leaves the solver a core, and is told as that answer once more.
@@ -13,21 +16,26 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy.special
 
-from endolab.depth.result import SCALED, SOLUTION, Iterate, Observer, Result
+from endolab.depth.energy import contradicted, model_image
+from endolab.depth.result import SCALED, SOLUTION, Iterate, Observer, Result, run
+from endolab.depth.solvers import solve
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.iteration import Status
+from endolab.numerics.penalties import huber
 from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
+from endolab.trust.causes import bounced_light
 from endolab.trust.choice_of_lam import LamCurve
-from endolab.trust.trust import Trust, trust_of
+from endolab.trust.trust import Trust, noise_left, trust_of
 from endolab.tuning.source import SHRINK, Settings, Source, Subject, shrunk_map
 
 if TYPE_CHECKING:
@@ -38,8 +46,11 @@ REST = 0.3  # s without a wish before anything is looked for besides
 LEAST_WIDTH = 64  # px, of a grid that is worth a coarse one
 TRUST, CURVE = "trust", "curve"  # what can be found besides
 DRAWS = 8  # of random fields, for a trust that somebody waits for: σ is off by a quarter or less
-# The most steps of a coarse answer, from a start and from nothing.
+# The most steps of a quick answer, from a start and from nothing.
 COARSE_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
+FOLLOWED = ("lam", "epsilon")  # settings whose change leaves the light and the contours as they were found
+REMEMBERED = 64e6  # bytes of iterates that are kept of a run, for a recording; then every other is dropped
+QUICK, SOFAR, FINE = "coarse", "refining", "fine"  # stages of an answer
 
 
 @dataclass(frozen=True)
@@ -48,7 +59,7 @@ class Outcome:
 
     serial: int  # of the wish, as `Tuner.ask` returned it
     settings: Settings
-    stage: str  # "coarse", "fine", and between them "refining": what a long full solve has so far
+    stage: str  # `QUICK`, `FINE`, and between them `SOFAR`: what a long full solve has so far
     seconds: float  # from the start of this stage to its answer
     subject: Subject | None = None  # what was looked at
     result: Result | None = None
@@ -56,6 +67,8 @@ class Outcome:
     trust: Trust | None = None  # how far the result can be trusted, if somebody looks at it
     curve: LamCurve | None = None  # likewise: what each λ would leave
     untold: str | None = None  # one sentence: why there is no trust, or no curve
+    followed: Result | None = None  # the quick answer at full size, which a fine one may differ from
+    path: tuple[Iterate, ...] = field(default=(), repr=False)  # of a fine answer: how it was found
 
     @property
     def label(self) -> str:
@@ -80,6 +93,46 @@ class Outcome:
         return truth if self.result.metric else truth * np.median(distance[known] / truth[known])
 
     @cached_property
+    def residual(self) -> FloatArray:
+        """Model minus frame, (H, W), grey levels of 255; nan where the picture says nothing against it."""
+        assert self.result is not None
+        problem = self.result.problem
+        residual = model_image(problem, self.result.iterate.log_distance) - problem.image
+        return np.where(contradicted(problem, residual), 255 * residual, np.nan)
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of the noise that the explained picture has left, stored value."""
+        assert self.result is not None
+        return noise_left(self.result.problem)[0]
+
+    @cached_property
+    def noise_floor(self) -> float:
+        """What the data term would be of a surface that leaves the noise alone."""
+        assert self.result is not None
+        problem = self.result.problem
+        drawn = self.noise * scipy.special.ndtri((np.arange(200) + 0.5) / 200)
+        share = float(np.isfinite(self.residual).sum() / problem.mask.sum())
+        return share * float(huber(drawn, problem.threshold).mean())
+
+    @cached_property
+    def bounced(self) -> FloatArray:
+        """Share of the light that came by way of other walls, (H, W), %, as this surface makes it."""
+        assert self.result is not None
+        problem = self.result.problem
+        log_ratio = bounced_light(problem, self.result.iterate.log_distance)
+        return np.where(problem.mask, -100 * np.expm1(-log_ratio), np.nan)
+
+    @cached_property
+    def change(self) -> FloatArray | None:
+        """By what the quick answer differs from this one, (H, W), %; None if it is not of this size."""
+        if self.result is None or self.followed is None or self.stage != FINE:
+            return None
+        if self.followed.mask.shape != self.result.mask.shape:
+            return None
+        return 100 * (self.followed.distance / self.result.distance - 1)
+
+    @cached_property
     def median_error(self) -> float | None:
         """Median of |d - d*|/d*, %; None if no truth is known."""
         if self.truth is None or self.result is None:
@@ -88,26 +141,40 @@ class Outcome:
 
 
 class _Progress:
-    """Stops a solve that is stale, and tells of a long one now and then what it has so far."""
+    """Stops a solve that is stale, tells now and then what a long one has so far, remembers its path."""
 
-    def __init__(self, is_stale: Callable[[], bool], tell: Callable[[Result, float], object]) -> None:
+    def __init__(
+        self, is_stale: Callable[[], bool], tell: Callable[[Result, float], object] | None = None
+    ) -> None:
         self.is_stale, self.tell = is_stale, tell
         self.started = self.told = time.perf_counter()
         self.history: list[dict[str, float]] = []
         self.stage: tuple[str, int] | None = None
+        self.path: list[Iterate] = []
+        self._every, self._seen = 1, 0
 
     def __call__(self, iterate: Iterate) -> bool:
         if self.is_stale():
             return True
         now = time.perf_counter()
+        self._remember(iterate)
         if self.stage != (iterate.stage, iterate.round):
             self.stage, self.history = (iterate.stage, iterate.round), []
         self.history.append({"k": iterate.k, "energy": iterate.energy, **iterate.terms})
-        if now - self.told > PATIENCE:
+        if self.tell is not None and now - self.told > PATIENCE:
             result = Result(iterate, Status.STOPPED, list(self.history), now - self.started)
             self.tell(result, now - self.started)
             self.told = time.perf_counter()
         return self.is_stale()
+
+    def _remember(self, iterate: Iterate) -> None:
+        """Keep it, as long as there is room, and else every other one of all that were seen."""
+        if self._seen % self._every == 0:
+            self.path.append(iterate)
+            if sum(one.log_distance.nbytes for one in self.path) > REMEMBERED:
+                del self.path[1::2]
+                self._every *= 2
+        self._seen += 1
 
 
 def sentence_of(error: BaseException) -> str:
@@ -138,9 +205,11 @@ class Tuner:
         self._changed = threading.Condition()
         self._serial = 0  # of the latest wish
         self._wish: Settings | None = None
+        self._others: list[tuple[int, Settings]] = []  # to be tried out, by number
+        self._tell_other: Callable[[int, Outcome], object] = lambda number, outcome: None
         self._final: Outcome | None = None
         self._closed = False
-        self._besides: str | None = None  # what is to be found
+        self._besides: tuple[str, ...] = ()  # what is to be found
         self._curve: tuple[Source, Settings, LamCurve] | None = None  # the last, which holds for any λ
         self._telling = threading.Lock()
         self.use(calibration, frame, truth)
@@ -169,12 +238,18 @@ class Tuner:
             if self._closed:
                 raise ValueError("the tuner is closed")
             self._serial += 1
-            self._wish = settings
+            self._wish, self._others = settings, []
             self._changed.notify_all()
             return self._serial
 
-    def look_at(self, besides: str | None) -> None:
-        """Find this besides from now on: "trust", "curve" or, for None, nothing; returns at once."""
+    def try_out(self, others: Sequence[Settings], tell: Callable[[int, Outcome], object]) -> None:
+        """Solve these one by one, until the next wish; `tell` is given the number and the outcome of each."""
+        with self._changed:
+            self._others, self._tell_other = list(enumerate(others)), tell
+            self._changed.notify_all()
+
+    def look_at(self, *besides: str) -> None:
+        """Find these besides from now on, of "trust" and "curve"; returns at once."""
         with self._changed:
             self._besides = besides
             if self._final is not None and self._final.untold:
@@ -192,13 +267,13 @@ class Tuner:
             return self._final
 
     def cold(self, settings: Settings, observers: Iterable[Observer] = ()) -> Outcome:
-        """Solve here and now, from a cold start: exactly what the lines of `Settings.code` give."""
+        """Solve here and now: what the lines of `Settings.code` give, and the last answer to a wish."""
         started = time.perf_counter()
         with self._changed:
             source = self._source
         subject = source.subject(settings)
         result = self._result(subject, settings, observers=observers)
-        return Outcome(self._serial, settings, "fine", time.perf_counter() - started, subject, result)
+        return Outcome(self._serial, settings, FINE, time.perf_counter() - started, subject, result)
 
     def close(self) -> None:
         """Stop the solve in flight and end the threads; a second call does nothing."""
@@ -210,11 +285,10 @@ class Tuner:
                 thread.join()
 
     def _result(self, subject: Subject, settings: Settings, **options: Any) -> Result:
-        return self._solve(
-            subject.frame,
-            _known(subject, settings),
-            **settings.keywords(subject.frame.image.ndim == 2) | options,
-        )
+        given = settings.keywords(subject.frame.image.ndim == 2)
+        if subject.width is not None:
+            given["width"] = subject.width
+        return self._solve(subject.frame, _known(subject, settings), **given | options)
 
     # In the tuner's thread ---------------------------------------------------------------
 
@@ -227,32 +301,52 @@ class Tuner:
     def _work(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._closed or self._wish is not None)
-                if self._closed or self._wish is None:
+                self._changed.wait_for(lambda: self._closed or self._wish is not None or self._others)
+                if self._closed:
                     return
                 serial, settings, source = self._serial, self._wish, self._source
+                number, other = (0, None) if settings is not None else self._others.pop(0)
                 self._wish = None
-            for stage in ("coarse", "fine"):
+            if settings is None:
+                if other is not None:
+                    self._try(source, number, other, serial)
+                continue
+            followed: Result | None = None
+            for stage, solved in ((QUICK, self._quick), (FINE, self._fine)):
                 started = time.perf_counter()
                 try:
-                    solved = self._solved(source, settings, stage, serial)
+                    outcome = solved(source, settings, serial)
                 except Exception as error:  # whatever it is, the next wish may do better
+                    if stage == QUICK:
+                        continue  # what is wrong with the whole frame, if anything, is said of that
                     outcome = Outcome(serial, settings, stage, 0.0, error=sentence_of(error))
-                else:
-                    if solved is None:
-                        continue
-                    seconds, curve = time.perf_counter() - started, self._known_curve(source, settings)
-                    outcome = Outcome(serial, settings, stage, seconds, *solved, curve=curve)
                 if self._is_stale(serial):
                     break
-                self._tell(outcome, source)
-                if outcome.error is not None:
-                    break
+                if outcome is not None:
+                    followed = followed or outcome.followed
+                    seconds, curve = time.perf_counter() - started, self._known_curve(source, settings)
+                    self._tell(replace(outcome, seconds=seconds, curve=curve, followed=followed), source)
+
+    def _try(self, source: Source, number: int, settings: Settings, serial: int) -> None:
+        """Solve what is tried out."""
+        started, tell = time.perf_counter(), self._tell_other
+        try:
+            subject = source.subject(settings)
+            result = self._result(subject, settings, observers=[_Progress(lambda: self._is_stale(serial))])
+            seconds = time.perf_counter() - started
+            outcome = Outcome(serial, settings, FINE, seconds, subject, result)
+        except Exception as error:
+            outcome = Outcome(serial, settings, FINE, 0.0, error=sentence_of(error))
+        if not self._is_stale(serial):
+            try:
+                tell(number, outcome)
+            except Exception as error:
+                self.complaint = sentence_of(error)
 
     def _tell(self, outcome: Outcome, source: Source) -> None:
         with self._telling:
             self._show(outcome)
-        if outcome.stage == "fine" or outcome.error is not None:
+        if outcome.stage == FINE or outcome.error is not None:
             with self._changed:
                 self._final, self._answered_from = outcome, source
                 self._changed.notify_all()
@@ -264,36 +358,49 @@ class Tuner:
         except Exception as error:
             self.complaint = sentence_of(error)
 
-    def _solved(
-        self, source: Source, settings: Settings, stage: str, serial: int
-    ) -> tuple[Subject, Result] | None:
-        """Subject and result of one stage; None if there is no point in it."""
+    def _quick(self, source: Source, settings: Settings, serial: int) -> Outcome | None:
+        """What follows from the last answer, or a coarse one; None if there is no point in either."""
+        steps = COARSE_STEPS.get(settings.solver)
+        watch = _Progress(lambda: self._is_stale(serial))
+        before, result = source.settled or (None, None)
+        followed = {name: getattr(settings, name) for name in FOLLOWED}
+        if steps and before and result and settings == replace(before, **followed):
+            problem = replace(result.problem, lam=settings.lam, epsilon=settings.epsilon)
+            start = {"start": result.iterate.log_distance, "max_iterations": steps[0]}
+            found = run(solve(problem, settings.solver, **start), [watch])
+            return Outcome(serial, settings, QUICK, 0.0, source.subject(settings), found, followed=found)
+        if settings.width < SHRINK * LEAST_WIDTH or settings.solver == "facing":
+            return None
         options: dict[str, Any] = {}
-        grid = (settings.scene, settings.width, stage)
-        takes_start = settings.solver in COARSE_STEPS
-        if takes_start and grid in source.last:
-            options["start"] = source.last[grid]
-        if stage == "coarse":
-            if settings.width < SHRINK * LEAST_WIDTH or settings.solver == "facing":
-                return None
-            if takes_start:
-                options["max_iterations"] = COARSE_STEPS[settings.solver]["start" not in options]
-        subject = source.coarse(settings) if stage == "coarse" else source.subject(settings)
+        grid = (settings.scene, settings.width)
+        if steps is not None:
+            if grid in source.last:
+                options["start"] = source.last[grid]
+            options["max_iterations"] = steps["start" not in options]
+        subject = source.coarse(settings)
+        if self._is_stale(serial):
+            return None
+        lengths = settings.shrunk(source.subject(settings).frame.width / subject.frame.width)
+        result = self._result(subject, lengths, observers=[watch], **options)
+        if not self._is_stale(serial):
+            source.keep(grid, result)
+        return Outcome(serial, settings, QUICK, 0.0, subject, result)
+
+    def _fine(self, source: Source, settings: Settings, serial: int) -> Outcome | None:
+        """The answer."""
+        subject = source.subject(settings)
         if self._is_stale(serial):
             return None
 
         def tell(sofar: Result, seconds: float) -> None:
-            if stage == "fine":
-                curve = self._known_curve(source, settings)
-                self._tell(
-                    Outcome(serial, settings, "refining", seconds, subject, sofar, curve=curve), source
-                )
+            curve = self._known_curve(source, settings)
+            self._tell(Outcome(serial, settings, SOFAR, seconds, subject, sofar, curve=curve), source)
 
-        options["observers"] = [_Progress(lambda: self._is_stale(serial), tell)]
-        result = self._result(subject, settings, **options)
+        watch = _Progress(lambda: self._is_stale(serial), tell)
+        result = self._result(subject, settings, observers=[watch])
         if not self._is_stale(serial):
-            source.keep(grid, result)
-        return subject, result
+            source.settled = settings, result
+        return Outcome(serial, settings, FINE, 0.0, subject, result, path=tuple(watch.path))
 
     def _known_curve(self, source: Source, settings: Settings) -> LamCurve | None:
         """The curve that was found last, if it is of these settings but for λ."""
@@ -305,10 +412,10 @@ class Tuner:
 
     def _lacking(self) -> str | None:
         """What is still to be found of the last answer."""
-        final, besides = self._final, self._besides
-        if besides is None or final is None or final.result is None or not self._is_answered():
+        final = self._final
+        if final is None or final.result is None or final.untold or not self._is_answered():
             return None
-        return None if final.untold or getattr(final, besides) is not None else besides
+        return next((one for one in self._besides if getattr(final, one) is None), None)
 
     def _rested(self) -> tuple[Outcome, str, Source] | None:
         """Wait until somebody looks at an answer, and what is to be found of it; None when it is closed."""
@@ -344,7 +451,11 @@ class Tuner:
         assert outcome.subject is not None
         known = _known(outcome.subject, outcome.settings)
         stop = [lambda _: self._is_stale(outcome.serial)]
-        return replace(outcome, trust=trust_of(outcome.result, known, draws=DRAWS, observers=stop))
+        try:
+            trust = trust_of(outcome.result, known, draws=DRAWS, observers=stop)
+        except KeyboardInterrupt:  # stopped before there was anything to tell
+            return outcome
+        return replace(outcome, trust=trust)
 
     def _weighed(self, outcome: Outcome, source: Source) -> Outcome:
         """The same with what each λ would leave; a wish stops the search."""

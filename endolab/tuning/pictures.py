@@ -5,6 +5,7 @@ Pictures are (H, W, 3) arrays of bytes, R, G, B.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -18,8 +19,6 @@ Picture = NDArray[np.uint8]
 Limits = tuple[float, float]
 Curve = tuple[str, FloatArray, FloatArray]  # name, x, y
 
-WIDTH, HEIGHT = 320, 240  # of a map in its panel, px
-EDGE, BAR, TITLE = 8, 64, 26  # px around a map, for its colour bar, for its title
 INK, LEFT_OUT = (34, 34, 34), (184, 184, 184)
 COLOURS = {  # Okabe and Ito's, as in `plots`
     "truth": (0, 0, 0),
@@ -31,9 +30,63 @@ COLOURS = {  # Okabe and Ito's, as in `plots`
     "criterion": (0, 114, 178),
     "chosen": (0, 158, 115),
     "now": (213, 94, 0),
+    "noise": (128, 128, 128),
+    "A": (0, 158, 115),
+    "B": (213, 94, 0),
 }
 MAPS = {"viridis": cv2.COLORMAP_VIRIDIS, "magma": cv2.COLORMAP_MAGMA}
 QUALITY = 88  # of a JPEG
+
+
+@dataclass(frozen=True)
+class Look:
+    """How large panels are: multiples of a map of 320 x 240 px with text of 12 px."""
+
+    scale: float = 1.0
+    bars: bool = True  # whether there is room for colour bars
+
+    @property
+    def width(self) -> int:
+        """Of a map, px."""
+        return round(320 * self.scale)
+
+    @property
+    def height(self) -> int:
+        """Of a map, px."""
+        return round(240 * self.scale)
+
+    @property
+    def text(self) -> int:
+        """Size of letters, px: a small panel's remain readable."""
+        return max(11, round(12 * self.scale))
+
+    @property
+    def edge(self) -> int:
+        """Around a map, px."""
+        return round(8 * self.scale)
+
+    @property
+    def bar(self) -> int:
+        """For a map's colour bar, px."""
+        return round(64 / 12 * self.text) if self.bars else self.edge
+
+    @property
+    def top(self) -> int:
+        """For a title, px."""
+        return round(26 / 12 * self.text)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of a panel, px."""
+        return self.edge + self.width + self.bar, self.top + self.height + self.edge
+
+    def fitted(self, shape: tuple[int, ...]) -> tuple[int, int]:
+        """Width and height in its panel of a picture of so many rows and columns."""
+        scale = min(self.width / shape[1], self.height / shape[0])
+        return max(1, round(shape[1] * scale)), max(1, round(shape[0] * scale))
+
+
+PLAIN = Look()
 
 
 def jpeg(picture: Picture) -> bytes:
@@ -103,76 +156,66 @@ def ticks(low: float, high: float, count: int = 4) -> list[float]:
     return [float(k * step) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
 
 
-def panel(title: str) -> Picture:
-    """Return an empty panel with a title; the map's place begins at (TITLE, EDGE)."""
-    paper = np.full((TITLE + HEIGHT + EDGE, EDGE + WIDTH + BAR, 3), 255, np.uint8)
-    write(paper, title, EDGE, 2, 14)
+def panel(title: str, look: Look = PLAIN) -> Picture:
+    """Return an empty panel with a title; the map's place begins at (look.top, look.edge)."""
+    width, height = look.size
+    paper = np.full((height, width, 3), 255, np.uint8)
+    write(paper, title, look.edge, look.top // 13, look.text + 2)
     return paper
 
 
-def _fitted(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Width and height in its panel of a picture of so many rows and columns."""
-    scale = min(WIDTH / shape[1], HEIGHT / shape[0])
-    return max(1, round(shape[1] * scale)), max(1, round(shape[0] * scale))
-
-
 def map_panel(
-    title: str, picture: Picture, limits: Limits | None = None, palette: str = "viridis"
+    title: str,
+    picture: Picture,
+    limits: Limits | None = None,
+    palette: str = "viridis",
+    look: Look = PLAIN,
 ) -> Picture:
     """A picture of any size, fitted in under a title, and with a colour bar if there are limits."""
-    paper, (width, height) = panel(title), picture.shape[1::-1]
-    size = _fitted(picture.shape)
+    paper, (width, height) = panel(title, look), picture.shape[1::-1]
+    size = look.fitted(picture.shape)
     if size != (width, height):
         how = cv2.INTER_AREA if size[0] < width else cv2.INTER_LINEAR
         picture = cv2.resize(picture, size, interpolation=how).astype(np.uint8)
-    paper[TITLE : TITLE + size[1], EDGE : EDGE + size[0]] = picture
+    top, text = look.top, look.text
+    paper[top : top + size[1], look.edge : look.edge + size[0]] = picture
     if limits is not None:
-        left, bottom = EDGE + size[0] + 6, TITLE + size[1]
+        left, bottom, wide = look.edge + size[0] + text // 2, top + size[1], text
         scale_ = _palette(palette)[np.linspace(255, 0, size[1]).astype(int)]
-        paper[TITLE:bottom, left : left + 12] = scale_[:, None]
+        paper[top:bottom, left : left + wide] = scale_[:, None]
         for value in ticks(*limits):
             y = round(bottom - 1 - (value - limits[0]) / (limits[1] - limits[0]) * (size[1] - 1))
-            paper[y, left + 12 : left + 16] = INK
-            write(paper, f"{value:g}", left + 18, y - 11, 12)
+            paper[y, left + wide : left + wide + text // 3] = INK
+            write(paper, f"{value:g}", left + wide + text // 2, y - text + 1, text)
     return paper
 
 
 def key_panel(
-    title: str, names: Sequence[str], picture: Picture, colours: Sequence[Sequence[int]]
+    title: str,
+    names: Sequence[str],
+    picture: Picture,
+    colours: Sequence[Sequence[int]],
+    look: Look = PLAIN,
 ) -> Picture:
     """A picture of few colours, fitted in under a title, with what they mean in its lower left corner."""
-    paper, height = map_panel(title, picture), _fitted(picture.shape)[1]
-    top = TITLE + height - 20 * len(names) - 6
+    paper, height, text = map_panel(title, picture, look=look), look.fitted(picture.shape)[1], look.text
+    line = round(20 / 12 * text)
+    top, left = look.top + height - line * len(names) - text // 2, look.edge + text // 3
     for i, (name, colour) in enumerate(zip(names, colours, strict=True)):
-        ink = _written(name, 12).shape[1]
-        y = top + 20 * i
-        paper[y : y + 20, EDGE + 4 : EDGE + 30 + ink] = 255
-        paper[y + 4 : y + 16, EDGE + 8 : EDGE + 20] = colour
-        write(paper, name, EDGE + 24, y - 2, 12)
+        ink = _written(name, text).shape[1]
+        y = top + line * i
+        paper[y : y + line, left : left + 2 * text + ink] = 255
+        paper[y + text // 3 : y + text // 3 + text, left + text // 3 : left + text // 3 + text] = colour
+        write(paper, name, left + round(1.6 * text), y - 2, text)
     return paper
 
 
-def map_spot(
-    shape: tuple[int, ...], panel: tuple[int, int], panels: tuple[int, int]
-) -> tuple[float, float, float, float]:
-    """Where `map_panel` shows a picture of that shape, in a panel (row, column) of so many rows and columns.
-
-    Returns left, top, right, bottom as shares of the board, in [0, 1].
-    """
-    size = _fitted(shape)
-    tall, wide = TITLE + HEIGHT + EDGE, EDGE + WIDTH + BAR
-    (row, column), (rows, columns) = panel, panels
-    left, top = column * wide + EDGE, row * tall + TITLE
-    right, bottom = left + size[0], top + size[1]
-    return left / (columns * wide), top / (rows * tall), right / (columns * wide), bottom / (rows * tall)
-
-
-def cut_panel(paper: Picture, shape: tuple[int, ...], index: int, is_row: bool) -> None:
+def cut_panel(paper: Picture, shape: tuple[int, ...], index: int, is_row: bool, look: Look = PLAIN) -> None:
     """Draw the line of a section into a panel that `map_panel` made of a picture of that shape."""
-    width, height = _fitted(shape)
+    width, height = look.fitted(shape)
     at = round((index + 0.5) * (height / shape[0] if is_row else width / shape[1]))
     ends = ((0, at), (width - 1, at)) if is_row else ((at, 0), (at, height - 1))
-    (x0, y0), (x1, y1) = ((x + EDGE, y + TITLE) for x, y in ends)
+    (x0, y0), (x1, y1) = ((x + look.edge, y + look.top) for x, y in ends)
     cv2.line(paper, (x0, y0), (x1, y1), (0, 0, 0), 3, cv2.LINE_AA)
     cv2.line(paper, (x0, y0), (x1, y1), (255, 255, 255), 1, cv2.LINE_AA)
 
@@ -196,14 +239,16 @@ def curve_panel(
     down: bool = False,
     x_limits: Limits | None = None,
     y_limits: Limits | None = None,
+    look: Look = PLAIN,
 ) -> Picture:
     """Lines on axes with units; the names of `COLOURS` have colours of their own.
 
     `log` puts y on a logarithmic axis, without what is not positive; `down` lets it grow downwards,
     as in a picture. The limits are by default what the curves need.
     """
-    paper = panel(title)
-    left, right, top, bottom = EDGE + 46, EDGE + WIDTH + 40, TITLE + 4, TITLE + HEIGHT - 32
+    paper, text = panel(title, look), look.text
+    left, right = look.edge + round(3.8 * text), look.edge + look.width + round(3.3 * text)
+    top, bottom = look.top + text // 3, look.top + look.height - round(2.7 * text)
     shown = [(name, np.asarray(x, float), np.asarray(y, float)) for name, x, y in curves]
     if log:
         shown = [(name, x, np.log10(np.where(y > 0, y, np.nan))) for name, x, y in shown]
@@ -222,22 +267,27 @@ def curve_panel(
     for value in ticks(x_low, x_high):
         at = int(column(value))
         paper[top:bottom, at] = 225
-        write(paper, f"{value:g}", at, bottom, 12, 0.5)
+        write(paper, f"{value:g}", at, bottom, text, 0.5)
     for value in ticks(y_low, y_high):
         at = int(row(value))
         paper[at, left:right] = 225
-        write(paper, f"{10**value:.2g}" if log else f"{value:g}", left - 4, at - 11, 12, 1.0)
+        write(paper, f"{10**value:.2g}" if log else f"{value:g}", left - text // 3, at - text + 1, text, 1.0)
     cv2.rectangle(paper, (left, top), (right, bottom), (120, 120, 120), 1)
-    write(paper, x_label, right, bottom + 14, 12, 1.0)
+    write(paper, x_label, right, bottom + round(1.2 * text), text, 1.0)
     inner = paper[top : bottom + 1, left : right + 1]
-    x_at = right - left - 4
+    x_at = right - left - text // 3
     for name, x, y in shown:
         colour = COLOURS.get(name, INK)
         _polyline(inner, np.clip(column(x) - left, -4e3, 4e3), np.clip(row(y) - top, -4e3, 4e3), colour, 2)
-    write(inner, y_label, 5, 0, 12)
+    label = _written(y_label, text).shape[1]
+    cv2.rectangle(inner, (1, 1), (label + text // 2, round(1.6 * text)), (255, 255, 255), -1)
+    write(inner, y_label, text // 3, 0, text)
+    at = 0 if log else bottom - top - round(1.8 * text)
     for name, _, _ in reversed(shown):
-        write(inner, name, x_at, 0 if log else bottom - top - 22, 12, 1.0, COLOURS.get(name, INK))
-        x_at -= _written(name, 12).shape[1] + 8
+        ends = x_at - _written(name, text).shape[1] - 2, x_at + 2
+        cv2.rectangle(inner, (ends[0], at + 2), (ends[1], at + round(1.6 * text)), (255, 255, 255), -1)
+        write(inner, name, x_at, at, text, 1.0, COLOURS.get(name, INK))
+        x_at -= _written(name, text).shape[1] + round(0.7 * text)
     return paper
 
 

@@ -1,5 +1,6 @@
 """A calibration in numbers and in words."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -90,6 +91,23 @@ def test_the_account_says_it_all():
         *session.light.verdict,
     ):
         assert part in text
+
+
+def test_the_account_says_how_well_rays_and_light_are_known():
+    """The numbers of the evidence, over what was seen; and that they are not known, if so."""
+    session = simulated()[0]
+    known, text = evidence(session), "\n".join(account(session))
+    camera, light = known["camera"], known["photometry"]
+    rays, fall_off = camera["rays_mrad"], light["fall_off_percent"]
+    assert float(re.search(r"a ray: (\S+) mrad", text)[1]) == pytest.approx(rays["median"], rel=0.05)
+    assert float(re.search(r"(\S+) mrad at worst", text)[1]) == pytest.approx(rays["largest"], rel=0.05)
+    assert f"at worst, to {camera['max_angle_deg']:.0f}° off the axis; beside a turn of" in text
+    turn = float(re.search(r"turn of (\S+) mrad", text)[1])
+    assert turn == pytest.approx(camera["rays_turn_mrad"], rel=0.05)
+    assert float(re.search(r"μ′: (\S+) %", text)[1]) == pytest.approx(fall_off["median"], rel=0.05)
+    assert float(re.search(r"(\S+) % at worst", text)[1]) == pytest.approx(fall_off["largest"], rel=0.05)
+    lost = replace(session.geometry, covariance=np.diag([np.inf] + 7 * [1e-4]))
+    assert "a ray: not told by these frames" in "\n".join(account(replace(session, geometry=lost)))
 
 
 def test_a_light_that_is_free_and_patches_have_rows():

@@ -44,6 +44,7 @@ def made(tmp_path_factory):
     write_video(folder / "video.mkv", [frame] * 2)
     truth = {"endolab_target": 1, "kind": "chessboard", "columns": 5, "rows": 4, "spacing": 5.0}
     (folder / "target.json").write_text(json.dumps(truth), encoding="utf-8")
+    (folder / "tuned.json").write_text('{"endolab_settings": 1, "lam": 0.5}', encoding="utf-8")
     frame, result = el.Frame(frame, frame.max(axis=-1) >= 0), folder / "result"
     el.save_result(el.reconstruct(frame, calibration, solver="facing"), result)
     write_image(folder / "0001_depth.png", el.io.surfaces.read_depth(folder / "sim/truth.npz")["z"] / 100, 16)

@@ -796,7 +796,7 @@ def test_a_failure_at_the_end_leaves_nothing(solve, tmp_path, monkeypatch, capsy
 
 
 @pytest.mark.parametrize(
-    "command", ["", "reconstruct", "sweep", "simulate", "evaluate", "lab", "target", "calibrate"]
+    "command", ["", "reconstruct", "sweep", "simulate", "evaluate", "tune", "lab", "target", "calibrate"]
 )
 def test_help(capsys, command):
     assert call(*command.split(), "--help") == 0

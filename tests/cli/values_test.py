@@ -38,6 +38,7 @@ BASE = {
     "calibrate-light": ["none.mkv", "--camera", "paper", "--out", "out.json"],
     "convert": ["none.xml", "--out", "out.json"],
     "evaluate": ["truth.npz", "truth.npz"],
+    "tune": ["none.png", "--calibration", "endoscope.json", "--no-browser"],
     "lab": ["--notebooks", "none"],
 }
 COMMANDS = next(

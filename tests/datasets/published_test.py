@@ -290,6 +290,37 @@ def test_the_folder_of_frames_can_be_named(tmp_path, monkeypatch, named, found):
     assert datasets.data_folder() == (tmp_path / named if found else None)
 
 
+def test_the_folder_of_frames_is_looked_for_beside_the_checkout(tmp_path, monkeypatch):
+    monkeypatch.delenv("ENDOLAB_DATA", raising=False)
+    checkout = tmp_path / "checkout"
+    monkeypatch.setattr("endolab.datasets.sample.__file__", str(checkout / "endolab/datasets/sample.py"))
+    assert datasets.data_folder() is None
+    beside = tmp_path / "shared" / "data"
+    beside.mkdir(parents=True)
+    assert datasets.data_folder() == beside
+
+
+@pytest.mark.parametrize("inside", ["", "frames of mine"])
+def test_published_frames_are_found(tmp_path, monkeypatch, inside):
+    monkeypatch.setenv("ENDOLAB_DATA", str(tmp_path / "none"))
+    assert datasets.find_dataset("c3vd") is None
+    monkeypatch.setenv("ENDOLAB_DATA", str(tmp_path))
+    assert datasets.find_dataset("c3vd") is None
+    (tmp_path / "a").mkdir()
+    write_simcol3d(tmp_path / "a")
+    place = tmp_path / inside
+    place.mkdir(exist_ok=True)
+    write_c3vd(place)
+    assert datasets.find_dataset("c3vd").path == place
+    assert datasets.find_dataset("simcol3d").path == tmp_path / "a"
+    (tmp_path / "z").mkdir()
+    write_simcol3d(tmp_path / "z")
+    assert datasets.find_dataset("simcol3d", "none").path == tmp_path / "a"
+    assert datasets.find_dataset("simcol3d", "z").path == tmp_path / "z"
+    with pytest.raises(ValueError, match="layout"):
+        datasets.find_dataset("ucl2019")
+
+
 def sample_of(data, name, index):
     folder = data / {"c3vd": "c3vd_trans_t1_a", "simcol3d": "simcol3d"}[name]
     if not folder.is_dir():

@@ -8,10 +8,10 @@ from scipy import ndimage
 
 import endolab as el
 from endolab.depth.energy import energy_terms, model_image
-from endolab.depth.primal_dual import _along_columns, _along_row, _Path, _windows, primal_dual
+from endolab.depth.primal_dual import NORMS, _along_columns, _along_row, _Path, _windows, primal_dual
 from endolab.depth.problem import Problem
 from endolab.model.surface import slant
-from endolab.numerics.derivatives import gradient, links
+from endolab.numerics.derivatives import forward_gradient, gradient, hessian, links
 from endolab.numerics.threads import limited_threads
 from tests.depth.primal_dual_model import PrimalDualModel, patch_means
 from tests.tools.problems import SHEET, energies, errors_of, papers_regulariser, papers_variant, problem_of
@@ -157,6 +157,13 @@ def test_a_patch_passes_no_more_of_any_ripple_than_said(radius):
             passed[phase] = slope[2, 1:-1]
         inner = np.hypot(*passed)[2 * radius : width - 2 * radius]
         assert inner.max() <= min(1, 1.5 / n) + 1e-6
+
+
+@pytest.mark.parametrize(("order", "operator"), [("first", forward_gradient), ("second", hessian)])
+def test_the_norms_of_the_derivatives_are_as_large_as_their_bounds_and_no_larger(order, operator):
+    units = np.eye(20 * 24).reshape(-1, 20, 24)
+    norm = np.linalg.norm(np.stack([operator(unit).ravel() for unit in units], axis=1), 2) ** 2
+    assert 0.98 < norm / NORMS[order] <= 1
 
 
 @pytest.mark.parametrize(("safety", "stays"), [(0.9, True), (6.0, False)])

@@ -45,7 +45,7 @@ def test_trust_is_shown_in_percent_and_by_who_decided():
     decided = np.array([[0, 1, 1, 2], [0, 3, 1, 1]], np.uint8)
     ax = plots.show_decided(decided)
     assert [text.get_text() for text in ax.get_legend().get_texts()] == [
-        *("data 67 %", "border or contour 17 %", "prior 17 %")
+        *("data\n67 %", "border\nor contour\n17 %", "prior\n17 %")
     ]
     shown = np.asarray(ax.images[0].get_array())
     np.testing.assert_allclose(shown[0, 0], to_rgb(style.LEFT_OUT))
@@ -133,6 +133,44 @@ def test_a_section_lies_on_the_surface(rendered):
     assert ax.get_ylabel() == "x [relative units]"
     with pytest.raises(ValueError, match="row or a column"):
         plots.show_section({}, field, row=1, column=1)
+
+
+@pytest.mark.parametrize("where", [{}, {"row": 30}])
+def test_a_start_with_spikes_does_not_widen_a_section(rendered, where):
+    field, truth = rendered.camera.field, rendered.distance
+    spiky = truth.copy()
+    spiky[28:32, 38:42] *= 20
+    limits = {}
+    for name, curve in (("start", spiky), ("mine", spiky), ("smooth", truth)):
+        ax = plots.show_section({"truth": truth, name: curve}, field, **where)
+        ax.figure.canvas.draw()
+        limits[name] = ax.get_xlim(), ax.get_ylim()
+    assert limits["start"] == limits["smooth"]
+    assert limits["mine"][0][1] > 5 * limits["start"][0][1]
+    points = truth[..., None] * field.rays
+    line = points[30] if where else points[:, 40]
+    assert np.nanmax(line[:, 2]) > 0.7 * limits["start"][0][1]  # the estimate fills the axes
+    alone = plots.show_section({"start": spiky}, field, **where)
+    alone.figure.canvas.draw()
+    assert alone.get_xlim()[1] > 5 * limits["start"][0][1]  # there is nothing else to follow
+
+
+def test_words_in_a_section_and_a_side_view_lie_within_and_beside_the_lines(rendered):
+    ax = plots.show_section({"truth": rendered.distance}, rendered.camera.field)
+    renderer = FigureCanvasAgg(ax.figure).get_renderer()
+    ax.figure.draw(renderer)
+    camera = next(text for text in ax.texts if text.get_text() == "camera").get_window_extent(renderer)
+    places = ax.transData.transform(np.stack(ax.lines[0].get_data(), axis=1))
+    inside = np.isfinite(places).all(axis=1)
+    hidden = (places > camera.min).all(axis=1) & (places < camera.max).all(axis=1)
+    assert not hidden[inside].any()
+    assert ax.bbox.x0 < camera.x0 < camera.x1 < ax.transData.transform((0, 0))[0]
+    side = plots.show_cloud(rendered.distance[..., None] * rendered.camera.field.rays, rendered.image)
+    renderer = FigureCanvasAgg(side.figure).get_renderer()
+    side.figure.draw(renderer)
+    name = next(text for text in side.texts if text.get_text() == "camera").get_tightbbox(renderer)
+    assert name.y1 <= side.bbox.y1
+    assert name.x1 <= side.bbox.x1
 
 
 def test_a_history_is_logarithmic_and_bears_zeros():

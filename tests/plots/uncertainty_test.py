@@ -56,6 +56,15 @@ def test_the_map_of_the_light_shows_its_values_and_nothing_known_has_a_scale_too
     assert show_fall_off_uncertainty(sure, session.camera).images[0].get_clim() == (0.0, 1.0)
 
 
+def test_two_maps_can_be_on_one_scale():
+    session = simulated()[0]
+    for ax in (
+        show_ray_uncertainty(session.geometry, limit=7.0),
+        show_fall_off_uncertainty(session.light, session.camera, limit=7.0),
+    ):
+        assert ax.images[0].get_clim() == (0.0, 7.0)
+
+
 def test_the_page_shows_what_there_is():
     session = simulated()[0]
     before = plt.get_fignums()

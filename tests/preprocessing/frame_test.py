@@ -1,5 +1,7 @@
 """A frame before it is solved: what is refused, channels, shrinking, noise, blur."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -221,3 +223,17 @@ def test_blur_spreads_light_like_a_gaussian():
 def test_no_blur_is_no_change(rng):
     image = rng.uniform(size=(4, 6))
     assert_array_equal(smooth_light(image, MASK, GAMMA, 0.0), image)
+
+
+def test_a_frame_remembers_a_few_of_its_sizes():
+    frame = el.Frame(np.random.default_rng(0).random((48, 64, 3)), np.ones((48, 64), bool))
+    small = frame.resize(32, 24, 2.2)
+    assert frame.resize(32, 24, 2.2) is small
+    assert frame.resize(32, 24, 2.0) is not small
+    for width in (30, 28, 26):
+        frame.resize(width, 20, 2.2)
+    again = frame.resize(32, 24, 2.2)
+    assert again is not small
+    assert np.array_equal(again.image, small.image)
+    assert len(frame._resized) == 3
+    assert replace(frame, name="other")._resized == {}

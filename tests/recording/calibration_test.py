@@ -31,6 +31,7 @@ def test_every_entity_is_there_and_every_frame_has_its_picture_and_its_features(
     fit = {"/fit/k", "/fit/gamma", "/fit/sigma", "/fit/cost", "/fit/change", "/residuals"}
     brdf = {"/brdf/now", "/brdf/fitted", "/brdf/grid", "/brdf/ticks"}
     known = {"/uncertainty/rays", "/uncertainty/fall_off"}
+    known |= {f"/scales/{name}/{part}" for name in ("rays", "fall_off") for part in ("bar", "words")}
     rest = {"/account", "/world", "/world/camera"}
     assert file.entities == picture | sheets | plots | fit | brdf | known | rest
     names = list(session.detections)
@@ -136,6 +137,8 @@ def test_maps_of_uncertainty_are_there_once_with_colours_to_what_was_seen(record
         assert np.allclose(stored, expected, rtol=1e-5, equal_nan=True)
         low, high = file.at(entity, "depth_range", None)
         assert low == 0 < high < np.nanmax(expected)
+        labels = file.rows[f"/scales/{name}/words"]["labels"][None].to_pylist()
+        assert labels == [f"{high:.3g}", f"{high / 2:.3g}", "0"]
 
 
 def test_a_recorder_keeps_the_steps_of_a_fit():

@@ -50,9 +50,12 @@ def test_a_file_holds_pictures_surface_rate_lag_and_what_was_dropped(result, tmp
     view.close()
     file = Recorded(tmp_path / "live.rrd")
     plots = {f"/plots/{name}" for (name,) in CURVES.values()}
-    assert (
-        file.entities == {"/input", "/depth", "/normals", "/world", "/world/camera", "/world/cloud"} | plots
-    )
+    scales = {"/scales/depth/bar", "/scales/depth/words"}
+    maps = {"/input", "/depth", "/normals", "/world", "/world/camera", "/world/cloud"}
+    assert file.entities == maps | plots | scales
+    low, high = file.numbers("/depth", "depth_range")[0]
+    labels = file.rows["/scales/depth/words"]["labels"][None].to_pylist()
+    assert labels == [f"{value:.3g}" for value in (high, (low + high) / 2, low)]
     assert list(file.numbers("/depth", "buffer")) == [0, 3, 4]
     assert [value.item() for value in file.numbers("/plots/median_distance", "scalars").values()] == [
         30,

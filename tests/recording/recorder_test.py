@@ -1,18 +1,24 @@
 """Recordings: what was logged, read back from the file, and what becomes of the file when things go wrong."""
 
+import _thread
 import contextlib
+import gc
 import resource
+import signal
 import socket
 import sys
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import rerun as rr
 import rerun.blueprint as rrb
 
 import endolab as el
 from endolab.depth.energy import model_image
 from endolab.model.cameras import Pinhole
+from endolab.plots.scales import DECIDERS
 from endolab.recording import layouts, viewer
 from endolab.recording import recorder as recorder_module
 from endolab.recording.pictures import Painter
@@ -65,7 +71,9 @@ def recorded(small, tmp_path_factory):
 
 def test_every_entity_is_there(recorded):
     plots = {f"/plots/{name}" for name in ("energy", "data", "regulariser", "change", "step")}
-    section = {f"/section/{name}" for name in ("now", "start", "truth", "scale")}
+    plots |= {f"/log10/{name}" for name in ("energy", "data", "regulariser", "change")}
+    section = {f"/section/{name}" for name in ("now", "start", "truth", "scale", "length", "key", "names")}
+    section |= {f"/scales/{name}/{part}" for name in ("depth", "residual") for part in ("bar", "words")}
     world = {"/world", "/world/camera", "/world/cloud", "/world/truth"}
     pictures = {"/input", "/mask", "/depth", "/normals", "/residual", "/front/arrived"}
     assert recorded[1].entities == pictures | plots | section | world | {"/settings"}
@@ -124,6 +132,78 @@ def test_pictures_show_what_they_say(recorded, small):
     assert not residual[~problem.mask].any()
     mask = file.numbers("/mask", "buffer")[None].astype(bool)
     assert np.array_equal(mask.reshape(60, 80), problem.mask)
+
+
+def test_curves_are_there_as_logarithms_too(recorded, tmp_path):
+    iterates, file = recorded
+    for name in ("energy", "data", "regulariser", "change"):
+        plain, log10 = (file.numbers(f"/{folder}/{name}", "scalars") for folder in ("plots", "log10"))
+        assert list(plain) == list(log10)
+        assert all(10 ** log10[k].item() == pytest.approx(plain[k].item()) for k in plain)
+    with contextlib.closing(el.record(tmp_path / "run.rrd")) as recorder:
+        for iterate in iterates:
+            recorder(replace(iterate, terms={**iterate.terms, "regulariser": 0.0}))
+    zero = Recorded(tmp_path / "run.rrd")
+    assert "scalars" in zero.rows["/plots/regulariser"]
+    assert "scalars" not in zero.rows["/log10/regulariser"]
+
+
+def test_colours_reach_what_the_end_needs_and_their_scale_says_so(recorded):
+    iterates, file = recorded
+    last = iterates[-1]
+    near, far = np.percentile(last.distance[last.mask], [1, 99])
+    assert file.numbers("/depth", "depth_range")[None].reshape(2) == pytest.approx([near, far], rel=1e-6)
+    bar = file.numbers("/scales/depth/bar", "strips")[None].reshape(-1, 2)
+    assert bar[:, 0].min() > 80  # beside the map
+    assert (bar[:, 1].max(), bar[:, 1].min()) == (60, 0)
+    packed = file.numbers("/scales/depth/bar", "colors")[None]
+    dark, bright = [((packed[i] >> np.array([24, 16, 8])) & 255).tolist() for i in (0, -1)]
+    assert (dark, bright) == ([68, 1, 84], [253, 231, 37])  # viridis, as the viewer paints depth
+    words = [file.rows["/scales/depth/words"]["labels"][None][i].as_py() for i in range(3)]
+    assert words == [f"{value:.3g}" for value in (far, (near + far) / 2, near)]
+    error = 255 * np.abs(model_image(last.problem, last.log_distance) - last.problem.image)
+    most = float(file.rows["/scales/residual/words"]["labels"][None][0].as_py())
+    assert most == pytest.approx(max(np.percentile(error[last.mask], 98), 1.0), rel=0.06)
+    darkest = file.picture("/residual", 3)[last.mask].astype(int).sum(axis=-1).min()
+    assert darkest <= 204  # blue or red at its end, not near white
+
+
+def test_pictures_have_a_timeline_of_their_own(tmp_path):
+    seen, problem = frame(PAPER.resize(32, 24))
+    path = tmp_path / "run.rrd"
+    el.run(towards(seen, problem, 60), observers=[el.record(path)])
+    numbers = {}
+    for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        entity = batch.schema.metadata[b"rerun:entity_path"].decode()
+        if "picture" in batch.schema.names:
+            pairs = zip(*(batch.column(name).to_pylist() for name in ("iteration", "picture")), strict=True)
+            numbers.setdefault(entity, {}).update(pairs)
+    pictured = read_recording(path).pictured
+    assert len(pictured) < 30
+    for entity in ("/depth", "/residual", "/world/cloud", "/section/now", "/plots/energy", "/log10/energy"):
+        assert numbers[entity] == {k: n for n, k in enumerate(pictured)}
+
+
+def test_a_start_with_spikes_does_not_widen_the_section(tmp_path, small):
+    seen, problem = small
+    *_, last = towards(seen, problem, 40)
+    spiky = replace(problem, image=np.where(np.arange(60)[:, None] == 30, 1e-3, problem.image))
+    last = el.Iterate.of(spiky, last.log_distance)
+    boxes = []
+    for name, truth in (("alone", None), ("with", seen.distance)):
+        with contextlib.closing(el.record(tmp_path / f"{name}.rrd", truth=truth)) as recorder:
+            recorder(last)
+        boxes.append(recorder.shown.box)
+        file = Recorded(tmp_path / f"{name}.rrd")
+        line = file.numbers("/section/now", "strips")[0].reshape(-1, 2)
+        start = file.numbers("/section/start", "strips")[None].reshape(-1, 2)
+        assert np.exp(spiky.log_facing[30, 40]) > 3 * line[:, 0].max()
+        width, height = boxes[-1][1] - boxes[-1][0]
+        assert start[:, 0].max() <= boxes[-1][1, 0] + 0.07 * width
+        assert np.ptp(start[:, 1]) <= 1.13 * height
+    assert boxes[0][1] == pytest.approx(line.max(axis=0))
+    assert (boxes[1][1] >= boxes[0][1]).all()
 
 
 def test_settings_are_legible(recorded, small):
@@ -191,9 +271,9 @@ def painted(monkeypatch):
     """Places of the iterates whose pictures are made, as they are made."""
     places, paint = [], Painter.paint
 
-    def noted(painter, iterate, grey_levels):
+    def noted(painter, iterate):
         places.append(iterate.k)
-        return paint(painter, iterate, grey_levels)
+        return paint(painter, iterate)
 
     monkeypatch.setattr(Painter, "paint", noted)
     return places
@@ -218,7 +298,7 @@ def test_no_more_is_kept_than_a_bound(tmp_path, small, painted, monkeypatch):
     for step in steps:
         bounded(step)
         assert bounded._kept <= 2.5 * each
-        assert all("points" not in vars(kept) for _, kept in bounded._waiting)
+        assert all("points" not in vars(kept) for *_, kept in bounded._waiting)
     before = len(painted)  # the last of three jobs may go on
     assert before >= 3
     bounded.close()
@@ -241,6 +321,28 @@ def test_an_interrupt_leaves_a_whole_file(tmp_path, small):
     result = el.run(interrupted(), observers=[el.record(tmp_path / "run.rrd")])
     assert result.status is el.Status.STOPPED
     assert list(Recorded(tmp_path / "run.rrd").numbers("/plots/energy", "scalars")) == [0, 1]
+
+
+def test_ctrl_c_as_a_recording_begins_loses_nothing_of_it(tmp_path, small, monkeypatch, capfd):
+    """Rerun complains on stderr of a memory that is lost before it was read."""
+
+    def slow(stream, make=rr.binary_stream):
+        memory = make(stream)
+        _thread.interrupt_main()
+        time.sleep(0.1)
+        return memory
+
+    monkeypatch.setattr(rr, "binary_stream", slow)
+    recorder = el.record(tmp_path / "run.rrd")
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
+    try:
+        with pytest.raises(KeyboardInterrupt), recorder:
+            recorder(next(towards(*small, 1)))
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    recorder.close()
+    gc.collect()
+    assert "Dropping data" not in capfd.readouterr().err
 
 
 def test_without_an_iterate_there_is_no_file(tmp_path):
@@ -346,10 +448,12 @@ def test_what_stays_for_a_stage_is_logged_as_it_begins_and_never_for_all_times(s
     begins = [0, 3, 6, 10]
     for entity, component in (
         *(("/input", "blob"), ("/mask", "buffer"), ("/settings", "text"), ("/world/camera", "strips")),
-        *(("/world/cloud", "colors"), ("/world/truth", "positions"), ("/section/scale", "strips")),
+        *(("/world/cloud", "colors"), ("/world/truth", "positions")),
         *(("/section/start", "strips"), ("/section/truth", "strips")),
     ):
         assert sorted(file.rows[entity][component]) == begins
+    for entity in ("/section/scale", "/scales/depth/bar", "/scales/residual/bar"):
+        assert sorted(file.rows[entity]["strips"]) == [0, 6, 10]  # as grid and unit change
     assert (file.picture("/input", 3).shape, file.picture("/input", 6).shape) == ((30, 40, 3), (60, 80, 3))
     sizes = {k: colours.size for k, colours in file.numbers("/world/cloud", "colors").items()}
     assert sizes == {k: steps[k].mask.sum() for k in begins}
@@ -364,6 +468,18 @@ def test_what_stays_for_a_stage_is_logged_as_it_begins_and_never_for_all_times(s
         if k < 10:
             ratio = np.median(np.linalg.norm(cloud, axis=1)) / np.median(np.linalg.norm(truth, axis=1))
             assert ratio == pytest.approx(1, abs=0.1)
+
+
+def test_stages_and_rounds_are_lanes_of_the_timeline_and_the_start_is_not_the_end(staged):
+    _, file, _ = staged
+    states = {
+        entity: {k: rows[0].as_py() for k, rows in file.rows[entity]["state"].items()}
+        for entity in ("/stage", "/round")
+    }
+    assert states["/stage"] == {0: "bounced light", 3: "bounced light", 6: "solution", 10: "scaled"}
+    assert states["/round"] == {0: "1", 3: "2", 6: "-", 10: "-"}
+    start, end = (file.at("/section/start", "strips", 10), file.at("/section/now", "strips", 10))
+    assert start.shape != end.shape or not np.allclose(start, end, rtol=1e-3)
 
 
 def test_each_stage_is_read_back_on_its_own_grid(staged):
@@ -413,6 +529,38 @@ def test_stages_side_by_side(tmp_path):
     assert (runs["last"].stages, runs["last"].pictured) == ([(0, "solution", 0)], (0, 1, 2, 3))
 
 
+def test_runs_side_by_side_have_the_same_colours_and_a_surface_each(tmp_path, small):
+    steps = list(towards(*small, 30))
+    with el.Comparison(tmp_path / "both.rrd") as both:
+        recorders = {name: both.run(name) for name in ("short", "long")}
+        el.run(iter_of(steps[:7]), observers=[recorders["short"]])
+        el.run(iter_of(steps), observers=[recorders["long"]])
+    file = Recorded(tmp_path / "both.rrd")
+    reach = [file.numbers(f"/{name}/depth", "depth_range")[None].reshape(2) for name in recorders]
+    ends = [np.percentile(steps[k].distance[steps[k].mask], [1, 99]) for k in (6, 29)]
+    assert np.array_equal(*reach)
+    assert reach[0] == pytest.approx([min(ends[0][0], ends[1][0]), max(ends[0][1], ends[1][1])], rel=1e-6)
+    labels = [file.rows[f"/{name}/scales/residual/words"]["labels"][None].to_pylist() for name in recorders]
+    assert labels[0] == labels[1]
+    layout = layouts.comparison([recorder.shown for recorder in recorders.values()])
+    surfaces = [view.name for view in spaces(layout.root_container)]
+    assert surfaces == ["Surface [mm] · short", "Surface [mm] · long"]
+    assert (layout.time_panel.timeline, layout.time_panel.fps) == ("picture", 2)
+
+
+def test_seven_iterates_can_be_watched_and_a_long_run_does_not_take_all_day(tmp_path, small):
+    steps = list(towards(*small, 7))
+    with contextlib.closing(el.record(tmp_path / "run.rrd")) as recorder:
+        for step in steps:
+            recorder(step)
+    for how in layouts.BLUEPRINTS.values():
+        for last, seconds in ((recorder.shown.last, 6), (600, 20)):
+            panel = how(replace(recorder.shown, last=last)).time_panel
+            assert (panel.timeline, last / panel.fps) == ("iteration", pytest.approx(seconds))
+        titles = views(how(recorder.shown).root_container)
+        assert {"log₁₀ energy", "Distance [mm]", "Residual [1/255]", "Middle column"} <= set(titles)
+
+
 def test_a_truth_must_fit_the_solution_or_have_its_shape(tmp_path):
     steps, truth = in_stages()
     recorder = el.record(tmp_path / "run.rrd", truth=truth[::2])
@@ -442,6 +590,9 @@ def test_trust_is_recorded_in_percent_with_names(trusted):
     assert np.allclose(sigma.reshape(60, 80), percent, rtol=1e-6, equal_nan=True)
     least, most = file.numbers("/front/trust/sigma", "depth_range")[None].reshape(2)
     assert (least, most) == (0, recorder.shown.sigma)
+    labels = file.rows["/scales/sigma/words"]["labels"][None].to_pylist()
+    assert labels == [f"{most:.3g}", f"{most / 2:.3g}", "0"]
+    assert file.rows["/scales/decided_by/words"]["labels"][None].to_pylist() == [*DECIDERS]
     assert np.mean(percent[mask] <= 1.05 * most) > 0.97
     assert np.mean(percent[mask] >= 0.9 * most) > 0.005
     decided = file.numbers("/front/trust/decided_by", "buffer")[None].reshape(60, 80)
@@ -465,11 +616,45 @@ def test_a_recording_with_trust_is_read_as_one_without(trusted, staged):
     assert (kept.mask == steps[-1].mask).all()
 
 
+def test_trust_is_read_back_in_the_unit_of_the_depth(trusted, staged, tmp_path):
+    """To single precision; None where none was written, in a run beside another too."""
+    steps, trust, path, _ = trusted
+    kept = read_recording(path)
+    assert np.allclose(kept.sigma, trust.sigma, rtol=1e-6, equal_nan=True)
+    assert np.array_equal(kept.decided_by, trust.decided_by)
+    assert (staged[2].sigma, staged[2].decided_by) == (None, None)
+    with el.Comparison(tmp_path / "both.rrd") as both:
+        with both.run("one") as observer:
+            el.run(iter_of(steps), observers=[observer])
+            observer.add_trust(trust, steps[-1])
+        both.run("other")(steps[-1])
+    one, other = (read_recording(tmp_path / "both.rrd").runs[name] for name in ("one", "other"))
+    assert np.array_equal(one.sigma, kept.sigma, equal_nan=True)
+    assert (other.sigma, other.decided_by) == (None, None)
+
+
+@pytest.mark.parametrize("name", ["sigma", "decided_by"])
+def test_a_trust_that_cannot_be_is_damage(tmp_path, trusted, name):
+    steps, trust, _, _ = trusted
+    wrong = replace(trust, **{name: 0 * trust.decided_by if name == "decided_by" else -trust.sigma})
+    with el.record(tmp_path / "run.rrd") as recorder:
+        recorder(steps[-1])
+        recorder.add_trust(wrong, steps[-1])
+    with pytest.raises(ValueError, match="is damaged: the trust is not that"):
+        read_recording(tmp_path / "run.rrd")
+
+
 def views(layout):
     """Names of the views of a layout."""
     parts = getattr(layout, "contents", None)
     inside = [view for part in parts or () if not isinstance(part, str) for view in views(part)]
     return [layout.name, *inside] if isinstance(layout, rrb.View) else inside
+
+
+def spaces(layout):
+    """Views in space of a layout."""
+    parts = [part for part in getattr(layout, "contents", None) or () if not isinstance(part, str)]
+    return [layout] if isinstance(layout, rrb.Spatial3DView) else [v for part in parts for v in spaces(part)]
 
 
 def test_the_layout_shows_trust_where_there_is_some(trusted):
@@ -479,9 +664,9 @@ def test_the_layout_shows_trust_where_there_is_some(trusted):
             views(layout(one).root_container) for one in (shown, replace(shown, sigma=None))
         )
         assert [name for name in without if name in with_trust] == without
-        title = f"σ, 0 to {shown.sigma:g} %"
-        assert title in with_trust
-        assert title not in without
+        for title in ("σ [%]", "Who decided"):
+            assert title in with_trust
+            assert title not in without
 
 
 def test_trust_comes_before_the_end_and_of_what_was_recorded(tmp_path, trusted, small):

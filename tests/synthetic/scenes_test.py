@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from endolab.model.cameras import KannalaBrandt, Pinhole
-from endolab.synthetic.scenes import SCENES, Bowl, Colon, Plane, Tube
+from endolab.synthetic.scenes import SCENES, Bowl, Bump, Colon, Plane, Tube
 from tests.tools.tangents import points_and_normals
 
 CAMERAS = {
@@ -52,11 +52,26 @@ def colon_equation(scene, x):
     return np.minimum(side, scene.length - s)
 
 
-EQUATIONS = {Plane: plane_equation, Bowl: bowl_equation, Tube: tube_equation, Colon: colon_equation}
+def bump_equation(scene, x):
+    flat = np.sum(x[..., :2] ** 2, axis=-1) / scene.width**2
+    return scene.depth - scene.height * np.exp(-flat / 2) - x[..., 2]
+
+
+EQUATIONS = {
+    Bump: bump_equation,
+    Plane: plane_equation,
+    Bowl: bowl_equation,
+    Tube: tube_equation,
+    Colon: colon_equation,
+}
 every_shape = pytest.mark.parametrize(
     "scene",
-    [*SCENES.values(), Plane(60.0, -35.0), Bowl(50.0, (-30.0, 20.0, 10.0)), TILTED_TUBE, STEEP_COLON],
-    ids=[*SCENES, "plane 2", "bowl 2", "tube 2", "colon 2"],
+    [
+        *SCENES.values(),
+        *(Plane(60.0, -35.0), Bowl(50.0, (-30.0, 20.0, 10.0)), TILTED_TUBE, STEEP_COLON),
+        *(Bump(60.0, 25.0, 9.0), Bump(60.0, -30.0, 8.0)),
+    ],
+    ids=[*SCENES, "plane 2", "bowl 2", "tube 2", "colon 2", "bump", "dent"],
 )
 
 
@@ -151,12 +166,17 @@ def test_known_distances():
     assert Tube(16.0, 120.0).distance(axis) == pytest.approx(120.0)
     assert Tube(16.0, 120.0, offset=(4.0, 0.0)).distance(np.array([1.0, 0.0, 0.0])) == pytest.approx(12.0)
     assert Colon(length=150.0).distance(axis) <= 150.0
+    assert Bump(60.0, 8.0, 10.0).distance(axis) == pytest.approx(52.0)
+    assert Bump(60.0, -8.0, 10.0).distance(axis) == pytest.approx(68.0)
 
 
-@pytest.fixture(params=SCENES)
+MESHED = SCENES | {"bump": Bump(), "dent": Bump(height=-12.0)}
+
+
+@pytest.fixture(params=MESHED)
 def cast(request, open3d):
     """A scene and Open3D's function from rays to distances and normals of its mesh."""
-    scene = SCENES[request.param]
+    scene = MESHED[request.param]
     vertices, triangles = scene.mesh(300)
     caster = open3d.t.geometry.RaycastingScene()
     tensor = open3d.core.Tensor
@@ -194,10 +214,10 @@ def test_open3d_sees_the_same(cast, camera):
     assert np.percentile(angle, 98) < 6.0
 
 
-@every_scene
+@pytest.mark.parametrize("name", MESHED)
 def test_meshes_are_made_of_the_surface(name):
     """Vertices lie on the wall but for the middle of a closing one; triangles index them all."""
-    scene = SCENES[name]
+    scene = MESHED[name]
     vertices, triangles = scene.mesh(60)
     assert triangles.min() == 0
     assert triangles.max() == len(vertices) - 1
@@ -221,3 +241,9 @@ def test_the_camera_must_be_inside():
         Bowl(10.0, (20.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="inside the tube"):
         Tube(10.0, offset=(8.0, 8.0))
+
+
+@pytest.mark.parametrize("shape", [(0.0, 1.0, 1.0), (60.0, 31.0, 10.0), (60.0, 8.0, 0.0)])
+def test_a_bump_keeps_away_from_the_camera(shape):
+    with pytest.raises(ValueError, match="height at most half the depth"):
+        Bump(*shape)

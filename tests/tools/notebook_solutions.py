@@ -3,19 +3,21 @@
 import re
 from collections import defaultdict
 from collections.abc import Generator
+from typing import Any
 
 import nbformat
 import pytest
 from nbval.plugin import IPyNbCell, IPyNbFile
 
-DETAILS = re.compile(r"<details>(.*?)</details>", re.DOTALL)
+DETAILS = re.compile(r"<details><summary>Solution</summary>(.*?)</details>", re.DOTALL)
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 STRICT = "import warnings\nwarnings.simplefilter('error')\n"
 
 
-def solutions(text: str) -> list[str]:
-    """Python in each solution of a cell of exercises; nothing where a solution is but told."""
-    return ["".join(BLOCK.findall(solution)) for solution in DETAILS.findall(text)]
+def solutions(cells: list[Any]) -> list[str]:
+    """Python in each solution of a notebook's cells; nothing where a solution is but told."""
+    texts = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"]
+    return ["".join(BLOCK.findall(solution)) for text in texts for solution in DETAILS.findall(text)]
 
 
 @pytest.hookimpl(wrapper=True)
@@ -23,7 +25,7 @@ def pytest_make_collect_report(collector: pytest.Collector) -> Generator[None, p
     """Append a notebook's solutions to its cells, for the kernel in which those have run."""
     report = yield
     if isinstance(collector, IPyNbFile) and report.passed:
-        for number, code in enumerate(solutions(collector.nb.cells[-1].source), 1):
+        for number, code in enumerate(solutions(collector.nb.cells), 1):
             cell = nbformat.v4.new_code_cell(STRICT + code)
             more = {"cell_num": len(report.result), "cell": cell, "options": defaultdict(bool, check=False)}
             report.result.append(IPyNbCell.from_parent(collector, name=f"Solution {number}", **more))

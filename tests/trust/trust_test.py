@@ -7,12 +7,14 @@ import pytest
 
 import endolab as el
 from endolab.depth.gauss_newton import gauss_newton
+from endolab.depth.multigrid import Multigrid
 from endolab.depth.problem import NONE, Scale
 from endolab.depth.result import Iterate, run
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.contours import torn_at_contours
+from endolab.reconstruction.unknown_light import USUAL_ERROR
 from endolab.trust.causes import LENGTH, correlated
-from endolab.trust.doubts import Doubts
+from endolab.trust.doubts import NOMINAL, Doubts
 from endolab.trust.linearised import Linearised
 from endolab.trust.shares import BORDER, DATA, OUTSIDE, PRIOR
 from endolab.trust.trust import FACTOR, LARGEST, LEAST, trust_of
@@ -201,17 +203,46 @@ def test_an_island_of_which_nothing_is_said_is_not_known_at_all():
 
 def test_it_is_the_same_every_time_and_stops_when_asked(curved):
     _, _, result, trust = curved
-    assert np.array_equal(trust_of(result).sigma, trust.sigma, equal_nan=True)
-    shown = []
-    early = trust_of(result, observers=[lambda progress: shown.append(progress.done) or progress.done == 6])
-    assert (early.draws, early.status, shown) == (6, Status.STOPPED, [LEAST, LEAST + 1, LEAST + 2])
+    assert np.array_equal(trust_of(result, threads=1).sigma, trust.sigma, equal_nan=True)
     assert trust.status is Status.CONVERGED
+    early = trust_of(result, observers=[lambda progress: progress.done == 6])
+    assert (early.draws, early.status) == (6, Status.STOPPED)
     assert np.nanmedian(early.sigma / trust.sigma) == pytest.approx(1, abs=0.3)
 
     def interrupt(progress):
-        raise KeyboardInterrupt
+        if progress.done == LEAST:
+            raise KeyboardInterrupt
 
     assert trust_of(result, observers=[interrupt]).draws == LEAST
+
+
+def test_a_stop_is_heeded_after_every_solve(curved, monkeypatch):
+    """Not only after each draw; all draws are counted, from none on."""
+    _, _, result, _ = curved
+    solves, seen = [], []
+    solve = Multigrid.solve
+    monkeypatch.setattr(Multigrid, "solve", lambda *given: solves.append(1) or solve(*given))
+
+    def look(progress):
+        seen.append((progress.done, len(solves)))
+        solves.clear()
+
+    trust_of(result, draws=LEAST, observers=[look])
+    done, between = zip(*seen, strict=True)
+    assert sorted(set(done)) == [0, 1, 2, 3, 4]
+    assert list(done) == sorted(done)
+    assert max(between) <= 3  # of a step of the solver, which may try some dampings
+    assert sum(between) > 30
+
+
+@pytest.mark.parametrize("last", [0, LEAST - 1])
+def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved, last):
+    """σ of the named causes alone would be too small."""
+    _, _, result, _ = curved
+    shown = []
+    with pytest.raises(KeyboardInterrupt, match="before there was anything"):
+        trust_of(result, observers=[lambda progress: shown.append(progress) or progress.done == last])
+    assert shown[-1].done == last
 
 
 def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():
@@ -234,6 +265,21 @@ def test_standard_errors_come_from_the_calibration(curved):
     assert "k ± 0.011" in doubts.notes[0]
     odd = {"photometry": [1], "unknown_light": {"standard_error": 0.4}}
     assert Doubts.of(replace(base, evidence=odd)).k == 0.4
+
+
+def test_a_light_that_nobody_measured_is_doubted_more():
+    nominal = Doubts.of(el.load_calibration("c3vd"))
+    assert (nominal.k, nominal.gamma) == (USUAL_ERROR, NOMINAL["gamma"])
+    assert nominal.notes == ("Nobody measured the light: taken are k ± 1, gamma ± 0.2.",)
+    base = el.load_calibration("c3vd")
+    measured = {"photometry": {"nominal": True, "standard_errors": {"k": 0.02}}}
+    doubts = Doubts.of(replace(base, evidence=measured))
+    assert (doubts.k, doubts.gamma) == (0.02, NOMINAL["gamma"])
+    asked = Doubts.of(replace(base, evidence={"unknown_light": {"standard_error": 0.4}}))
+    assert (asked.k, asked.gamma) == (0.4, NOMINAL["gamma"])
+    assert asked.notes[1] == "Nobody measured the rest of the light: taken are gamma ± 0.2."
+    for odd in ({}, {"photometry": {"nominal": "no"}}, {"photometry": None}):
+        assert Doubts.of(replace(base, evidence=odd)).k == Doubts().k
 
 
 @pytest.mark.parametrize("solver", ["facing", "fast_marching"])

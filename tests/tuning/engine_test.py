@@ -11,8 +11,10 @@ import endolab as el
 from endolab import datasets
 from endolab.reconstruction.problem_setup import make_problem
 from endolab.tuning import engine as tuning
+from endolab.tuning.boards import of_one
 from endolab.tuning.engine import Tuner, sentence_of
-from endolab.tuning.panels import Cut, outcome_board, summary
+from endolab.tuning.panels import FIRST, View
+from endolab.tuning.sentences import summary
 from endolab.tuning.source import Settings, Source
 
 PAPER = datasets.load_calibration("paper")
@@ -76,19 +78,40 @@ def test_a_coarse_answer_comes_before_the_fine_one_and_both_are_near_the_truth(s
     assert told[0].median_error < 1.5
 
 
-def test_the_next_answer_starts_from_the_last_on_the_same_grid(start):
+def test_a_coarse_answer_starts_from_the_last_on_the_same_grid_and_a_fine_one_from_nothing(start):
     solver = Slow()
     tuner = start(solve=solver)
-    for lam, width in ((1.0, 160), (2.0, 160), (3.0, 200)):
-        answer(tuner, replace(SMALL, lam=lam, width=width))
-    assert (solver.begun, solver.starts) == ([1, 1, 2, 2, 3, 3], [None, None, 1, 1, None, None])
+    for lam, width, k in ((1.0, 160, 2.5), (2.0, 160, 3.0), (3.0, 200, 3.0)):
+        answer(tuner, replace(SMALL, lam=lam, width=width, k=k))
+    assert (solver.begun, solver.starts) == ([1, 1, 2, 2, 3, 3], [None, None, 1, None, None, None])
 
 
-def test_a_warm_result_costs_no_more_energy_than_a_cold_one(start):
-    tuner = start()
+def test_after_a_change_of_lam_the_first_answer_follows_and_the_last_depends_on_nothing_before(start):
+    told = []
+    tuner = start(told.append)
     for lam in (1.0, 0.3, 3.0):
-        warm = answer(tuner, replace(SMALL, lam=lam))
-        assert warm.result.energy < 1.05 * tuner.cold(replace(SMALL, lam=lam)).result.energy
+        wish = replace(SMALL, lam=lam, channel="auto")
+        last = answer(tuner, wish)
+        cold = tuner.cold(wish).result
+        assert np.array_equal(last.result.distance, cold.distance, equal_nan=True)
+        quick = next(one for one in told if one.serial == last.serial)
+        if lam == 1.0:
+            assert (last.followed, quick.result.mask.shape) == (None, (60, 80))
+        else:
+            assert last.followed is quick.result
+            assert quick.result.mask.shape == (120, 160)
+            assert quick.result.problem.lam == lam
+            assert quick.result.energy < 1.05 * last.result.energy
+
+
+def test_the_path_of_an_answer_is_kept_and_bounded(start, monkeypatch):
+    tuner = start(solve=Slow())
+    whole = answer(tuner, SMALL).path
+    assert [one.k for one in whole] == list(range(40))
+    monkeypatch.setattr(tuning, "REMEMBERED", 10 * whole[0].log_distance.nbytes)
+    thinned = [one.k for one in answer(tuner, replace(SMALL, lam=2.0)).path]
+    assert 5 <= len(thinned) <= 10
+    assert len(set(np.diff(thinned))) == 1
 
 
 def test_after_a_burst_only_the_last_wish_is_answered_in_full(start):
@@ -101,7 +124,7 @@ def test_after_a_burst_only_the_last_wish_is_answered_in_full(start):
     assert (final.serial, final.settings.lam) == (last, 50)
     time.sleep(0.1)
     assert told[-1] is final
-    assert [one.serial for one in told if one.stage == "fine"] == [last]
+    assert [one.serial for one in told if one.stage == "fine" and one.error is None] == [last]
     assert [one.serial for one in told] == sorted(one.serial for one in told)
     assert solver.ended == 1  # the coarse ones stop early, and every other fine one was cancelled
 
@@ -155,7 +178,8 @@ def test_what_is_told_of_a_stage_on_the_way_is_of_that_stage_alone(start, monkey
         assert one.result.mask.shape == ((60, 80) if on_the_way else (120, 160))
         assert one.median_error is not None  # the truth is of the whole grid
         assert f"Gauss-Newton, {one.label} · " in summary(one)
-        assert outcome_board(one, Cut()).shape == outcome_board(final, Cut()).shape
+        shapes = {of_one(each, FIRST, View(), 3).picture.shape for each in (one, final)}
+        assert shapes == {(548, 1176, 3)}
     assert final.label == "fine"
 
 
@@ -289,14 +313,16 @@ def test_trust_is_found_when_somebody_looks_and_told_as_the_last_answer_once_mor
     expected = el.trust_of(fine.result, fine.subject.calibration, draws=tuning.DRAWS)
     assert np.array_equal(told[-1].trust.sigma, expected.sigma, equal_nan=True)
     assert tuner.wait(1) is told[-1]
-    tuner.look_at(None)
+    tuner.look_at()
     count = len(told)
     assert answer(tuner, replace(SMALL, lam=0.5)).trust is None
     time.sleep(2 * tuning.REST)
     assert all(outcome.trust is None for outcome in told[count:])
 
 
-def test_a_wish_stops_the_search_for_trust_and_is_answered_first(start, monkeypatch):
+@pytest.mark.parametrize("early", [True, False])
+def test_a_wish_stops_the_search_for_trust_and_is_answered_first(start, monkeypatch, early):
+    """Early there is nothing to tell, and it ends like an interrupt."""
     told, stopped, begun = [], [], threading.Event()
 
     def slow(result, known, *, draws, observers):
@@ -305,6 +331,8 @@ def test_a_wish_stops_the_search_for_trust_and_is_answered_first(start, monkeypa
             stopped.append(any(observer(None) for observer in observers))
             until(lambda: any(observer(None) for observer in observers))
             stopped.append(True)
+            if early:
+                raise KeyboardInterrupt
         return f"trust of λ = {result.problem.lam:g}"
 
     monkeypatch.setattr(tuning, "trust_of", slow)
@@ -397,7 +425,7 @@ def test_the_code_makes_the_same_result(start, settings):
     tuner = start(calibration=known, frame=None if settings.scene else frame)
     cold = tuner.cold(settings).result
     assert np.array_equal(names["result"].distance, cold.distance, equal_nan=True)
-    tuner.ask(settings)  # the first answer is cold too
+    tuner.ask(settings)  # and so does a wish
     assert np.array_equal(tuner.wait(30).result.distance, cold.distance, equal_nan=True)
 
 

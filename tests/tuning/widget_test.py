@@ -1,10 +1,10 @@
 """The tuner's widget without a browser: knobs, picture, status line, export, what cannot be read."""
 
 import gc
+import html
 import threading
 import time
 from dataclasses import replace
-from types import SimpleNamespace
 
 import cv2
 import ipywidgets
@@ -14,26 +14,9 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.io.atomic import as_json
-from endolab.plots.scales import DECIDERS
-from endolab.trust.choice_of_lam import LamCurve
-from endolab.tuning.engine import Tuner
-from endolab.tuning.panels import BESIDES, Cut, contrast, limits_of, outcome_board, spots, summary
-from endolab.tuning.pictures import (
-    COLOURS,
-    EDGE,
-    HEIGHT,
-    LEFT_OUT,
-    TITLE,
-    WIDTH,
-    board,
-    coloured,
-    curve_panel,
-    grey_or_colour,
-    map_panel,
-    panel,
-    ticks,
-)
-from endolab.tuning.source import Settings
+from endolab.io.settings import read_settings
+from endolab.tuning.boards import DIFFERENCE
+from endolab.tuning.panels import FIRST, FIRST_WITH_TRUTH, PANELS
 
 
 @pytest.fixture
@@ -72,25 +55,25 @@ def until(condition, seconds=20):
 def test_a_moved_knob_changes_the_picture_and_the_line(make):
     box = make()
     box.engine.wait(30)
-    first, line = box.pair.picture.value, box.status.value
-    assert decoded(box.pair.picture).shape == (548, 1176, 3)
+    first, line = box.screen.view.value, box.status.value
+    assert decoded(box.screen.view).shape == (548, 1176, 3)
     assert "median error" in line
     assert "fine" in line
     for name, value in (("lam", 0.1), ("xi", "d"), ("noise", 2.0), ("k", 3.0), ("solver", "fast_marching")):
         box.knobs[name].value = value
         assert getattr(box.engine.wait(30).settings, name) == value
-        assert box.pair.picture.value != first
-        first = box.pair.picture.value
+        assert box.screen.view.value != first
+        first = box.screen.view.value
     assert box.engine.complaint == ""
 
 
 def test_the_section_moves_without_a_solve(make):
     box = make()
     final = box.engine.wait(30)
-    before = box.pair.picture.value
+    before = box.screen.view.value
     box.knobs["section"].value = 30
     box.knobs["across"].value = "row"
-    assert box.pair.picture.value != before
+    assert box.screen.view.value != before
     assert box.engine.wait(1) is final
 
 
@@ -111,11 +94,11 @@ def test_an_error_is_a_line_and_the_picture_stays(make, seen):
     frame, calibration, _ = seen
     box = make(el.Frame(frame.image[..., 1], frame.mask), calibration)
     box.engine.wait(30)
-    before = box.pair.picture.value
+    before = box.screen.view.value
     box.knobs["channel"].value = "red"
     box.engine.wait(30)
     assert "grey and has no red channel" in box.status.value
-    assert box.pair.picture.value == before
+    assert box.screen.view.value == before
     box.knobs["channel"].value = ""
     box.engine.wait(30)
     assert "energy" in box.status.value
@@ -132,85 +115,258 @@ def test_a_frame_with_truth_shows_its_error(make, seen):
     assert not box.knobs["noise"].disabled
 
 
-def test_a_is_kept_beside_with_the_same_colours_and_dropped_again(make):
-    box = make()
-    box.engine.wait(30)
-    pair = box.pair
-    box.keeper.click()
-    kept = pair.picture_kept.value
-    assert kept == pair.picture.value
-    assert decoded(pair.picture).shape == (822, 784, 3)
-    box.knobs["gain"].value = 3.0
-    outcome = box.engine.wait(30)
-    assert pair.picture_kept.value == kept
-    assert pair.picture.value != kept
-    assert pair.limits(outcome) == limits_of(pair.kept)
-    assert limits_of(outcome) != pair.limits(outcome)
-    assert pair.children[0].layout.display is None
-    assert pair.children[0].layout.flex == pair.children[1].layout.flex
-    assert pair.picture_kept.caption.startswith("A: λ = 1, gain × 1 · median error")
-    assert pair.picture.caption.startswith("B (now): λ = 1, gain × 3 · median error")
-    box.keeper.click()
-    assert (pair.kept, pair.children[0].layout.display) == (None, "none")
-    assert (pair.picture.caption, decoded(pair.picture).shape) == ("", (548, 1176, 3))
-    assert box.keeper.description == "keep as A"
-
-
-def test_a_without_a_truth_has_the_same_axes_of_the_section(outcome):
-    blind = replace(outcome, subject=replace(outcome.subject, truth=None))
-    iterate = blind.result.iterate
-    twice = replace(iterate, log_distance=iterate.log_distance + 0.7)
-    other = replace(blind, result=replace(blind.result, iterate=twice))
-    shown = (blind, None), (other, None), (other, limits_of(blind))
-    panels = [outcome_board(one, Cut(), limits)[274:, 392:784] for one, limits in shown]
-    numbers = [panel[-38:-12].astype(int) for panel in panels]  # below the axis
-    assert (numbers[0] != numbers[1]).any()
-    assert (numbers[0] == numbers[2]).all()
-
-
-def test_what_differs_is_said_and_one_iteration_is_not_many(outcome):
-    one, other = Settings(scene=None, k=None, solver="primal_dual"), Settings(scene=None, k=3.0)
-    assert contrast(one, other) == "λ = 1, k = as calibrated, solver = primal-dual"
-    assert contrast(other, one) == "λ = 1, k = 3, solver = Gauss-Newton"
-    assert summary(outcome).count(f"{outcome.result.iterations} iterations") == 1
-    once = replace(outcome, result=replace(outcome.result, history=[{"k": 1}]))
-    assert "1 iteration ·" in summary(once)
-
-
-def test_the_pointer_moves_the_section(make):
+def test_the_pointer_moves_the_section_and_the_cursor_reads_all_maps(make):
     box = make()
     final = box.engine.wait(30)
-    before = box.pair.picture.value
-    box.pair.picture.point = [0.301, 0.9, 1.0]
+    view = box.screen.view
+    before = view.value
+    view.point = [0.301, 0.9, 1, 1, 1.0]
     assert box.knobs["section"].value == 30
-    assert box.pair.picture.value != before
+    assert view.value != before
     box.knobs["across"].value = "row"
-    box.keep()
-    kept = box.pair.picture_kept.value
-    box.pair.picture_kept.point = [0.301, 1.0, 2.0]
+    view.point = [0.301, 1.0, 0, 0, 2.0]
     assert box.knobs["section"].value == 100
-    assert box.pair.picture_kept.value != kept
+    assert box.engine.wait(1) is final
+    view.hover = [0.5, 0.25]
+    assert len(view.said) == len(view.boxes) == 6
+    assert f"d = {final.result.distance[30, 80]:.4g}, true {final.truth[30, 80]:.4g} mm" == view.said[1]
+    assert [bool(said) for said in view.said] == [spot is not None for spot in view.spots]
+    view.hover = []
+    assert view.said == []
+
+
+def test_a_is_kept_beside_with_the_difference_and_dropped_again(make):
+    box = make()
+    box.engine.wait(30)
+    screen = box.screen
+    alone = screen.view.value
+    box.keeper.click()
+    assert [place.name for place in screen.board.places].count("distance") == 2
+    assert DIFFERENCE in [place.name for place in screen.board.places]
+    box.knobs["gain"].value = 4.0
+    box.engine.wait(30)
+    assert screen.view.caption.startswith("A: λ = 1, gain × 1 · median error")
+    assert "B (now): λ = 1, gain × 4 · median error" in screen.view.caption
+    screen.view.hover = [0.5, 0.5]
+    difference = screen.view.said[[place.name for place in screen.board.places].index(DIFFERENCE)]
+    assert float(difference.split()[0]) == pytest.approx(100, abs=0.2)  # four times the gain, twice as far
+    for key, caption in (("b", "A: "), ("b", "B (now): "), ("b", "A: "), ("d", "A: ")):
+        screen.view.key = [key, time.monotonic()]
+        assert screen.view.caption.startswith(caption)
+    assert "B (now)" in screen.view.caption
+    screen.view.key = ["x", time.monotonic()]
+    assert (screen.kept, screen.view.caption, box.keeper.description) == (None, "", "keep as A")
+    box.knobs["gain"].value = 1.0
+    box.engine.wait(30)
+    assert screen.view.value == alone
+
+
+def test_a_strip_shows_several_lam_and_a_click_takes_one_over(make):
+    box = make()
+    box.engine.wait(30)
+    box.strip.value = "λ"
+    until(lambda: len(box.screen.board.places) == 10)
+    names = [name for name, _ in box.screen.several]
+    assert names == ["λ = 0.1", "λ = 0.32", "λ = 1", "λ = 3.2", "λ = 10"]
+    taken = box.screen.several[3][1]
+    box.screen.view.point = [0.5, 0.5, 3, 1, 1.0]
+    final = box.engine.wait(30)
+    assert (final.settings.lam, box.knobs["lam"].value, box.screen.several) == (3.2, 3.2, [])
+    assert np.array_equal(final.result.distance, taken.result.distance, equal_nan=True)
+    box.strip.value = "order"
+    until(lambda: box.screen.several and all(one is not None for _, one in box.screen.several))
+    box.strip.value = ""
+    assert box.screen.board.places[0].name == "frame"
+    assert box.engine.complaint == ""
+
+
+def test_a_page_is_filled_and_gets_its_picture_whenever_it_asks(make):
+    box = make()
+    box.engine.wait(30)
+    sent = []
+    box.screen.view.send_state = lambda key=None: sent.append(key or ())
+    for room in ([1000, 500, 1, 0.0], [1600, 870, 1, 1.0], [1600, 870, 1, 2.0], [800, 700, 2, 3.0]):
+        sent.clear()
+        box.screen.view.room = room
+        assert "value" in sent[-1]
+        height, width = decoded(box.screen.view).shape[:2]
+        assert width <= room[0] * room[2]
+        assert height <= max(room[1], 260) * room[2]
+        assert width > 0.8 * room[0] * room[2] or height > 0.8 * room[1] * room[2]
+    before = box.status.value
+    box.screen.view.room = [0, 0, 1, 4.0]
+    assert "three positive numbers" in box.status.value != before
+
+
+def test_every_panel_is_chosen_drawn_and_read_without_a_solve(make, seen):
+    frame, calibration, truth = seen
+    box = make(frame, calibration, truth)
+    final = box.engine.wait(60)
+    assert list(box.screen.view.panels) == list(FIRST_WITH_TRUTH)
+    seen_ones = set()
+    for name, panel in PANELS.items():
+        box.screen.view.panels = [name, *box.screen.view.panels[1:]]
+        if panel.besides:
+            until(lambda panel=panel: getattr(box.screen.shown, panel.besides) is not None, 60)
+        assert box.screen.board.places[0].name == name
+        assert box.screen.shown.result is final.result
+        seen_ones.add(box.screen.board.places[0].picture.tobytes())
+        if panel.read is not None and name != "another start":
+            assert panel.read(box.screen.shown, 60, 80)
+    assert len(seen_ones) == len(PANELS)
+    assert "panels" not in box.python()
+    assert box.engine.complaint == ""
+    blind = make(frame, calibration)
+    blind.engine.wait(60)
+    assert list(blind.screen.view.panels) == list(FIRST)
+    assert "error" not in blind.screen.view.choices
+
+
+def test_the_chosen_lam_is_a_button_that_sets_the_slider(make):
+    box = make()
+    box.engine.wait(30)
+    box.screen.view.panels = ["λ", *box.screen.view.panels[1:]]
+    until(lambda: box.screen.shown.curve is not None, 60)
+    chosen = box.screen.shown.curve.chosen
+    assert box.lam_found.layout.display is None
+    box.lam_found.click()
+    assert box.engine.wait(30).settings.lam == pytest.approx(chosen, rel=0.05)
+
+
+def test_a_mask_is_drawn_and_a_length_is_clicked(make, seen, tmp_path):
+    frame, calibration, _ = seen
+    unknown = replace(calibration, photometry=replace(calibration.photometry, gain=None))
+    box = make(frame, unknown)
+    assert not box.engine.wait(60).result.metric
+    view = box.screen.view
+
+    def press(x, y):
+        view.point = [x, y, 0, 1, time.monotonic()]
+
+    box.clicks.kind.value = "knows a distance"
+    box.clicks.mm.value = 30.0
+    press(0.01, 0.01)
+    assert "no surface is seen there" in box.status.value
+    assert list(view.marks) == []
+    press(0.5, 0.5)
+    known = box.engine.wait(60)
+    assert known.result.metric
+    assert known.settings.known_distance == (30.0, 79.5, 59.5)
+    assert np.median(known.result.distance[58:63, 78:83]) == pytest.approx(30, rel=0.01)
+    box.clicks.mm.value = 60.0
+    assert np.median(box.engine.wait(60).result.distance[58:63, 78:83]) == pytest.approx(60, rel=0.01)
+    box.clicks.kind.value = "knows a diameter"
+    press(0.3, 0.5)
+    press(0.7, 0.5)
+    wide = box.engine.wait(60)
+    ends = [wide.result.points[60, column] for column in (48, 112)]
+    assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(60, rel=0.1)
+    assert len(view.marks) == 2
+    box.clicks.kind.value = "draws the mask"
+    for x, y in ((0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.2, 0.8), (0.2, 0.21)):
+        press(x, y)
+    masked = box.engine.wait(60)
+    rows, columns = np.nonzero(masked.result.mask)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == pytest.approx((24, 96, 32, 128), abs=1.5)
+    assert "mask='mask.png'" in box.python()
+    box.export(tmp_path / "masked")
+    stored = el.read_frame(tmp_path / "masked" / "mask.png").image
+    assert np.array_equal(stored.max(axis=-1) > 0.5, masked.subject.frame.mask)
+    box.clicks.forget.click()
+    assert np.array_equal(box.engine.wait(60).subject.frame.mask, frame.mask)
+    assert not box.engine.wait(1).result.metric
+    box.knobs["scene"].value = "plane"
+    press(0.5, 0.5)
+    assert "that is for a frame of your own" in box.status.value
+
+
+def test_what_was_exported_is_reconstructed_and_set_again(make, seen, tmp_path):
+    frame, calibration, _ = seen
+    box = make(frame, calibration)
+    for name, value in (
+        ("lam", 0.3),
+        ("k", 2.8),
+        ("albedo", "0.7, 0.4, 0.3"),
+        ("xi", "d"),
+        ("smooth", "1.5"),
+    ):
+        box.knobs[name].value = value
+    wished = box.settings()
+    shown = box.engine.wait(60).result
+    box.export(tmp_path / "out")
+    written = read_settings(tmp_path / "out" / "settings.json")
+    again = el.reconstruct(frame, written.believed(calibration), **written.keywords)
+    assert np.array_equal(again.distance, shown.distance, equal_nan=True)
+    other = make(frame, calibration)
+    other.take({"settings.json": (tmp_path / "out" / "settings.json").read_bytes()})
+    assert other.settings() == wished
+    for content, words in (
+        (b'{"endolab_settings": 1, "lam": "auto"}', "no knob for lam = auto"),
+        (b'{"endolab_settings": 1, "threshold": 0.1}', "no knob for threshold"),
+        (b'{"endolab_settings": 2}', "expected version 1, found 2"),
+    ):
+        other._guarded(lambda content=content: other.take({"a.json": content}))()
+        assert words in other.status.value
+    assert other.settings() == wished
+
+
+def test_the_surface_to_turn_follows_and_carries_a_map(make):
+    box = make()
+    box.engine.wait(30)
+    assert box._turned.layout.display == "none"
+    assert box.surface.number == 0
+    box.turning.value = "frame"
+    until(lambda: box.surface.number == 1)
+    box.surface.drawn = 1
+    picture = box.surface.picture
+    box.turning.value = "normals"
+    until(lambda: box.surface.picture != picture)
+    box.surface.drawn = box.surface.number
+    before = box.surface.far
+    box.knobs["gain"].value = 3.0
+    box.engine.wait(30)
+    until(lambda: (box.surface.set_state({"drawn": box.surface.number}), box.surface.far != before)[1])
+    box.turning.value = "σ"
+    until(lambda: box.screen.shown.trust is not None, 60)
+    box.turning.value = "off"
+    assert box._turned.layout.display == "none"
+    assert box.engine.complaint == ""
+
+
+def test_another_frame_leaves_the_knobs_and_forgets_mask_and_length(make, seen):
+    frame, calibration, truth = seen
+    box = make(frame, calibration)
+    box.knobs["lam"].value, box.knobs["k"].value = 0.1, 3.0
+    box.engine.wait(60)
+    box.clicks.kind.value = "knows a distance"
+    box.screen.view.point = [0.5, 0.5, 0, 1, 1.0]
+    assert box.engine.wait(60).settings.known_distance
+    other = replace(frame, name="other.png")
+    box.look_at(other, truth=truth)
+    final = box.engine.wait(60)
+    assert final.subject.frame is other
+    assert (final.settings.lam, final.settings.k, final.settings.known_distance) == (0.1, 3.0, None)
+    assert final.median_error is not None
+    with pytest.raises(ValueError, match="but the calibration is for"):
+        box.look_at(other, datasets.load_calibration("paper"))
     assert box.engine.wait(1) is final
 
 
-@pytest.mark.parametrize("columns", [3, 2])
-@pytest.mark.parametrize("shape", [(120, 160), (100, 300), (300, 100)])
-def test_spots_are_where_the_maps_are(outcome, columns, shape):
-    result = outcome.result
-    mask = np.zeros(shape, bool)
-    like = SimpleNamespace(result=SimpleNamespace(mask=mask))
-    for at, (left, top, right, bottom) in enumerate(spots(like, columns)):
-        rows = -(-6 // columns)
-        panels = [panel("")] * 6
-        panels[at] = map_panel("", np.zeros((*shape, 3), np.uint8))
-        black = board([panels[first : first + columns] for first in range(0, 6, columns)]).max(axis=-1) == 0
-        height, width = black.shape
-        ys, xs = np.nonzero(black)
-        assert (height, width) == (274 * rows, 392 * columns)
-        assert [left * width, right * width] == pytest.approx([xs.min(), xs.max() + 1])
-        assert [top * height, bottom * height] == pytest.approx([ys.min(), ys.max() + 1])
-    assert spots(outcome, columns)[0][2] == pytest.approx(328 / (392 * columns))
-    assert result.mask.shape == (120, 160)
+def test_lines_that_cannot_be_read_are_a_sentence(make):
+    box = make()
+    box.engine.wait(30)
+    for name, text, words in (
+        ("max_iterations", "3.5", "iterations: expected a whole number, found 3.5"),
+        ("max_iterations", "x", "iterations: expected a number, found 'x'"),
+        ("albedo", "1, 2", "albedo: expected 3 numbers with commas between, found '1, 2'"),
+        ("smooth", "-1", "smooth"),
+    ):
+        box.knobs[name].value = text
+        until(lambda words=words: words in html.unescape(box.status.value))
+        box.knobs[name].value = ""
+    box.knobs["max_iterations"].value = "2"
+    assert box.engine.wait(30).result.status is el.Status.MAX_ITERATIONS
+    assert "2 iterations of 2 at most, max iterations" in box.status.value
 
 
 def test_the_code_is_shown_and_runs(make):
@@ -230,10 +386,15 @@ def test_export_writes_everything_or_nothing(make, tmp_path):
     box = make()
     box.export(tmp_path / "out")
     names = " ".join(sorted(path.name for path in (tmp_path / "out").glob("[!.]*")))
-    assert names == "board.png cloud.ply depth.npz overview.png recording.rrd report.json result.py"
+    assert (
+        names
+        == "board.png cloud.ply depth.npz overview.png recording.rrd report.json result.py settings.json"
+    )
+    shown = box.screen.shown.result
     with np.load(tmp_path / "out" / "depth.npz") as stored:
-        cold = box.engine.cold(box.settings()).result
-        assert np.allclose(stored["distance"], cold.distance, equal_nan=True, rtol=1e-6)
+        assert np.array_equal(stored["distance"], shown.distance.astype(np.float32), equal_nan=True)
+    recorded = el.read_recording(tmp_path / "out" / "recording.rrd")
+    assert recorded.table()["energy"].tolist() == [row["energy"] for row in shown.history]
     (tmp_path / "file").write_text("here")
     box.folder.value = str(tmp_path / "file" / "out")
     box._export_aside()
@@ -294,6 +455,36 @@ def test_a_frame_may_have_any_name(make, seen, name):
     assert "<b>" not in box.status.value
 
 
+def test_a_mask_is_dropped_beside_its_frame_or_for_the_one_that_is_there(make, seen):
+    frame, calibration, _ = seen
+    box = make()
+    mask = np.zeros((120, 160, 3))
+    mask[30:90, 40:120] = 1
+    given = {"a.png": png(frame.image), "e.json": as_json(calibration.to_dict())}
+    box.take(given | {"a_mask.png": png(mask)})
+    assert box.engine.wait(30).subject.frame.mask.sum() == 60 * 80
+    box.take(given)
+    assert box.engine.wait(30).subject.frame.mask.all()
+    box.take({"mask.png": png(mask)})
+    masked = box.engine.wait(30)
+    assert masked.subject.frame.mask.sum() == 60 * 80
+    box.clicks.forget.click()
+    assert box.engine.wait(30).subject.frame.mask.all()
+    before = box.engine.wait(1)
+    for files, words in (
+        ({"mask.png": png(mask[1:])}, "the mask is 160x119 px, the frame 160x120 px"),
+        ({"mask.png": b"no"}, "mask.png: not a picture"),
+        ({"mask.png": b"", "b-mask.png": b""}, "expected one mask at most, found 2"),
+    ):
+        box._guarded(lambda files=files: box.take(files))()
+        assert words in box.status.value
+    assert box.engine.wait(1) is before
+    scene = make()
+    scene.engine.wait(30)
+    scene._guarded(lambda: scene.take({"mask.png": png(mask)}))()
+    assert "no frame that this could be the mask of" in scene.status.value
+
+
 def test_spoiled_pictures_are_a_line_and_the_next_wish_is_answered(make, seen):
     frame, calibration, _ = seen
     box = make()
@@ -321,10 +512,10 @@ def test_spoiled_pictures_are_a_line_and_the_next_wish_is_answered(make, seen):
 def test_a_point_that_is_none_and_a_folder_that_cannot_be_are_a_line(make):
     box = make()
     box.engine.wait(30)
-    for point in ([0.5], ["a", "b", "c"], [float("nan"), 0.0, 0.0]):
-        box.pair.picture.point = point
-        assert "a point of a map is three numbers" in box.status.value
-    box.pair.picture.point = [7.0, -7.0, 1.0]
+    for point in ([0.5], ["a", "b", "c", 1, 1], [float("nan"), 0.0, 0, 1, 0.0]):
+        box.screen.view.point = point
+        assert "a point of a map is five numbers" in box.status.value
+    box.screen.view.point = [7.0, -7.0, 0, 1, 1.0]
     assert box.knobs["section"].value == 100
     for folder in ("", "a\0b", 300 * "a"):
         box.folder.value, before = folder, box.status.value
@@ -337,11 +528,11 @@ def test_a_point_that_is_none_and_a_folder_that_cannot_be_are_a_line(make):
 def test_a_solve_under_way_does_not_wipe_off_what_a_button_said(make):
     box = make()
     box.engine.wait(30)
-    before = box.pair.picture.value
+    before = box.screen.view.value
     box.knobs["lam"].value = 0.01
     box._guarded(lambda: box.take({"a.json": b"{"}))()
     box.engine.wait(30)
-    assert box.pair.picture.value != before
+    assert box.screen.view.value != before
     assert "a.json" in box.status.value
     box.knobs["lam"].value = 1.0
     box.engine.wait(30)
@@ -384,111 +575,3 @@ def test_tuners_that_are_closed_are_forgotten():
         gc.collect()
         counts.append((threading.active_count(), len(ipywidgets.widgets.widget._instances)))
     assert counts[-1] == counts[2]
-
-
-@pytest.fixture(scope="module")
-def outcome():
-    engine = Tuner(datasets.load_calibration("simple", 160))
-    yield engine.cold(Settings(scene="tube", width=160))
-    engine.close()
-
-
-@pytest.fixture(scope="module")
-def trusted(outcome):
-    """The same, and how far it can be trusted, and what other λ would leave."""
-    lam, alike = np.array([0.1, 1.0, 10.0]), np.array([-0.2, 0.1, 0.2])
-    curve = LamCurve(0.5, lam, lam, lam, alike, np.zeros(3))
-    return replace(outcome, trust=el.trust_of(outcome.result, draws=4), curve=curve)
-
-
-def third_of(outcome, third, limits=None):
-    """The third panel of a board."""
-    picture = outcome_board(outcome, Cut(), limits, third=third)
-    return picture[: picture.shape[0] // 2, 2 * picture.shape[1] // 3 :]
-
-
-def test_the_third_view_shows_what_was_chosen(trusted):
-    views = [third_of(trusted, third) for third in BESIDES]
-    assert all((one != other).any() for i, one in enumerate(views) for other in views[:i])
-    _, sigma, decided, weights = views
-    mask, inner = trusted.result.mask, np.s_[TITLE : TITLE + HEIGHT, EDGE : EDGE + WIDTH]
-    percent = np.where(mask, 100 * trusted.trust.sigma / trusted.result.distance, np.nan)
-    most = next(limit for limit in (2, 5, 10, 20, 50, 100) if limit >= np.nanpercentile(percent, 98))
-    large = cv2.resize(coloured(percent, (0, most), "magma"), (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
-    assert np.array_equal(sigma[inner], large)
-    for k, colour in enumerate(DECIDERS.values(), 1):
-        share = np.mean((decided[inner] == colour).all(axis=-1))
-        assert share == pytest.approx(np.mean(trusted.trust.decided_by == k), abs=0.15)
-    assert (weights == COLOURS["now"]).all(axis=-1).any()
-
-
-def test_the_marker_follows_the_slider(trusted):
-    def marker(lam):
-        picture = third_of(replace(trusted, settings=replace(trusted.settings, lam=lam)), "λ")
-        return np.flatnonzero((picture == COLOURS["now"]).all(axis=-1).sum(axis=0) > 100).mean()
-
-    assert marker(0.2) < marker(1.0) < marker(5.0)
-    middle = (marker(0.1) + marker(10.0)) / 2
-    assert marker(1.0) == pytest.approx(middle, abs=1.5)
-
-
-def test_what_is_not_known_yet_or_never_is_grey_and_a_lends_its_colours(trusted, outcome):
-    known = third_of(trusted, "normals")
-    for third in ("σ", "who decided", "λ"):
-        waiting, never = third_of(outcome, third), third_of(replace(outcome, untold="no energy"), third)
-        assert (waiting[100, 100] == LEFT_OUT).all()
-        assert (waiting != never).any()
-        assert known.shape == waiting.shape
-    trust = replace(trusted.trust, sigma=5 * trusted.trust.sigma)
-    other = replace(trusted, trust=trust)
-    alone, beside = third_of(other, "σ"), third_of(other, "σ", limits_of(trusted))
-    bar = np.s_[TITLE:, EDGE + WIDTH :]
-    assert np.array_equal(beside[bar], third_of(trusted, "σ")[bar])
-    assert (alone[bar] != beside[bar]).any()
-
-
-def test_a_third_view_is_chosen_without_a_solve(make):
-    box = make()
-    final = box.engine.wait(30)
-    before = box.pair.picture.value
-    box.knobs["third"].value = "σ"
-    until(lambda: box.pair.shown.trust is not None, 60)
-    assert box.pair.shown.result is final.result
-    assert box.pair.picture.value != before
-    assert "third" not in box.python()
-    box.knobs["third"].value = "normals"
-    assert box.pair.picture.value == before
-    assert box.engine.complaint == ""
-
-
-def test_a_board_shows_what_is_known_and_a_cut_stays_in_the_picture(outcome):
-    whole = outcome_board(outcome, Cut())
-    assert whole.shape == (548, 1176, 3)
-    blind = outcome_board(replace(outcome, subject=replace(outcome.subject, truth=None)), Cut(0.0, True))
-    assert blind.shape == whole.shape
-    assert (blind != whole).any()
-    assert [Cut(share).index((3, 4)) for share in (0, 0.5, 1)] == [0, 2, 3]
-    assert [Cut(share, True).index((3, 4)) for share in (0, 0.5, 1)] == [0, 1, 2]
-
-
-def test_colours_span_their_limits_and_leave_out_what_is_unknown():
-    values = np.array([[0.0, 1.0, 5.0, np.nan]])
-    assert coloured(values, (0, 1)).tolist()[0] == [[68, 1, 84], [253, 231, 37], [253, 231, 37], [184] * 3]
-    middle = coloured(np.zeros((1, 1)), (-1, 1), "diverging")[0, 0]
-    assert middle.min() > 250
-    assert grey_or_colour(np.array([[0.5, np.nan]])).tolist()[0] == [[128] * 3, [184] * 3]
-
-
-@pytest.mark.parametrize(("low", "high"), [(0, 1), (-3.2, 170), (1e-5, 2e-5), (2, 2)])
-def test_ticks_are_round_and_within(low, high):
-    marks = ticks(low, high)
-    assert 1 <= len(marks) <= 8
-    assert all(low - 1e-12 <= mark <= high + 1e-12 for mark in marks)
-
-
-def test_a_panel_takes_any_shape_and_a_curve_of_one_point_is_a_dot():
-    shapes = {map_panel("", np.zeros((h, w, 3), np.uint8)).shape for h, w in ((1, 1), (900, 3), (480, 640))}
-    assert len(shapes) == 1
-    curves = [("data", np.zeros(1), np.ones(1))], [("data", np.zeros(1), np.full(1, np.nan))]
-    drawn, blank = (curve_panel("", each, "x", "y", y_limits=(0, 2)) for each in curves)
-    assert (drawn != blank).any()

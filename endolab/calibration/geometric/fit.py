@@ -6,7 +6,7 @@ an equidistant camera the poses follow linearly from the rays (`planar_pose`), t
 the full model.
 """
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
 
@@ -60,6 +60,11 @@ class GeometricFit:
         return float(np.mean(np.concatenate(self.inliers)))
 
 
+def _poses_of(found: GeometricFit) -> dict[tuple[str, int], Pose]:
+    """The poses of a fit, by frame and panel."""
+    return {(view.name, view.panel): pose for view, pose in zip(found.views, found.poses, strict=True)}
+
+
 def _columns(names: Collection[str]) -> FloatArray:
     """Return the basis in which the named numbers of the camera are free."""
     return np.eye(8)[:, [name in names for name in NAMES]]
@@ -70,13 +75,14 @@ def _label(view: View, target: Target) -> str:
 
 
 def _first_poses(
-    views: Sequence[View], target: Target, camera: KannalaBrandt
+    views: Sequence[View], target: Target, camera: KannalaBrandt, known: Mapping[tuple[str, int], Pose]
 ) -> tuple[list[View], list[Pose], dict[str, str]]:
-    """Linear poses, of the views that have one; and why the others have none."""
+    """Known poses, by frame and panel, or linear ones, of the views that have one; why others have none."""
     kept, poses, dropped = [], [], {}
     for view in views:
         try:
-            poses.append(linear_pose(view, target, camera))
+            pose = known.get((view.name, view.panel))
+            poses.append(linear_pose(view, target, camera) if pose is None else pose)
         except ValueError as error:
             dropped[_label(view, target)] = str(error)
         else:
@@ -96,7 +102,7 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
     some = views[:: -(-len(views) // SOME)]
     for focal in FOCAL_LENGTHS * width:
         camera = KannalaBrandt(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
-        kept, poses, dropped = _first_poses(some, target, camera)
+        kept, poses, dropped = _first_poses(some, target, camera, {})
         misses = np.full(len(some), np.inf)
         if kept:
             model = Reprojection(kept, target, np.zeros((8, 0)), np.zeros(4), discs=False)
@@ -181,7 +187,7 @@ def calibrate_camera(
     width: int,
     height: int,
     *,
-    start: KannalaBrandt | None = None,
+    start: KannalaBrandt | GeometricFit | None = None,
     fixed: Collection[str] = (),
     observers: Iterable[Callable[[FitIterate], bool | None]] = (),
 ) -> GeometricFit:
@@ -194,9 +200,10 @@ def calibrate_camera(
     target : Target
     width, height : int
         Of the pictures, px.
-    start : KannalaBrandt, optional
+    start : KannalaBrandt or GeometricFit, optional
         A camera near the truth. Then one view is enough, and what it cannot tell shows in the
-        standard errors.
+        standard errors. Or a fit of nearly the same views: then the views must tell the camera as they
+        must without a start, and it is found sooner.
     fixed : collection of str
         Of fx, fy, cx, cy, k1 to k4: numbers that stay as they are in `start`; without it the
         centre of the picture and no distortion.
@@ -209,28 +216,33 @@ def calibrate_camera(
         If the views cannot tell the camera: too few, none tilted, or a standard error that is
         too large; the sentence says what was found and what is needed.
     """
-    if start is not None and (start.width, start.height) != (width, height):
-        raise ValueError(f"start must be of {width}x{height} px, got {start.width}x{start.height}")
+    before = start if isinstance(start, GeometricFit) else None
+    given = start.camera if isinstance(start, GeometricFit) else start
+    if given is not None and (given.width, given.height) != (width, height):
+        raise ValueError(f"start must be of {width}x{height} px, got {given.width}x{given.height}")
     if unknown := set(fixed) - set(NAMES):
         raise ValueError(f"fixed must name some of {', '.join(NAMES)}, got {', '.join(sorted(unknown))}")
-    if start is None:
+    on_their_own = start is None or before is not None  # the views have to tell all
+    if on_their_own:
         _refuse_few(len(views), {})
     elif not views:
         raise ValueError("a calibration needs a view at least, got none")
-    camera = _start(views, target, width, height) if start is None else start
+    camera = _start(views, target, width, height) if given is None else given
     free = [name for name in NAMES if name not in fixed]
-    kept, poses, dropped = _first_poses(views, target, camera)
+    known = {} if before is None else _poses_of(before)
+    kept, poses, dropped = _first_poses(views, target, camera, known)
     if not kept:
         raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
     geometry = Geometry.of(camera_vector(camera), poses)
-    usual = np.array(camera.k)
-    for basis in _stages(free, start is None):
+    # What a fit found before is no evidence beside the views themselves.
+    usual = np.where(np.isin(NAMES[4:], free), 0.0, camera.k) if on_their_own else np.array(camera.k)
+    for basis in _stages(free, given is None):
         model = Reprojection(kept, target, basis, usual, discs=False)
         geometry = _approach(model, geometry)
     kept, geometry, more = _drop(kept, geometry, target, _far_off(model, geometry))
     found, kept, disagreeing = _fit_views(kept, geometry, target, basis, usual, list(observers))
     result = _result(found, kept, dropped | more | disagreeing, target, (width, height), free)
-    if start is None:
+    if on_their_own:
         _refuse_few(len(result.views), result.dropped)
         _refuse_untold(result)
     return result

@@ -66,8 +66,8 @@ class _Fan:
     c: FloatArray
     s: FloatArray
     theta: FloatArray
-    slope: FloatArray  # dρ/dϑ
-    ratio: FloatArray  # ρ / side
+    slope: FloatArray  # dh/dϑ
+    ratio: FloatArray  # h / side
     over: FloatArray  # 1 / (side² + z²)
 
 
@@ -80,7 +80,7 @@ def _fan(points: FloatArray, k: FloatArray) -> _Fan:
     theta = np.arctan2(side, z)
     t = theta * theta
     k1, k2, k3, k4 = k
-    value = 1 + t * (k1 + t * (k2 + t * (k3 + t * k4)))  # ρ/ϑ
+    value = 1 + t * (k1 + t * (k2 + t * (k3 + t * k4)))  # h/ϑ
     slope = 1 + t * (3 * k1 + t * (5 * k2 + t * (7 * k3 + t * 9 * k4)))
     # On the axis ϑ/side → 1/z.
     ratio = value * np.where(axial, 1 / np.where(axial, z, 1.0), theta / safe)

@@ -3,7 +3,7 @@
 Scale γ by 1 + δ: the grey levels stay as they are if L grows by the factor 1 + δ as well. Of L,
 the k log cos α, the gains and log f are free to do so. What isn't is
 
-    s = -2 log d + log cos θ + log ρ   (ρ of materials whose reflectance is known)
+    s = -2 log d + log cos θ + log a   (a of materials whose reflectance is known)
 
 unless a constant per frame (the gain), a function of θ (the BRDF) and a multiple of log cos α
 make up for δ·s. On a flat sheet with the light at the camera they do: the sheet's height over the

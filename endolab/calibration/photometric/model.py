@@ -2,7 +2,7 @@
 
 A sample of frame t on material m at the point x should have the grey level
 
-    I = 255 · exp(L/γ),  L = k log cos ψ - 2 log r + log cos θ + log f(θ) + log ρ_m + log g_t
+    I = 255 · exp(L/γ),  L = k log cos ψ - 2 log r + log cos θ + log f(θ) + log a_m + log g_t
 
 r is the distance to the light, θ the angle at the surface and ψ the angle off the light's
 direction; with the light at the optical centre r = d and ψ = α. f is linear between its nodes, just

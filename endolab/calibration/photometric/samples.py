@@ -21,6 +21,18 @@ LARGE = 960  # px; in pictures as wide as this the light of 3x3 pixels is averag
 RIM = 1.5  # px between a window and the rim of the ink: half of rounding, the rest of blur
 EDGE = 0.04  # relative step of distance within 3x3 pixels that makes them an edge
 GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
+MOST = 200  # samples of a frame; more would only make one frame count more than another
+
+# What becomes of a place of the sheet in a frame; the first that is true.
+READ, UNLOCATED, UNSEEN, OUTSIDE, NARROW, BEHIND = range(6)
+FATES = (
+    "read",
+    "its panel was not located",
+    "beyond the field of the lens",
+    "outside the picture",
+    "too little bare paper: near ink, far or slanted",
+    "seen from behind",
+)
 
 
 @dataclass(frozen=True)
@@ -86,6 +98,66 @@ def sample_places(target: Target, white: FloatArray | None = None) -> tuple[Floa
     return np.concatenate([np.column_stack([white, np.ones(len(white))]), greys]), material
 
 
+@dataclass(frozen=True)
+class Places:
+    """What one frame shows of the places of a sheet where its brightness can be read, (n,) each."""
+
+    fate: IntArray  # READ, or why not: an index of `FATES`
+    pixels: FloatArray  # (n, 2), column and row of the nearest pixel's centre; nan where unknown
+    points: FloatArray  # (n, 3), where that pixel's ray meets the panel, camera frame, mm; nan where not read
+    normals: FloatArray  # (n, 3), of the panel, towards the camera; nan where not read
+
+
+def window_side(width: int, window: int | None = None) -> int:
+    """Side of the square of pixels that a sample is the mean of, px: 3 in a large picture, else 1."""
+    return (3 if width >= LARGE else 1) if window is None else window
+
+
+def find_places(
+    spots: FloatArray,
+    target: Target,
+    poses: Sequence[Pose | None],
+    camera: Camera,
+    size: tuple[int, int],
+    side: int,
+) -> Places:
+    """Find where a frame of a size (width, height), px, shows `spots` of a sheet, and which can be read.
+
+    The spots, (n, 4), are those of `sample_places`. Around each that is read, a square of `side` px is bare.
+    """
+    panel, n, (width, height) = target.panel_of(spots), len(spots), size
+    fate, pixels = np.full(n, UNLOCATED), np.full((n, 2), np.nan)
+    points, normals = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+    for number, pose in enumerate(poses):
+        here = np.flatnonzero(panel == number)
+        if pose is None or not here.size:
+            continue
+        centre = np.column_stack([spots[here, :2], np.zeros(len(here))])
+        edges = np.array([[[1, 0, 0]], [[0, 1, 0]]]) * spots[here, 2, None]
+        pixel = camera.project(pose.transform(centre))
+        axes = camera.project(pose.transform(centre + edges)) - pixel
+        # The window's corner, the rounding to a pixel and its blur must all lie on bare paper,
+        # in the narrowest direction: the short axis of the ellipse that these two axes span.
+        square = np.sum(axes**2, axis=(0, 2)) / 2
+        area = axes[0, :, 0] * axes[1, :, 1] - axes[0, :, 1] * axes[1, :, 0]
+        short = np.sqrt(np.maximum(square - np.sqrt(np.maximum(square**2 - area**2, 0)), 0))
+        with np.errstate(invalid="ignore"):
+            nearest, half = np.round(pixel), side // 2
+            wide = short >= RIM + np.sqrt(2) * side / 2
+            inside = np.all((nearest >= half) & (nearest < [width - half, height - half]), axis=1)
+        pixels[here] = nearest
+        fate[here] = np.where(inside, np.where(wide, READ, NARROW), OUTSIDE)
+        fate[here[~np.isfinite(pixel).all(axis=1)]] = UNSEEN
+        good = here[wide & inside]
+        rays = camera.unproject(pixels[good])
+        points[good] = rays * ((pose.translation @ pose.normal) / (rays @ pose.normal))[:, None]
+        normals[good] = pose.normal
+        distance = np.linalg.norm(points[good], axis=1)
+        towards = -np.einsum("ni,ni->n", points[good], normals[good]) / distance
+        fate[good[~((towards > 0) & np.isfinite(distance))]] = BEHIND
+    return Places(fate, pixels, points, normals)
+
+
 def sample_sheet(
     image: FloatArray,
     target: Target,
@@ -94,7 +166,7 @@ def sample_sheet(
     *,
     frame: int = 0,
     gamma: float = 2.2,
-    most: int = 200,
+    most: int = MOST,
     window: int | None = None,
     places: FloatArray | None = None,
 ) -> Samples:
@@ -107,41 +179,17 @@ def sample_sheet(
     `places` is `target.white_places()`, if at hand.
     """
     spots, material = sample_places(target, places)
-    panel = target.panel_of(spots)
-    found = []
     height, width = image.shape
-    side = (3 if width >= LARGE else 1) if window is None else window
+    side = window_side(width, window)
+    found = find_places(spots, target, poses, camera, (width, height), side)
     linear = cv2.blur(image.astype(np.float32) ** gamma, (side, side))
-    for number, pose in enumerate(poses):
-        here = panel == number
-        if pose is None or not here.any():
-            continue
-        centre = np.column_stack([spots[here, :2], np.zeros(here.sum())])
-        edges = np.array([[[1, 0, 0]], [[0, 1, 0]]]) * spots[here, 2, None]
-        pixel = camera.project(pose.transform(centre))
-        axes = camera.project(pose.transform(centre + edges)) - pixel
-        # The window's corner, the rounding to a pixel and its blur must all lie on bare paper,
-        # in the narrowest direction: the short axis of the ellipse that these two axes span.
-        square = np.sum(axes**2, axis=(0, 2)) / 2
-        area = axes[0, :, 0] * axes[1, :, 1] - axes[0, :, 1] * axes[1, :, 0]
-        short = np.sqrt(np.maximum(square - np.sqrt(np.maximum(square**2 - area**2, 0)), 0))
-        with np.errstate(invalid="ignore"):
-            nearest, half = np.round(pixel), side // 2
-            good = short >= RIM + np.sqrt(2) * side / 2
-            good &= np.all((nearest >= half) & (nearest < [width - half, height - half]), axis=1)
-        column, row = nearest[good].astype(int).T
-        light = linear[row, column].astype(np.float64)
-        rays = camera.unproject(nearest[good])
-        depth = (pose.translation @ pose.normal) / (rays @ pose.normal)
-        frames, normals = np.full(good.sum(), frame), np.tile(pose.normal, (good.sum(), 1))
-        level, points = light ** (1 / gamma), rays * depth[:, None]
-        found.append(Samples(frames, level, points, normals, material[here][good]))
-    samples = Samples.concatenate(found)
-    samples = samples[(samples.cos_theta > 0) & np.isfinite(samples.distance)]
-    if len(samples) > most:
-        chosen = np.random.default_rng(frame).choice(len(samples), most, replace=False)
-        samples = samples[np.sort(chosen)]
-    return samples
+    read = np.flatnonzero(found.fate == READ)
+    read = read[np.argsort(target.panel_of(spots[read]), kind="stable")]  # panel by panel
+    if len(read) > most:
+        read = read[np.sort(np.random.default_rng(frame).choice(len(read), most, replace=False))]
+    column, row = found.pixels[read].astype(int).T
+    level = linear[row, column].astype(np.float64) ** (1 / gamma)
+    return Samples(np.full(len(read), frame), level, found.points[read], found.normals[read], material[read])
 
 
 def sample_surface(

@@ -1,0 +1,110 @@
+"""The command that tunes: the tuner in the browser, without a notebook around it."""
+
+import argparse
+import os
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from endolab._extras import need
+from endolab.cli.options import add_command, whole
+
+PORT = 8877  # the first that is tried, apart from JupyterLab's
+
+
+def _tune(arguments: argparse.Namespace) -> None:
+    need("ipywidgets", "anywidget", "tornado")
+    from endolab.cli.lab import free_port
+    from endolab.datasets.known_endoscopes import load_calibration
+    from endolab.io.images import read_frame
+
+    if arguments.width < 16:
+        raise ValueError(f"--width must be at least 16 px, got {arguments.width}")
+    port = free_port(arguments.port)
+
+    from endolab.tuning.folder import find_pictures, is_report, read_truth
+
+    if is_report(arguments.frame):
+        given = [name for name in ("calibration", "truth") if getattr(arguments, name) is not None]
+        if given:
+            raise ValueError(
+                f"--{given[0]} is for frames, and {arguments.frame} is the report of a calibration"
+            )
+        _serve(arguments, port, Path(arguments.frame).name, lambda: _calibration_board(arguments.frame))
+        return
+    if arguments.calibration is None:
+        raise ValueError("--calibration is missing: endoscope.json, or a known endoscope's name")
+    calibration = load_calibration(arguments.calibration)
+    pictures = find_pictures(arguments.frame)
+    if arguments.truth is not None and len(pictures) > 1:
+        raise ValueError("--truth is of one frame, and there is a folder of them")
+    first = read_frame(pictures[0], calibration)
+    truth = None if arguments.truth is None else read_truth(arguments.truth, calibration)
+
+    def make() -> Any:
+        from endolab.tuning.app import App
+
+        return App(pictures, calibration, first, truth, width=arguments.width)
+
+    _serve(arguments, port, first.name, make)
+
+
+def _calibration_board(report: str) -> Any:
+    from endolab.tuning.calibration.board import tune_calibration
+
+    return tune_calibration(report)
+
+
+def _serve(arguments: argparse.Namespace, port: int, name: str, make: Callable[[], Any]) -> None:
+    """Show a widget until its page is closed."""
+    from endolab.tuning.server import Page
+
+    page = Page(make, f"{name} · endolab", port)
+
+    def opened() -> None:
+        taken = f" (port {arguments.port} is taken)" if port != arguments.port else ""
+        print(f"tuner: {page.link}{taken}", flush=True)
+        print("It ends when its page is closed, or by Ctrl-C.", flush=True)
+        if arguments.browser:
+            threading.Thread(target=_open, args=(page.link,), daemon=True).start()
+
+    with suppress(KeyboardInterrupt):  # which is how it ends
+        page.run(opened)
+    print("ended", flush=True)
+    if page.busy:  # Python would wait for it
+        os._exit(0)
+
+
+def _open(link: str) -> None:
+    if not webbrowser.open(link):
+        print("There is no browser that could be opened; open the link.", file=sys.stderr, flush=True)
+
+
+def add_tune_command(commands: Any) -> None:
+    """Add the command `tune` to a parser."""
+    command = add_command(
+        commands,
+        "tune",
+        _tune,
+        "the tuner in the browser, for frames or a calibration's report",
+        "endolab tune frame.png --calibration endoscope.json",
+        "endolab tune frames --calibration c3vd --width 480",
+        "endolab tune a.png --calibration endoscope.json --truth truth.npz",
+        "endolab tune endoscope_report",
+    )
+    option = command.add_argument
+    option(
+        "frame",
+        metavar="FRAME",
+        help="PNG, JPEG or TIFF, 8 or 16 bits; a folder of these, or of a calibration's report",
+    )
+    option("--calibration", metavar="CAL", help="endoscope.json, or a known endoscope's name")
+    option("--truth", metavar="T", help="truth.npz of the frame, or its depth map of a published data set")
+    option("--width", type=whole, default=320, metavar="PX", help="to begin with (default 320)")
+    option("--port", type=whole, default=PORT, metavar="N", help=f"the next free one (default {PORT})")
+    how = "print the link, and open no browser"
+    option("--no-browser", action="store_false", dest="browser", help=how)

@@ -1,0 +1,84 @@
+"""Pages of notebooks in a browser: folds, positions of a slider, a surface without a kernel."""
+
+import nbformat
+import pytest
+
+from tests.browser.conftest import SCREENSHOTS
+from tests.tools import render_pages as pages
+
+EXERCISE = """$x^2$: why?
+
+<details><summary>Hint 1</summary>
+
+Think.
+</details>
+
+<details><summary>Solution</summary>
+
+```python
+answer = 42
+```
+
+Therefore.
+</details>
+
+**Next:** more.
+"""
+
+
+SLIDER = """from ipywidgets import interact
+@interact(a=(0, 9))
+def show(a=4):
+    print(f"a is {a}")
+"""
+SURFACE = """import endolab as el
+calibration = el.load_calibration("paper", width=64)
+scene = el.render(el.SCENES["plane"], calibration.camera, calibration.photometry)
+known = el.Calibration(scene.camera, scene.photometry)
+el.show_surface(el.reconstruct(el.Frame(scene.image, scene.mask), known, channel="green"))
+"""
+
+
+@pytest.fixture
+def notebooks(tmp_path):
+    """Folder of a notebook with an exercise, a slider, a surface, and a cell whose code is hidden."""
+    folder = tmp_path / "notebooks"
+    folder.mkdir()
+    hidden = nbformat.v4.new_code_cell("print(6 * 7)", metadata={"jupyter": {"source_hidden": True}})
+    others = [nbformat.v4.new_code_cell(code) for code in (SLIDER, SURFACE)]
+    cells = [hidden, *others, nbformat.v4.new_markdown_cell(EXERCISE)]
+    nbformat.write(nbformat.v4.new_notebook(cells=cells), folder / "01_a.ipynb")
+    (folder / "README.md").write_text("[one](01_a.ipynb)")
+    return folder
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+@pytest.mark.usefixtures("compiled")
+@pytest.mark.parametrize("more", [[], ["--solutions"]], ids=["folded", "open"])
+def test_a_solution_is_in_view_where_it_was_asked_for(browser, notebooks, tmp_path, more):
+    pytest.importorskip("dash")  # the formulas' script
+    assert pages.main([str(notebooks), str(tmp_path / "html"), *more]) == 0
+    page, outside = browser.new_page(), []
+    page.on("request", lambda request: outside.append(request.url))
+    page.goto((tmp_path / "html" / "01_a.html").as_uri())
+    page.locator("mjx-container").wait_for()
+    solution = [page.get_by_text("answer"), page.get_by_text("Therefore.")]
+    code, hint = page.locator(".endolab-code pre"), page.get_by_text("Think.")
+    assert [part.is_visible() for part in [*solution, code, hint]] == [bool(more), bool(more), False, False]
+    assert page.get_by_text("42", exact=True).first.is_visible()  # what the hidden code printed
+    assert page.get_by_text("Next:").is_visible()
+    page.get_by_text("Code", exact=True).click()
+    assert code.is_visible()
+    if not more:
+        page.get_by_text("Solution", exact=True).click()
+    assert all(part.is_visible() for part in solution)
+    at = [page.get_by_text(f"a is {a}") for a in (4, 9)]
+    assert [one.is_visible() for one in at] == [True, False]
+    page.locator("label", has_text="9").click()
+    assert [one.is_visible() for one in at] == [False, True]
+    page.locator(".endolab-alive .endolab-size", has_text="mm").wait_for()  # it has been drawn
+    assert page.locator(".endolab-alive img").count() == 0
+    assert all(url.startswith(("file:", "data:", "blob:")) for url in outside)
+    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=SCREENSHOTS / f"pages-{'open' if more else 'folded'}.png")
+    page.close()

@@ -1,0 +1,178 @@
+"""``endolab tune``: what it is given, and a sentence about whatever is wrong; browser tests open it."""
+
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import psutil
+import pytest
+
+import endolab as el
+from endolab.cli import lab, tune
+from endolab.cli import main as cli
+from endolab.datasets import load_calibration
+from endolab.io.surfaces import read_depth
+from endolab.tuning.folder import find_pictures, read_truth
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("made")
+    options = ["--calibration", "simple", "--width", "64", "--out"]
+    assert cli.main(["simulate", "curved", *options, str(folder / "sim")]) == 0
+    (folder / "several").mkdir()
+    for name in ("f10.png", "f9.png", "0001_depth.png", ".hidden.png"):
+        shutil.copy(folder / "sim/frame.png", folder / "several" / name)
+    (folder / "several/notes.txt").write_text("no picture")
+    (folder / "depths").mkdir()
+    shutil.copy(folder / "sim/frame.png", folder / "depths/0001_depth.png")
+    (folder / "empty").mkdir()
+    (folder / "none.png").write_bytes(b"no picture")
+    shutil.copy(folder / "none.png", folder / "video.mp4")
+    cv2.imwrite(str(folder / "large.png"), np.zeros((96, 128), np.uint8))
+    return folder
+
+
+def test_pictures_of_a_folder_come_by_number_and_depth_maps_do_not(made):
+    assert [path.name for path in find_pictures(made / "several")] == ["f9.png", "f10.png"]
+    assert find_pictures(made / "sim/frame.png") == [made / "sim/frame.png"]
+
+
+def test_the_truth_is_a_distance(made):
+    calibration = el.Calibration.load(made / "sim/endoscope.json")
+    expected = read_depth(made / "sim/truth.npz")
+    assert np.array_equal(
+        read_truth(made / "sim/truth.npz", calibration), expected["distance"], equal_nan=True
+    )
+    stored = np.round(expected["z"] / 100 * 65535)  # as C3VD stores it
+    cv2.imwrite(str(made / "0001_depth.png"), stored.astype(np.uint16))
+    found = read_truth(made / "0001_depth.png", calibration)
+    known = np.isfinite(found)
+    assert known.mean() > 0.9
+    assert np.allclose(found[known], expected["distance"][known], rtol=1e-3)
+    larger = el.Calibration(calibration.camera.resize(128, 96), calibration.photometry)
+    for name in ("sim/truth.npz", "0001_depth.png"):
+        with pytest.raises(
+            ValueError, match=f"{Path(name).name} is 64x48 px, but the calibration is for 128"
+        ):
+            read_truth(made / name, larger)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("none", "none: there is no such file"),
+        ("none.png", "none.png: not a picture that can be read (PNG, JPEG, TIFF or BMP of 8 or 16 bits)"),
+        ("large.png", "large.png is 128x96 px, but the calibration is for 64x48 px"),
+        ("empty", "empty: no picture in this folder (.png, "),
+        ("depths", "depths: only depth maps are in this folder, no picture"),
+        ("video.mp4", "video.mp4: the tuner takes a picture or a folder of pictures, not a video"),
+        ("several --truth sim/truth.npz", "--truth is of one frame, and there is a folder of them"),
+        ("sim/frame.png --truth none.npz", "none.npz: there is no such "),
+        ("sim/frame.png --truth large.png", "large.png: expected truth.npz, C3VD's "),
+        ("sim/frame.png --width 3", "--width must be at least 16 px, got 3"),
+        ("sim/frame.png --port 0", "--port must be from 1 to 65535, got 0"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence_and_no_browser_opens(words, said, made, monkeypatch, capsys):
+    monkeypatch.chdir(made)
+    monkeypatch.setattr(tune.webbrowser, "open", lambda link: pytest.fail("a browser was opened"))
+    assert cli.main(["tune", *words.split(), "--calibration", "sim/endoscope.json"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"endolab: {said}")
+    assert error.count("\n") == 1
+
+
+def test_all_ports_taken_is_a_sentence(made, monkeypatch, capsys):
+    monkeypatch.setattr(lab, "PORTS", 1)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        command = ["tune", str(made / "sim/frame.png"), "--calibration", str(made / "sim/endoscope.json")]
+        assert cli.main([*command, f"--port={port}"]) == 2
+    assert f"all ports from {port} to {port} are taken" in capsys.readouterr().err
+
+
+def test_without_a_browser_there_is_a_sentence_and_the_link(monkeypatch, capsys):
+    monkeypatch.setattr(tune.webbrowser, "open", lambda link: False)
+    tune._open("a link")
+    assert "no browser that could be opened" in capsys.readouterr().err
+
+
+def test_it_prints_a_link_on_the_next_free_port_and_ends_by_interrupt(made):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        command = [sys.executable, "-m", "endolab", "tune", str(made / "sim/frame.png"), "--no-browser"]
+        command += [f"--port={port}", "--calibration", str(made / "sim/endoscope.json"), "--width=64"]
+        how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": ROOT}
+        # A job in the background ignores Ctrl-C, and so would its children.
+        how["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+        with subprocess.Popen(command, **how) as process:
+            watch = threading.Timer(120, process.kill)
+            watch.start()
+            line = process.stdout.readline()
+            link = r"tuner: http://127\.0\.0\.1:(\d+)/\?token=(\w{48}) \(port (\d+) is taken\)\n"
+            found = re.fullmatch(link, line)
+            assert found, line
+            assert port < int(found[1]) < port + lab.PORTS
+            own = psutil.Process(process.pid)
+            listening = [at.laddr for at in own.net_connections("tcp") if at.status == psutil.CONN_LISTEN]
+            assert [(at.ip, at.port) for at in listening] == [("127.0.0.1", int(found[1]))]
+            assert found[2] not in " ".join(own.cmdline())
+            time.sleep(0.5)
+            process.send_signal(2)
+            out, error = process.communicate(timeout=60)
+            watch.cancel()
+    assert (process.returncode, out.splitlines()[-1], error) == (0, "ended", "")
+
+
+def test_a_frame_of_twelve_megapixels_opens_without_gigabytes(tmp_path):
+    """At the tuner's width, in a process of its own; 0.3 GB of it is the picture in double precision."""
+    known = load_calibration("paper")
+    el.Calibration(known.camera.resize(4000, 3000), known.photometry).save(tmp_path / "large.json")
+    small = el.render(el.SCENES["tube"], known.camera.resize(400, 300), known.photometry).image
+    stored = cv2.resize(np.round(255 * small[..., ::-1]).astype(np.uint8), (4000, 3000))
+    cv2.imwrite(str(tmp_path / "large.png"), stored)
+    code = f"""
+import re
+from pathlib import Path
+from endolab.io.images import read_frame
+from endolab.datasets import load_calibration
+from endolab.tuning.app import App
+known = load_calibration({str(tmp_path / "large.json")!r})
+first = read_frame({str(tmp_path / "large.png")!r}, known)
+app = App([], known, first, width=160)
+outcome = app.tuner.engine.wait(200)
+assert outcome.error is None, outcome.error
+app.close()
+# Of this program alone: ru_maxrss begins with that of the one which started it.
+peak = re.search("VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]
+print(outcome.result.mask.shape[1], peak)
+"""
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=250)
+    assert done.returncode == 0, done.stderr
+    width, peak = map(int, done.stdout.split())
+    assert width == 160
+    assert peak < 1_000_000  # kB
+
+
+def test_a_report_needs_no_calibration_and_takes_none(made, capsys):
+    report = made / "endoscope_report"
+    report.mkdir()
+    for name in ("report.json", "detections.jsonl"):
+        (report / name).write_text("{}")
+    assert cli.main(["tune", str(report), "--calibration", "simple", "--no-browser"]) == 2
+    assert "--calibration is for frames" in capsys.readouterr().err
+    assert cli.main(["tune", str(report), "--no-browser"]) == 2
+    assert "not the report of a calibration" in capsys.readouterr().err
+    assert cli.main(["tune", str(made / "sim/frame.png"), "--no-browser"]) == 2
+    assert "--calibration is missing" in capsys.readouterr().err
