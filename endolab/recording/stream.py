@@ -6,10 +6,10 @@ import contextlib
 import struct
 import subprocess
 import tempfile
+import threading
 import time
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
 
@@ -50,6 +50,7 @@ class Sink:
         if self.path is not None and self.path.suffix != ".rrd":
             raise ValueError(f"a recording's name ends in .rrd, got {path}")
         self.open = True
+        self._alone = threading.Lock()  # of who begins or ends a memory
         self._stream: rr.RecordingStream | None = None
         self._memory: rr.BinaryStream | None = None
         self._viewer: subprocess.Popen[bytes] | None = None
@@ -102,12 +103,15 @@ class Sink:
         # Not before there is something to keep: Rerun complains of a memory that nobody reads.
         if self.path is not None and self._memory is None:
             # In a thread, which Ctrl-C does not reach: Rerun complains of one that is lost half-way, too.
-            with ThreadPoolExecutor(1) as alone:
-                alone.submit(self._remember).result()
+            remembering = threading.Thread(target=self._remember, daemon=True)
+            remembering.start()
+            remembering.join()
             self.log(CHECKSUM, rr.TextDocument(UNKNOWN.decode()), static=True)
 
     def _remember(self) -> None:
-        self._memory = rr.binary_stream(self.stream)
+        with self._alone:
+            if self.open:  # else Ctrl-C came before this thread got here
+                self._memory = rr.binary_stream(self.stream)
 
     def at(self, timeline: str, number: int, also: Mapping[str, int] | None = None) -> None:
         """Log at this place of a timeline, and `also` of others, from now on; counts for this thread only."""
@@ -183,8 +187,9 @@ class Sink:
 
     def drop(self) -> None:
         """Let go of what was logged and is not written yet; a second call does nothing."""
-        memory, stream = self._memory, self._stream
-        self.open, self._memory, self._stream = False, None, None
+        with self._alone:
+            memory, stream = self._memory, self._stream
+            self.open, self._memory, self._stream = False, None, None
         if memory is not None:
             memory.read()
         if stream is not None:

@@ -100,6 +100,7 @@ class Page:
         self.port = int(self._socket.getsockname()[1])
         self.link = f"http://127.0.0.1:{self.port}/?token={self.token}"
         self.widget: w.Widget | None = None
+        self._making = threading.Thread(target=self._begin, name="endolab page", daemon=True)
         self.failure: BaseException | None = None
         self.busy = False  # at its end: a solve is still under way, which may take as long as a compiler does
         self._pages: set[_Channel] = set()
@@ -114,11 +115,11 @@ class Page:
             asyncio.run(self._serve(opened))
         finally:
             comm.create_comm = before
-            if self.widget is not None:  # a solve may not stop at once, as when it is being compiled
-                closing = threading.Thread(target=self.widget.close, name="endolab end", daemon=True)
-                closing.start()
-                closing.join(PATIENCE)
-                self.busy = closing.is_alive()
+            # A solve may not stop at once, as when it is being compiled.
+            closing = threading.Thread(target=self._close, name="endolab end", daemon=True)
+            closing.start()
+            closing.join(PATIENCE)
+            self.busy = closing.is_alive()
         if self.failure is not None:
             raise self.failure
 
@@ -132,8 +133,7 @@ class Page:
         self._socket.setblocking(False)
         server.add_socket(self._socket)
         self._take_over()
-        making = threading.Thread(target=self._begin, name="endolab page", daemon=True)
-        making.start()
+        self._making.start()
         opened()
         try:
             await self._ended.wait()
@@ -164,7 +164,15 @@ class Page:
             self.widget = self._make()
         except BaseException as error:
             self.failure = error
-        self._loop.call_soon_threadsafe(self._made.set if self.failure is None else self._ended.set)
+        with suppress(RuntimeError):  # all has ended meanwhile
+            self._loop.call_soon_threadsafe(self._made.set if self.failure is None else self._ended.set)
+
+    def _close(self) -> None:
+        """Close the widget, which may only just be made."""
+        if self._making.is_alive():
+            self._making.join()
+        if self.widget is not None:
+            self.widget.close()
 
     # Between widgets and pages -----------------------------------------------------------
 

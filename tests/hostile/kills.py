@@ -78,7 +78,12 @@ class Kills:
             "tests.hostile.forks",
             *([] if self.package is None else [str(self.package)]),
         ]
-        environment = os.environ | {"MPLBACKEND": "Agg", "CI": "1", "OPENBLAS_NUM_THREADS": "1"}
+        environment = os.environ | {
+            "MPLBACKEND": "Agg",
+            "CI": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+            "ENDOLAB_THREADS": "1",
+        }
         environment["PYTHONPATH"] = str(self.package or ROOT)
         log = (self.place / "log").open("wb")
         self._server = subprocess.Popen(

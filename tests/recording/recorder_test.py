@@ -7,6 +7,7 @@ import resource
 import signal
 import socket
 import sys
+import threading
 import time
 from dataclasses import replace
 
@@ -23,6 +24,7 @@ from endolab.recording import layouts, viewer
 from endolab.recording import recorder as recorder_module
 from endolab.recording.pictures import Painter
 from endolab.recording.reader import read_recording
+from endolab.recording.stream import Sink
 from tests.tools.problems import coloured_colon
 from tests.tools.recorded import Recorded
 
@@ -341,6 +343,26 @@ def test_ctrl_c_as_a_recording_begins_loses_nothing_of_it(tmp_path, small, monke
     finally:
         signal.signal(signal.SIGINT, handler)
     recorder.close()
+    gc.collect()
+    assert "Dropping data" not in capfd.readouterr().err
+
+
+def test_ctrl_c_before_the_memory_is_made_leaves_none_that_comes_late(tmp_path, monkeypatch, capfd):
+    late = []
+
+    class Late(threading.Thread):
+        def start(self):
+            late.append(self._target)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading, "Thread", Late)
+    sink = Sink(tmp_path / "run.rrd")
+    with pytest.raises(KeyboardInterrupt), sink:
+        sink.begin()
+    for target in late:
+        target()
+    assert len(late) == 1
+    del sink, target, late
     gc.collect()
     assert "Dropping data" not in capfd.readouterr().err
 

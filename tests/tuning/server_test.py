@@ -4,6 +4,7 @@ import asyncio
 import http.client
 import struct
 import threading
+import time
 from contextlib import closing
 
 import comm
@@ -227,6 +228,27 @@ def test_it_ends_when_the_last_page_is_left_and_not_when_one_is_loaded_again(ser
     assert not thread.is_alive()
     assert raised == []
     assert page.widget.comm is None  # it was closed
+
+
+def test_a_widget_that_is_made_when_all_has_ended_is_closed(serve):
+    asked, leaving = threading.Event(), threading.Event()
+
+    def make():
+        asked.set()
+        assert leaving.wait(10)
+        return w.IntSlider()
+
+    page, thread, raised = serve(make)
+    assert asked.wait(10)
+    loop = page._loop
+    loop.call_soon_threadsafe(page._ended.set)
+    while not loop.is_closed():
+        time.sleep(0.01)
+    leaving.set()
+    thread.join(10)
+    assert raised == []
+    assert page.widget.comm is None
+    assert not page.busy
 
 
 @pytest.mark.parametrize("code", [None, 1001])
