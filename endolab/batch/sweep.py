@@ -5,6 +5,7 @@ import math
 import os
 import sys
 import time
+import warnings
 import zlib
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError
@@ -198,8 +199,11 @@ def _from_joblib(
     except ValueError as error:
         why = "this backend of joblib tells nothing before all is done"
         raise ValueError(f"{why}; choose loky, threading or dask") from error
-    with closing(finished):
-        yield from finished
+    try:
+        yield from (row for row in finished)  # else it would be closed before what follows
+    finally:
+        with warnings.catch_warnings(action="ignore"):  # joblib's: that some of it was in vain
+            finished.close()
 
 
 def _from_dask(

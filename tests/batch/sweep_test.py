@@ -3,6 +3,7 @@
 import csv
 import math
 import os
+import time
 from dataclasses import replace
 
 import joblib
@@ -96,6 +97,24 @@ def test_an_interrupted_sweep_goes_on(frames, tmp_path, solved):
     assert len(read_table(path)) == 3
     assert len(sweep(frames, CALIBRATION, lam=(0.1, 1), table=path)) == 4
     assert len(solved) == len(set(solved)) == 4
+
+
+def test_an_interrupt_is_all_that_is_heard_of_tasks_under_way(frames, tmp_path):
+    """Joblib warns of what was in vain, and here warnings are errors."""
+
+    def stop(done, total, row):
+        time.sleep(0.2)  # while others are done, and wait
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match="in the table"):
+        sweep(
+            frames,
+            CALIBRATION,
+            lam=np.geomspace(0.1, 1, 8),
+            table=tmp_path / "t.csv",
+            progress=stop,
+            n_jobs=2,
+        )
 
 
 def test_a_sweep_that_was_interrupted_comes_to_the_same_table(frames, tmp_path):

@@ -21,12 +21,11 @@ import cv2
 
 from tests.hostile.worker import opened
 
-
 ENDED = []  # the exit status of a command that has ended
 
 
 def leave():
-    """End at once, as `endolab` does: an interrupt in an `exec` that was survived would be Python's status."""
+    """End at once, as `endolab` does: Python's status would be an interrupt's that an `exec` survived."""
     if ENDED:
         sys.stdout.flush()
         sys.stderr.flush()

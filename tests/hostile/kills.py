@@ -266,7 +266,7 @@ def _words_after(status, number, folder, done):
     out, err = (Path(f"{folder}.{name}").read_text(errors="replace") for name in ("out", "err"))
     if done and status in (0, -number) and "in _shutdown" in err:  # all is said and written by then
         err = ""
-    if status == -signal.SIGKILL:  # joblib's tracker says what it clears away behind a process that could not
+    if status in (-signal.SIGKILL, -signal.SIGTERM):  # joblib's tracker tells what such a process left to it
         err = re.sub(r".*resource_tracker.*leaked.*\n(\s+warnings\.warn.*\n)?", "", err)
     if status == 0 or (done and status == -number):
         return list(judge.wrong_words(0, out, err, ()))
