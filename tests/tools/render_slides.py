@@ -2,8 +2,9 @@
 
 A deck for each notebook, without a network: each ``##`` begins a slide, and its pieces go onto as many as
 they take (`deck.js` measures them in the browser). Of a paragraph there is how it begins, of a short cell its
-code; hints, solutions and references stay with the handout, code that only draws is left out. A cell with
-nbconvert's ``slide_type`` "skip" is left out too, one with "slide" begins a slide.
+code; hints, solutions and references stay with the handout, code that only draws and what a check says
+where no answer is are left out. A cell with nbconvert's ``slide_type`` "skip" is left out too, one with
+"slide" begins a slide.
 """
 
 import html
@@ -17,6 +18,7 @@ from pygments import highlight
 from pygments.formatters import HtmlFormatter
 from pygments.lexers import PythonLexer
 
+from endolab.course.verdict import MISSING
 from endolab.io.atomic import staged_folder
 from tests.tools.render_pages import (
     CHOSEN,
@@ -137,6 +139,7 @@ def code_blocks(cell, path):
     """Pieces of a code cell: its code, if it is to be seen, and what it has given."""
     lines = [line for line in cell.source.splitlines() if line.strip()]
     outputs = [one for output in cell.outputs for one in pieces(shown(output, path)) if one]
+    outputs = [one for one in outputs if MISSING not in one]
     hidden = cell.metadata.get("jupyter", {}).get("source_hidden")
     if not hidden and 2 * sum(SETTING.match(line) is not None for line in lines) < len(lines):
         code = highlight(re.sub(r"\n{3,}", "\n\n", cell.source), PythonLexer(), HtmlFormatter(nowrap=True))

@@ -6,6 +6,7 @@ import nbformat
 import pytest
 from bs4 import BeautifulSoup
 
+from endolab.course.verdict import MISSING
 from tests.tools import render_slides as slides
 from tests.tools.notebook_solutions import solutions
 
@@ -86,6 +87,15 @@ def test_code_is_shown_if_it_is_short_and_is_the_idea():
     assert not long.details.has_attr("open")
     assert "data-leads" in long.attrs
     assert [out.text, drawn.text] == ["out", "drawn"]
+
+
+def test_what_a_check_says_of_no_answer_is_left_out():
+    cell = code("check.exercise_1(answer)")
+    said = {"text/markdown": f"… {MISSING}"}
+    cell.outputs = [nbformat.v4.new_output("execute_result", data=said, execution_count=1)]
+    (block,) = made("## A", cell)["A"]
+    assert "exercise_1" in block.text
+    assert "data-leads" not in block.attrs
 
 
 def test_slide_types_leave_out_and_begin():

@@ -191,10 +191,16 @@ def test_the_last_wish_wins_and_a_stop_keeps_the_best_so_far(make, views, fitted
 
 def test_an_interrupt_keeps_the_best_so_far(make, views, fitted, monkeypatch):
     box = make(fitted, SHEET)
-    monkeypatch.setattr(box.refits, "_on_step", lambda *_: time.sleep(0.3))
+    main, steps = threading.main_thread().ident, []
+
+    def on_step(*_):
+        steps.append(None)
+        if len(steps) == 2:
+            signal.pthread_kill(main, signal.SIGINT)
+        time.sleep(0.3)
+
+    monkeypatch.setattr(box.refits, "_on_step", on_step)
     box.leave_out(views[BAD].name)
-    main = threading.main_thread().ident
-    threading.Timer(0.7, signal.pthread_kill, (main, signal.SIGINT)).start()
     state = box.wait(60)
     assert state.left_out == {views[BAD].name}
     assert state.camera.status is el.Status.STOPPED

@@ -205,7 +205,8 @@ def test_bytes_go_both_ways(serve):
     asyncio.run(talk())
 
 
-def test_it_ends_when_the_last_page_is_left_and_not_when_one_is_loaded_again(serve):
+def test_it_ends_when_the_last_page_is_left_and_not_when_one_is_loaded_again(serve, monkeypatch):
+    monkeypatch.setattr(server, "GRACE", 1.5)
     page, thread, raised = serve(w.IntSlider)
 
     async def visit():
@@ -213,13 +214,13 @@ def test_it_ends_when_the_last_page_is_left_and_not_when_one_is_loaded_again(ser
         await heard(one, "ready")
         await heard(other, "ready")
         await leave(one)
-        await asyncio.sleep(0.6)
+        await asyncio.sleep(2)
         assert thread.is_alive()
         await leave(other)
         await asyncio.sleep(0.1)
         again = await connected(page)
         await heard(again, "ready")
-        await asyncio.sleep(0.6)
+        await asyncio.sleep(2)
         assert thread.is_alive()
         await leave(again)
 
@@ -262,8 +263,11 @@ def test_a_page_that_is_lost_is_waited_for(serve, code):
         if code is None:
             one.protocol.stream.close()
         one.close(code)
-        await asyncio.sleep(0.8)
+        until = time.monotonic() + 10
+        while page._pages and time.monotonic() < until:
+            await asyncio.sleep(0.01)
         assert not page._pages
+        await asyncio.sleep(2 * server.GRACE)
 
     asyncio.run(visit())
     assert thread.is_alive()
