@@ -74,7 +74,7 @@ FOLDED = (
 <style>
 summary { cursor: pointer; color: var(--jp-content-font-color2); }
 .jp-RenderedMarkdown details { margin-bottom: 1em; }
-.jp-RenderedMarkdown details div.highlight, .jp-RenderedMarkdown details > p { margin-top: .5em; margin-bottom: .8em; }
+.jp-RenderedMarkdown details > :not(summary) { margin-top: .5em; margin-bottom: .8em; }
 .endolab-code > summary { margin-left: calc(var(--jp-cell-prompt-width) + 4px); }
 .endolab-pages { padding: 8px 4px; font: 14px sans-serif; }
 a.endolab-api { color: inherit; text-decoration: underline dotted #999; }
