@@ -57,7 +57,8 @@ def calibrate_to_files(
     options["light_observers"] = [steps.append] if record else []
     with staged_folder(folder, files, overwrite=overwrite, **where) as staging:
         cache = folder / "detections.jsonl"  # which is no part of what moves in at the end
-        found = detect_cached(frames, target, cache, overwrite=overwrite, progress=progress, say=say)
+        how: dict[str, Any] = {"camera": options.get("camera"), "progress": progress, "say": say}
+        found = detect_cached(frames, target, cache, overwrite=overwrite, **how)
         options["detections"], options["size"] = found
         session = calibrate(frames, target, channel=channel, progress=progress, **options)
         write_report(session, frames, staging, channel)

@@ -58,6 +58,13 @@ def channel_of(image: FloatArray, channel: str) -> FloatArray:
     return image @ GREY_WEIGHTS if channel == "grey" else image[..., CHANNELS.index(channel)]
 
 
+def check_size(camera: KannalaBrandt | None, size: tuple[int, int]) -> None:
+    """Refuse frames of another width and height than the camera's, if there is one."""
+    if camera is not None and (camera.width, camera.height) != size:
+        frame = f"but the frames are {size[0]}x{size[1]} px"
+        raise ValueError(f"the camera is for {camera.width}x{camera.height} px, {frame}")
+
+
 def detect_all(
     frames: Named,
     target: Target,
@@ -66,12 +73,14 @@ def detect_all(
     progress: Progress = silent,
     found: Callable[[str, Detection, tuple[int, int]], None] | None = None,
     size: tuple[int, int] | None = None,
+    camera: KannalaBrandt | None = None,
 ) -> tuple[dict[str, Detection], tuple[int, int] | None]:
     """Find the target in named frames, (H, W) or (H, W, 3), None for one that could not be read.
 
     `progress` is told the stage, what is done and the total (`count`); `found` every detection with the
     size of its frame as it comes, to keep it. Returns the detections by name, and width and height, px,
-    which all frames must share (`size`, or that of the first); None if none could be read.
+    which all frames must share (`size`, or that of the first), and which must be those of the `camera` that
+    is to look at them; None if none could be read.
     """
     detections: dict[str, Detection] = {}
     first = ""
@@ -82,6 +91,7 @@ def detect_all(
             here = image.shape[1], image.shape[0]
             if size is None:
                 size, first = here, name
+                check_size(camera, size)
             elif here != size:
                 where = f"{first} is" if first else "the others are"
                 told = f"{where} {size[0]}x{size[1]} px, {name} is {here[0]}x{here[1]} px"
@@ -220,9 +230,7 @@ def calibrate(
     if isinstance(every, bool) or int(every) != every or every < 1:
         raise ValueError(f"every must be a whole number of frames, at least 1, got {every}")
     if detections is None:
-        if camera is not None:
-            size = camera.width, camera.height
-        detections, size = detect_all(frames, target, progress=progress, size=size)
+        detections, size = detect_all(frames, target, progress=progress, size=size, camera=camera)
     if size is None or not any(len(detection.ids) for detection in detections.values()):
         raise _none_found(detections, target)
     geometry = None
@@ -231,9 +239,8 @@ def calibrate(
         views = [view for name in chosen for view in views_of(name, detections[name], target)]
         geometry = calibrate_camera(views, target, *size, observers=geometry_observers)
         camera = geometry.camera
-    elif (camera.width, camera.height) != size:
-        frame = f"but the frames are {size[0]}x{size[1]} px"
-        raise ValueError(f"the camera is for {camera.width}x{camera.height} px, {frame}")
+    else:
+        check_size(camera, size)
     poses, dropped = locate(detections, target, camera, progress)
     gamma = light.get("gamma", 2.2)
     guess = 2.2 if isinstance(gamma, str) else float(np.ravel(gamma)[0])

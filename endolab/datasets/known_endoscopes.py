@@ -9,6 +9,7 @@ from endolab.model.brdf import Lambertian
 from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
 from endolab.model.photometry import Photometry
 from endolab.model.schema import unknown_name
+from endolab.numerics.checks import number
 
 NOMINAL = {"photometry": {"nominal": True}}  # evidence of a light that was taken from the paper
 
@@ -71,4 +72,5 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
         found = Calibration.load(name)
     if width is None:
         return found
-    return found.resize(width, round(found.camera.height * width / found.camera.width))
+    height = found.camera.height * number("width", width) / found.camera.width
+    return found.resize(width, round(height))

@@ -18,6 +18,7 @@ from endolab.calibration.targets import Target
 from endolab.io.atomic import PathLike, one_sentence, read_bytes, write_atomically
 from endolab.io.ownership import in_the_way
 from endolab.io.video import Frames
+from endolab.model.cameras import KannalaBrandt
 
 MARK = b'{"endolab_detections": '  # which every such file begins with
 VERSION = 2  # of the file, and of the detector: another one detects anew
@@ -88,6 +89,8 @@ class DetectionCache:
     def __exit__(self, *_: object) -> None:
         if self._stream is not None:
             self._stream.close()
+            if not self.known:  # nothing to go on from
+                self.path.unlink(missing_ok=True)
 
 
 def _checksum(said: list[object]) -> int:
@@ -99,15 +102,16 @@ def detect_cached(
     target: Target,
     cache: PathLike,
     *,
+    camera: KannalaBrandt | None = None,
     overwrite: bool = False,
     progress: Progress = silent,
     say: Callable[[str], None] | None = None,
 ) -> tuple[dict[str, Detection], tuple[int, int] | None]:
     """Find the target in the frames, going on from what a file holds of an earlier call.
 
-    As `detect_all`; `overwrite` as for `DetectionCache`; `say` is told, in a sentence, how many frames were
-    searched before. Frames that a video promises and does not hold are given that reason. An interrupt says
-    what is kept.
+    As `detect_all`, of which `camera` is, too; `overwrite` as for `DetectionCache`; `say` is told, in a
+    sentence, how many frames were searched before. Frames that a video promises and does not hold are given
+    that reason. An interrupt says what is kept.
     """
     with DetectionCache(cache, frames, target, overwrite=overwrite) as kept:
         rest = [name for name in frames.names if name not in kept.known]
@@ -115,7 +119,13 @@ def detect_cached(
             say(f"{len(kept.known)} of {len(frames)} frames were searched before; going on from there")
         try:
             found, size = detect_all(
-                frames.read(rest), target, count=len(rest), progress=progress, found=kept.add, size=kept.size
+                frames.read(rest),
+                target,
+                count=len(rest),
+                progress=progress,
+                found=kept.add,
+                size=kept.size,
+                camera=camera,
             )
         except KeyboardInterrupt:
             told = f"interrupted; {len(kept.known)} of {len(frames)} frames are searched and kept"

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from endolab.model.ranges import check_range
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import real_array
 
 
 class BRDF(Protocol):
@@ -26,7 +27,7 @@ class BRDF(Protocol):
 
 
 def _checked(name: str, value: ArrayLike, low: float) -> FloatArray:
-    array = np.asarray(value, dtype=np.float64)
+    array = real_array(name, value)
     if not np.all(np.isfinite(array) & (array >= low)):
         raise ValueError(f"{name} must be finite and at least {low:g}, got {np.array2string(array)}")
     return array
@@ -45,7 +46,7 @@ class Lambertian:
     albedo: float | tuple[float, float, float] = 1.0
 
     def __post_init__(self) -> None:
-        albedo = np.asarray(self.albedo, dtype=np.float64)
+        albedo = real_array("albedo", self.albedo)
         if albedo.shape not in ((), (3,)):
             raise ValueError(f"albedo must be one number or three (red, green, blue), got {self.albedo}")
         if not np.all((albedo > 0) & (albedo <= 1)):

@@ -32,6 +32,7 @@ from endolab.model.cameras import Camera
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
+from endolab.numerics.checks import whole
 from endolab.synthetic.mucosa import ROUGHNESS, film_radiance, rippled, tissue
 from endolab.synthetic.rendering import VEIL, Rendered, check_amounts, developed, exposed, truth_of
 from endolab.synthetic.scenes import Scene
@@ -296,8 +297,8 @@ def trace(
         fog=fog,
         noise=noise,
         bounces=bounces,
-        seed=seed,
     )
+    whole("seed", seed)
     if sheen > 1:
         raise ValueError(f"sheen must be at most 1, got {sheen:g}")
     if not LEAST_ROUGHNESS <= roughness <= 1:

@@ -9,6 +9,7 @@ from endolab.model.brdf import Glossy, Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.checks import whole
 from endolab.numerics.memory import RENDERING, check_memory
 from endolab.synthetic.scenes import Scene
 
@@ -140,7 +141,7 @@ def render(
     mask = truth["mask"]
     distance, normals = truth["distance"][mask], truth["normals"][mask]
     seen = distance[:, None] * camera.field.rays[mask]
-    rng = np.random.default_rng([seed, 0])
+    rng = np.random.default_rng([whole("seed", seed), 0])
     mottle = np.exp(texture * waves(seen, TEXTURE_SCALE, rng)[0]) if texture else 1.0
     ripple = waves(seen, RIPPLE_SCALE, rng)[1] if highlights else None
 

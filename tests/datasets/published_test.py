@@ -79,6 +79,12 @@ def test_an_unknown_endoscope():
         datasets.load_calibration("pig")
 
 
+@pytest.mark.parametrize("width", [0, 1.5, 10**400, "80"])
+def test_a_width_that_is_none(width):
+    with pytest.raises(ValueError, match="width must be a "):
+        datasets.load_calibration("paper", width=width)
+
+
 @pytest.mark.parametrize("suffix", ["png", "tiff"])
 def test_a_frame_of_c3vd(tmp_path, suffix):
     write_c3vd(tmp_path, suffix)

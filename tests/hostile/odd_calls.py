@@ -442,7 +442,10 @@ def _short(value):
     large = (isinstance(value, np.ndarray) and value.size > 9) or (
         isinstance(value, int) and abs(value) > 1e99
     )
-    text = type(value).__name__ if large else repr(value)
+    try:
+        text = type(value).__name__ if large else repr(value)
+    except ValueError:  # a whole number of thousands of digits is in it
+        text = "something long"
     return text if len(text) < 80 else f"{text[:60]}… ({type(value).__name__})"
 
 

@@ -9,6 +9,7 @@ import pytest
 from endolab.calibration import session
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.targets import TARGETS
+from endolab.datasets.known_endoscopes import load_calibration
 from endolab.io.detection_cache import MARK, DetectionCache, detect_cached
 from endolab.io.images import write_image
 from endolab.io.video import Frames, open_frames
@@ -88,6 +89,14 @@ def test_an_interrupted_search_goes_on_where_it_was(looked, frames, tmp_path):
     assert len(looked) == 2 + 2
     assert told == [("detecting", 1, 2), ("detecting", 2, 2)]
     assert said == [f"{n} of 3 frames were searched before; going on from there" for n in (1, 3)]
+
+
+def test_a_search_for_a_camera_of_another_size_ends_at_once_and_leaves_nothing(looked, frames, tmp_path):
+    camera = load_calibration("paper", width=32).camera
+    with pytest.raises(ValueError, match=r"the camera is for 32x\d+ px, but the frames are 4x4 px"):
+        detect_cached(frames, TARGET, tmp_path / "d.jsonl", camera=camera)
+    assert looked == []
+    assert not (tmp_path / "d.jsonl").exists()
 
 
 def test_a_video_that_ends_early_says_so_of_its_last_frames_only(looked, frames, monkeypatch, tmp_path):

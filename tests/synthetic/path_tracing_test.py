@@ -207,6 +207,7 @@ def test_the_seed_decides_and_progress_is_told(mitsuba):
         ({"bounces": -1}, "bounces must be finite and at least 0"),
         ({"samples": 0}, "samples must be from 1 to"),
         ({"bits": 0}, "bits must be from 1 to 16, got 0"),
+        ({"seed": 1.5}, "seed must be a whole number of at least 0, got 1.5"),
         ({"bits": 17}, "bits must be from 1 to 16, got 17"),
     ],
 )

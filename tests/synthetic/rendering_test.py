@@ -184,3 +184,9 @@ def test_the_seed_decides(option):
 def test_the_seed_does_nothing_to_a_clean_frame():
     frames = [render(SCENE, CAMERA, COLOUR, fog=0.01, bits=8, seed=seed).image for seed in (1, 2)]
     assert_array_equal(*frames)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "1"])
+def test_a_seed_that_is_none(seed):
+    with pytest.raises(ValueError, match="seed must be a whole number"):
+        render(SCENE, CAMERA, COLOUR, seed=seed)

@@ -10,6 +10,7 @@ from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.targets import Target
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
+from endolab.numerics.checks import whole
 
 TILT = np.deg2rad(55)
 REACH = np.deg2rad(40)
@@ -102,7 +103,7 @@ def trajectory(
         seen = 1.0 if target.kind in WHOLE else 0.25
     if not 0 <= seen <= 1:
         raise ValueError(f"seen must be a share from 0 to 1, got {seen}")
-    wander = _wander(count, 6, np.random.default_rng([seed, 0]))
+    wander = _wander(count, 6, np.random.default_rng([whole("seed", seed), 0]))
     lean, aside = tilt * _disc(wander[:, :2]), reach * _disc(wander[:, 2:4])
     depth = np.exp(np.interp(wander[:, 4], [-1, 1], np.log([near, far])))
     axis = np.column_stack([-lean[:, 1], lean[:, 0], np.zeros(count)])

@@ -147,6 +147,7 @@ def test_an_unknown_gain_puts_the_white_near_its_level():
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
+        ({"seed": 1.5}, "seed must be a whole number of at least 0, got 1.5"),
         ({"noise": -1.0}, "noise must be finite and at least 0, got -1"),
         ({"blur": np.inf}, r"blur must lie in \[0, 480\], got inf"),
         ({"motion": np.nan}, r"motion must lie in \[0, 480\], got nan"),
