@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from endolab.model.endoscope import Endoscope
 from endolab.model.schema import unknown_name
 from endolab.model.surface import check_xi
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import number
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
@@ -105,7 +107,8 @@ def sweep(
     told = {name: value for name, value in sorted(options.items()) if value is not None}
     told = {"calibration": _checksum(calibration)} | told
     last = solver, " ".join(f"{name}={value}" for name, value in told.items())
-    settings = list(itertools.product(*map(dict.fromkeys, (xi, regulariser, map(float, lam)))))
+    weights = map(partial(number, "lam"), lam)
+    settings = list(itertools.product(*map(dict.fromkeys, (xi, regulariser, weights))))
     tasks = [
         (dict(zip(KEY, (name, *setting, *last), strict=True)), frame, known)
         for name, frame, known in _named(list(frames), truth)
@@ -113,8 +116,6 @@ def sweep(
     ]
     if not tasks:
         raise ValueError("a sweep needs at least one frame, lam, xi and regulariser")
-    if any(key["lam"] != key["lam"] for key, _, _ in tasks):
-        raise ValueError("lam must be a number, got nan")
     target = Path(table)
     rows = read_table(target) if os.path.lexists(target) else {}
     place = {_key(task[0]): number for number, task in enumerate(tasks)}  # of a row, whoever is done first
@@ -302,12 +303,12 @@ def read_table(path: PathLike) -> dict[tuple[object, ...], Row]:
     ValueError or OSError in one sentence, if it cannot be read or is another table.
     """
     rows = {}
-    for number, cells in read_rows(path, COLUMNS, "a sweep"):
+    for line, cells in read_rows(path, COLUMNS, "a sweep"):
         try:
             row = {**cells, **read_numbers(cells, ("lam", *MEASURED))} if cells else {}
         except ValueError:
             row = {}
         if not row or math.isnan(row["lam"]):
-            raise ValueError(f"{path}, line {number}: not a row of a sweep")
+            raise ValueError(f"{path}, line {line}: not a row of a sweep")
         rows[_key(row)] = row
     return rows

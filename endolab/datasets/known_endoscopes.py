@@ -47,6 +47,8 @@ CALIBRATIONS: dict[str, Calibration] = {
     ),
 }
 
+WIDEST = 100_000  # px
+
 
 def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibration:
     """Return an endoscope that endolab knows by name, or one that a file describes.
@@ -72,5 +74,5 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
         found = Calibration.load(name)
     if width is None:
         return found
-    height = found.camera.height * number("width", width) / found.camera.width
+    height = found.camera.height * number("width", width, 1, WIDEST) / found.camera.width
     return found.resize(width, round(height))

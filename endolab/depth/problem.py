@@ -81,7 +81,7 @@ class Problem:
         if self.regulariser == "curvature" and self.xi != "1/d":
             raise ValueError(f"regulariser='curvature' is that of xi='1/d', got xi={self.xi!r}")
         for name in ("lam", "epsilon", "threshold"):
-            number(name, getattr(self, name))
+            object.__setattr__(self, name, number(name, getattr(self, name)))
             check_range(name, getattr(self, name))
         shape = (self.camera.height, self.camera.width)
         object.__setattr__(self, "image", owned(real_array("image", self.image)))

@@ -154,6 +154,8 @@ def compare(
         known &= mask
     if not known.any():
         raise ValueError("no pixel has both an estimate and a true distance")
+    if np.any(np.isinf(cos_alpha[known])):
+        raise ValueError("cos_alpha must be finite where both distances are known")
     true = truth[known]
     factor = float(np.median(true / distance[known])) if scale == "median" else 1.0
     error = np.abs(factor * distance[known] - true)

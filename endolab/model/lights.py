@@ -7,6 +7,7 @@ import numpy as np
 
 from endolab.model.ranges import check_range
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import real_array
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,8 @@ class SpotLight:
     weight: float = 1.0
 
     def __post_init__(self) -> None:
-        position = np.asarray(self.position, dtype=np.float64)
-        direction = np.asarray(self.direction, dtype=np.float64)
+        position = real_array("position", self.position)
+        direction = real_array("direction", self.direction)
         length = math.hypot(*direction.ravel())
         if position.shape != (3,) or not np.all(np.isfinite(position)):
             raise ValueError(f"position must be three finite numbers (mm), got {self.position}")

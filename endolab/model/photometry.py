@@ -23,6 +23,7 @@ from endolab.model.lights import SpotLight
 from endolab.model.ranges import check_range
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import real_array
 
 CHANNELS = ("red", "green", "blue")
 GREY_WEIGHTS = np.array([0.299, 0.587, 0.114])  # of stored values; ITU-R BT.601, as cv2 and JPEG use
@@ -59,6 +60,8 @@ class Photometry:
     lights: tuple[SpotLight, ...] = ()
 
     def __post_init__(self) -> None:
+        for name in ("k", "gamma", "gain"):
+            real_array(name, 0.0 if getattr(self, name) is None else getattr(self, name))
         if not (np.isfinite(self.k) and self.k >= 0):
             raise ValueError(f"k must be finite and at least 0, got {self.k}")
         if not (np.isfinite(self.gamma) and self.gamma > 0):

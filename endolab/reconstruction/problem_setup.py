@@ -76,7 +76,7 @@ def make_problems(
         height = max(1, round(frame.height * width / frame.width))
         frame, camera = frame.resize(width, height, photometry.gamma), camera.resize(width, height)
     _check_frame(frame.width, frame.height)
-    if smooth is not None and number("smooth", smooth, 0) > frame.width:
+    if smooth is not None and (smooth := number("smooth", smooth, 0)) > frame.width:
         raise ValueError(f"smooth must not exceed the frame's width of {frame.width} px, got {smooth}")
     picture, known = frame.image, frame.mask & camera.field.valid
     silent = np.zeros_like(known) if frame.silent is None else frame.silent

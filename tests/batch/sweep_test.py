@@ -238,7 +238,7 @@ def test_workers_find_the_same_and_the_backend_may_be_set_outside(frames, tmp_pa
     ("change", "message"),
     [
         ({"lam": ()}, "at least one frame, lam, xi and regulariser"),
-        ({"lam": [math.nan]}, "lam must be a number, got nan"),
+        ({"lam": [math.nan]}, "lam must be finite, got nan"),
         ({"truth": []}, "expected a truth for each of 2 frames, found 0"),
         ({"frames": ["a/x.png", "b/x.png"]}, "two frames are called x.png"),
     ],

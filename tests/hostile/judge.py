@@ -230,7 +230,7 @@ def _strict(text):
 
 
 def _table(path):
-    rows = list(csv.reader(io.StringIO(path.read_bytes().decode(), newline="")))
+    rows = list(csv.reader(io.StringIO(path.read_bytes().decode(errors="surrogateescape"), newline="")))
     _check(
         rows and len(rows[0]) > 1 and all(len(row) == len(rows[0]) for row in rows),
         "rows of different lengths",

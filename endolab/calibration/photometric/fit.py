@@ -48,6 +48,7 @@ from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
+from endolab.numerics.checks import told
 from endolab.numerics.iteration import Status
 
 GAMMA_BOUNDS = (0.5, 5.0)
@@ -56,7 +57,10 @@ LIGHT_ERRORS = (2.0, 0.1)  # largest standard errors of a free light: mm, and of
 
 def _number_or_pair(value: ArrayLike) -> float | tuple[float, float] | None:
     """Read a number, or a mean and its standard deviation; None for what is neither, or not positive."""
-    numbers = [float(number) for number in np.atleast_1d(value)]
+    try:
+        numbers = [float(number) for number in np.atleast_1d(value)]
+    except OverflowError:  # a whole number of hundreds of digits
+        return None
     if len(numbers) not in (1, 2) or not all(0 < number < np.inf for number in numbers):
         return None
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
@@ -66,12 +70,14 @@ def checked_gamma(gamma: float | tuple[float, float] | str) -> Known:
     """Return γ as `calibrate_light` takes it, None if it is free; ValueError if it can be none."""
     if isinstance(gamma, str):
         if gamma != "free":
-            raise ValueError(f'gamma must be a number, (mean, standard deviation) or "free", got {gamma!r}')
+            raise ValueError(
+                f'gamma must be a number, (mean, standard deviation) or "free", got {told(gamma)}'
+            )
         return None
     known, (low, high) = _number_or_pair(gamma), GAMMA_BOUNDS
     if known is None or not low < np.ravel(known)[0] < high:
         how = "alone or with a positive standard deviation"
-        raise ValueError(f"gamma must lie between {low:g} and {high:g}, {how}, got {gamma}")
+        raise ValueError(f"gamma must lie between {low:g} and {high:g}, {how}, got {told(gamma)}")
     return known
 
 
@@ -188,7 +194,7 @@ def calibrate_light(
         ("light", light, ("centred", "free")),
     ):
         if value not in choices:
-            raise ValueError(f'{name} must be "{choices[0]}" or "{choices[1]}", got {value!r}')
+            raise ValueError(f'{name} must be "{choices[0]}" or "{choices[1]}", got {told(value)}')
     if nodes < 2:
         raise ValueError(f"nodes must be at least 2, got {nodes}")
     if not 0 <= levels[0] < levels[1]:
