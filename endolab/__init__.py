@@ -11,8 +11,5 @@ lists them, for editors and type checkers too.
 
 import lazy_loader
 
-from endolab._deprecated import with_old_names
-
 __version__ = "0.2.0"
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__getattr__ = with_old_names(__name__, __getattr__)

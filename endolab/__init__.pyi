@@ -65,12 +65,12 @@ from .synthetic.scenes import Bump as Bump
 from .synthetic.scenes import Colon as Colon
 from .synthetic.scenes import Plane as Plane
 from .synthetic.scenes import Tube as Tube
-from .trust.choice_of_lam import LamCurve as LamCurve
-from .trust.doubts import Doubts as Doubts
-from .trust.trust import Trust as Trust
-from .trust.trust import trust_of as trust_of
 from .tuning.calibration.board import tune_calibration as tune_calibration
 from .tuning.surface_view import show_surface as show_surface
 from .tuning.widget import tune as tune
+from .uncertainty.choice_of_lam import LamCurve as LamCurve
+from .uncertainty.doubts import Doubts as Doubts
+from .uncertainty.trust import Trust as Trust
+from .uncertainty.trust import trust_of as trust_of
 
 __version__: str

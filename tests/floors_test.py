@@ -15,12 +15,12 @@ PACKAGE = ROOT / "endolab"
 
 # From the bottom up: a folder imports only folders that stand before it. README.md shows the same list.
 ORDER = [
-    *("numerics", "model", "preprocessing", "synthetic", "depth", "calibration", "metrics", "trust"),
+    *("numerics", "model", "preprocessing", "synthetic", "depth", "calibration", "metrics", "uncertainty"),
     "reconstruction",
     *("io", "datasets", "plots", "reports", "recording", "batch", "tuning", "course", "cli"),
 ]
 CORE = ORDER[: ORDER.index("io")]
-BESIDE = {"_deprecated", "_extras", "__main__"}  # files at the top
+BESIDE = {"_extras", "__main__"}  # files at the top
 MOST_LEVELS = 9
 
 UPSTAIRS_ONLY = {"rerun", "matplotlib", "ipywidgets", "IPython", "open3d", "tqdm", "pathlib", "io", "csv"}
@@ -81,7 +81,7 @@ def test_no_import_hides_where_it_leads():
             assert not (isinstance(node, ast.ImportFrom) and node.level), f"{path}: relative"
             hidden = isinstance(node, ast.Call) and "import_module" in ast.unparse(node.func)
             hidden = hidden and "endolab" in ast.unparse(node)
-            assert not hidden or path.stem == "_deprecated", f"{path}: import_module"
+            assert not hidden, f"{path}: import_module"
 
 
 def test_no_test_imports_another_test():

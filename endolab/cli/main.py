@@ -16,7 +16,6 @@ from dataclasses import asdict, replace
 from typing import Any, NoReturn
 
 from endolab import __version__
-from endolab._deprecated import callable_as_before
 from endolab._extras import MissingPackage
 from endolab.cli.calibrate import (
     SHEET,
@@ -283,6 +282,3 @@ def _failed(status: int, why: object) -> int:
     with patient_streams():
         print(f"endolab: {in_one_line(why)}", file=sys.stderr)
     return status
-
-
-callable_as_before(__name__)

@@ -164,7 +164,7 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
         from endolab.reconstruction.assumptions import notes, of_evidence
         from endolab.reconstruction.reconstruct import reconstruct
         from endolab.reports.result import outputs_of, result_files, trusted, write_outputs, write_report
-        from endolab.trust.trust import check_solver
+        from endolab.uncertainty.trust import check_solver
 
         clock.lap("starting")
         _say_effort(arguments, calibration)
@@ -233,7 +233,7 @@ def _trust(result: Any, calibration: Any) -> Any:
     """How far a result can be trusted; None if the user had no patience for it."""
     from tqdm import tqdm
 
-    from endolab.trust.trust import trust_of
+    from endolab.uncertainty.trust import trust_of
 
     with tqdm(unit="draw", leave=False, disable=None, desc="trust") as bar:
 

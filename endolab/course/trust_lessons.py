@@ -13,7 +13,7 @@ from endolab.io.descriptions import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
-from endolab.trust.trust import Trust
+from endolab.uncertainty.trust import Trust
 
 CLOSE = 0.02  # what is the same answer; a reconstruction anew is that far from a prediction
 EXACT = 1e-3  # the same of a mistake, which nobody makes but by the same sums

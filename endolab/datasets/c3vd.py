@@ -1,6 +1,5 @@
 """C3VD (Bobrow et al., 2023): frames of a colon phantom with its depth."""
 
-from endolab._deprecated import callable_as_before
 from endolab.datasets.known_endoscopes import CALIBRATIONS
 from endolab.datasets.sample import Sample, load_sample, stored_depth
 from endolab.io.atomic import PathLike
@@ -49,6 +48,3 @@ def read_c3vd(folder: PathLike, index: int) -> Sample:
     depths = f"{index:04d}_depth.png", f"{index:04d}_depth.tiff"
     known_as = CALIBRATIONS["c3vd"]
     return load_sample(folder, f"{index:04d}_color.png", depths, read_c3vd_depth, known_as, shrinkable=True)
-
-
-callable_as_before(__name__)

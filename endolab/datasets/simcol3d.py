@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from endolab._deprecated import callable_as_before
 from endolab.datasets.known_endoscopes import CALIBRATIONS
 from endolab.datasets.sample import Sample, load_sample, stored_depth
 from endolab.io.atomic import PathLike
@@ -52,6 +51,3 @@ def read_simcol3d(folder: PathLike, index: int) -> Sample:
     sample = load_sample(folder, colour, depths, read_simcol3d_depth, CALIBRATIONS["simcol3d"])
     image = np.minimum(sample.frame.image * 65535 / 65280, 1.0)  # bytes in the upper half of 16 bits
     return replace(sample, frame=replace(sample.frame, image=image))
-
-
-callable_as_before(__name__)

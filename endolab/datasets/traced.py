@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 
-from endolab._deprecated import callable_as_before
 from endolab.datasets.sample import Sample
 from endolab.io.archives import MOST_PIXELS, Head, read_arrays
 from endolab.io.atomic import PathLike
@@ -104,6 +103,3 @@ def load_traced(name: str = "diffuse-1") -> TracedSample:
     if name not in TRACED:
         raise unknown_name("traced frame", name, TRACED)
     return read(FOLDER / f"{name}.npz")
-
-
-callable_as_before(__name__)

@@ -11,7 +11,6 @@ along the axis, and so it is taken here. The camera is documented nowhere that w
    depth prediction in endoscopy", IJCARS 14, 2019.
 """
 
-from endolab._deprecated import callable_as_before
 from endolab.datasets.sample import Sample, load_sample, stored_depth
 from endolab.io.atomic import PathLike
 from endolab.io.descriptions import Calibration
@@ -65,6 +64,3 @@ def read_ucl2019(folder: PathLike, series: str, index: int, camera: Camera) -> S
     """
     colour, depths = f"{series}_FrameBuffer_{index:04d}.png", (f"{series}_Depth_{index:04d}.png",)
     return load_sample(folder, colour, depths, read_ucl2019_depth, Calibration(camera, Photometry()))
-
-
-callable_as_before(__name__)

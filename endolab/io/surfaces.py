@@ -20,7 +20,7 @@ from endolab.numerics.arrays import FloatArray
 if TYPE_CHECKING:
     from endolab.depth.result import Result
     from endolab.synthetic.rendering import Rendered
-    from endolab.trust.trust import Trust
+    from endolab.uncertainty.trust import Trust
 
 FRAME = "camera frame: x right, y down, z forward"
 NEAREST, FARTHEST = RANGES["distance"]

@@ -14,7 +14,7 @@ from endolab.plots.scales import VIEW_WIDTH
 
 if TYPE_CHECKING:
     from endolab.depth.result import Iterate, Result
-    from endolab.trust.trust import Trust
+    from endolab.uncertainty.trust import Trust
 
 PANEL = 430  # px across that a page has for a picture
 
@@ -37,7 +37,7 @@ class Page:
     title: str
     foot: str
     sigma: FloatArray | None = None  # (h, w), σ of the distance, %
-    decided_by: np.ndarray | None = None  # (h, w), see `endolab.trust`
+    decided_by: np.ndarray | None = None  # (h, w), see `endolab.uncertainty`
 
 
 def page_of(

@@ -27,7 +27,7 @@ from endolab.plots.surface_view import show_cloud
 
 if TYPE_CHECKING:
     from endolab.depth.result import Iterate, Result
-    from endolab.trust.trust import Trust
+    from endolab.uncertainty.trust import Trust
 
 
 START = "start"  # a curve that axes do not follow: it may have spikes many times as far as all else

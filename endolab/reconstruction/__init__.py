@@ -3,7 +3,3 @@
 Read `problem_setup`, `colours`, `separation`, `reconstruct`, `scale`, `assumptions`, `sequence`,
 `unknown_light`, `mesh`.
 """
-
-from endolab._deprecated import with_old_names
-
-__getattr__ = with_old_names(__name__)

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from endolab._deprecated import callable_as_before
 from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate, Observer, Result, Solver, run
 from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, knows_curvature, options_of, solve
@@ -40,7 +39,7 @@ from endolab.reconstruction.problem_setup import (
 )
 from endolab.reconstruction.scale import KnownDiameter, KnownDistance, check_scale, known_scale
 from endolab.reconstruction.separation import Colours, direct_light
-from endolab.trust.choice_of_lam import CHOICE, LamCurve, choose_lam
+from endolab.uncertainty.choice_of_lam import CHOICE, LamCurve, choose_lam
 
 PREPARING = (
     *("channel", "width", "smooth", "highlights"),
@@ -248,7 +247,7 @@ def reconstruct(
     lam : float or "auto"
         λ, the regulariser's weight; larger is smoother. With `auto` the frame is solved 160 px wide first,
         and λ chosen there, such that what the surface leaves unexplained is as rough as what it would leave
-        of noise (`trust.choice_of_lam`). The whole frame's last solve takes it; the stages before, λ = 1. The
+        of noise. The whole frame's last solve takes it; the stages before, λ = 1. The
         result's ``problem.origin.lam_curve`` holds what each λ that was tried leaves.
     channel : {"auto", "separated", "red", "green", "blue", "grey"}, optional
         `separated` finds how much of each colour's light came by way of other walls, takes it out, and
@@ -340,6 +339,3 @@ def reconstruct(
 
     with limited_threads(threads):
         return run(all_stages(), observers, max_iterations, scaled)
-
-
-callable_as_before(__name__)

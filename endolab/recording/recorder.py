@@ -55,7 +55,7 @@ from endolab.recording.stream import (
     stage_of,
     stage_text,
 )
-from endolab.trust.trust import Trust
+from endolab.uncertainty.trust import Trust
 
 ALL_UNTIL, GROWTH = 20, 1.5  # pictures of a stage's first iterates, then each time k has grown by half
 KEPT = 64_000_000  # bytes of iterates that may wait for the run's end

@@ -24,7 +24,7 @@ from endolab.reports.draughtsman import drawn
 
 if TYPE_CHECKING:
     from endolab.preprocessing.prepare import Prepared
-    from endolab.trust.trust import Trust
+    from endolab.uncertainty.trust import Trust
 
 
 Task = Callable[[Path], object]  # writes one output into a folder

@@ -33,10 +33,10 @@ from endolab.numerics.penalties import huber
 from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
-from endolab.trust.causes import bounced_light
-from endolab.trust.choice_of_lam import LamCurve
-from endolab.trust.trust import Trust, noise_left, trust_of
 from endolab.tuning.source import SHRINK, Settings, Source, Subject, shrunk_map
+from endolab.uncertainty.causes import bounced_light
+from endolab.uncertainty.choice_of_lam import LamCurve
+from endolab.uncertainty.trust import Trust, noise_left, trust_of
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Endoscope

@@ -14,7 +14,6 @@ from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import DECIDERS
 from endolab.preprocessing.contours import find_contours
-from endolab.trust.causes import MAYBE
 from endolab.tuning.engine import CURVE, FINE, TRUST, Outcome
 from endolab.tuning.pictures import (
     LEFT_OUT,
@@ -30,6 +29,7 @@ from endolab.tuning.pictures import (
     map_panel,
 )
 from endolab.tuning.sentences import ended
+from endolab.uncertainty.causes import MAYBE
 
 PERCENT = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # ends of scales, so that a colour keeps its meaning a while
 GREYS = (2.0, 5.0, 10.0, 20.0, 50.0, 128.0)  # likewise, of 255

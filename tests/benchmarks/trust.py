@@ -27,7 +27,7 @@ from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import REFERENCE_WIDTH
 from endolab.preprocessing.frame import Frame
-from endolab.trust.shares import BORDER, DATA, PRIOR
+from endolab.uncertainty.shares import BORDER, DATA, PRIOR
 from tests.benchmarks.colon import at_width, with_light
 from tests.benchmarks.report import table
 from tests.benchmarks.unseen import FOLDER

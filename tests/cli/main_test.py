@@ -319,7 +319,7 @@ def test_no_patience_for_trust_leaves_the_surface(solve, tmp_path, capsys, monke
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("endolab.trust.trust.trust_of", interrupted)
+    monkeypatch.setattr("endolab.uncertainty.trust.trust_of", interrupted)
     assert solve("--width", "80", "--channel", "green", "--out", tmp_path / "out", "--trust") == 0
     assert "interrupted" in capsys.readouterr().out
     assert "sigma" not in maps(tmp_path / "out/depth.npz")

@@ -20,7 +20,7 @@ from endolab.numerics.threads import limited_threads
 from endolab.plots import surface_view as mesh_views
 from endolab.reconstruction.mesh import make_mesh
 from endolab.synthetic.scenes import SCENES, Bowl, Plane, Tube
-from endolab.trust.trust import trust_of
+from endolab.uncertainty.trust import trust_of
 from tests.tools.problems import coloured_colon
 
 CAMERA = load_calibration("paper", 160).camera

@@ -11,13 +11,13 @@ from endolab import datasets
 from endolab.depth.energy import energy_terms
 from endolab.depth.problem import NONE
 from endolab.plots.scales import DECIDERS
-from endolab.trust.choice_of_lam import LamCurve
 from endolab.tuning.boards import fitting, of_one, of_two
 from endolab.tuning.engine import Tuner
 from endolab.tuning.panels import BELOW_NOISE, FIRST, PANELS, SILENT, TORN, Cut, View, limits_of, map_alone
 from endolab.tuning.pictures import COLOURS, LEFT_OUT, Look, coloured
 from endolab.tuning.sentences import contrast, other_start, summary
 from endolab.tuning.source import Settings
+from endolab.uncertainty.choice_of_lam import LamCurve
 
 LOOK = Look()
 INNER = np.s_[LOOK.top : LOOK.top + LOOK.height, LOOK.edge : LOOK.edge + LOOK.width]

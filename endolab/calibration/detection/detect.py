@@ -8,7 +8,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from endolab._deprecated import callable_as_before
 from endolab.calibration.detection.blobs import LEAST_WHITE, shrunk, white_of
 from endolab.calibration.detection.dots import Found, detect_circles, detect_dots, nothing
 from endolab.calibration.detection.lattice import cross, fitting, steps
@@ -147,6 +146,3 @@ def _darkness(grid: FloatArray, grey: FloatArray) -> float:
     row, column = np.indices(value.shape)
     black = (row + column) % 2 == 0
     return float(value[~black].mean() - value[black].mean())
-
-
-callable_as_before(__name__)

@@ -2,7 +2,3 @@
 
 Read `pose`, `projection`, `planar_pose`, `reprojection`, `fit`.
 """
-
-from endolab._deprecated import with_old_names
-
-__getattr__ = with_old_names(__name__)

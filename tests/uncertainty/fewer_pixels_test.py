@@ -8,8 +8,8 @@ import pytest
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import NONE
 from endolab.depth.result import run
-from endolab.trust.fewer_pixels import ENOUGH, enlarged, thinned
-from endolab.trust.trust import trust_of
+from endolab.uncertainty.fewer_pixels import ENOUGH, enlarged, thinned
+from endolab.uncertainty.trust import trust_of
 from tests.tools.problems import problem_of
 
 

@@ -19,8 +19,8 @@ from endolab.model.surface import normals
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import REFERENCE_WIDTH, links
 from endolab.preprocessing.contours import find_contours
-from endolab.trust.doubts import Doubts
-from endolab.trust.linearised import Linearised
+from endolab.uncertainty.doubts import Doubts
+from endolab.uncertainty.linearised import Linearised
 
 LENGTH = 12.0  # of a wall's texture, standard deviation of its Gaussian, per 320 px of the width
 AROUND = 10.0  # of the residuals that count for a pixel, likewise

@@ -18,8 +18,8 @@ from endolab.depth.problem import Problem
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import inner, padded
 from endolab.numerics.derivatives import REFERENCE_WIDTH, gradient, links, shifted
-from endolab.trust.causes import LENGTH, around, correlated
-from endolab.trust.linearised import DAMPING, MOST, PRECISION, Linearised
+from endolab.uncertainty.causes import LENGTH, around, correlated
+from endolab.uncertainty.linearised import DAMPING, MOST, PRECISION, Linearised
 
 OUTSIDE, DATA, BORDER, PRIOR = range(4)  # values of `decided_by`
 

@@ -27,12 +27,12 @@ from endolab.numerics.derivatives import REFERENCE_WIDTH, links
 from endolab.numerics.iteration import Status, checked_observers, closing, drive
 from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import QUIET, noise_level
-from endolab.trust.anew import Anew
-from endolab.trust.causes import Texture, correlated, named, perhaps_torn
-from endolab.trust.doubts import Doubts
-from endolab.trust.fewer_pixels import enlarged, thinned
-from endolab.trust.linearised import Linearised
-from endolab.trust.shares import Bumps, Rim, decided_by, of_border, rim, shares
+from endolab.uncertainty.anew import Anew
+from endolab.uncertainty.causes import Texture, correlated, named, perhaps_torn
+from endolab.uncertainty.doubts import Doubts
+from endolab.uncertainty.fewer_pixels import enlarged, thinned
+from endolab.uncertainty.linearised import Linearised
+from endolab.uncertainty.shares import Bumps, Rim, decided_by, of_border, rim, shares
 
 FACTOR = 1.0  # nothing, once λ and contours are solved anew; 1.05 while they were linear
 DRAWS, LEAST = 24, 4  # of each random field: by default, below which nothing is told

@@ -13,11 +13,11 @@ from endolab.depth.result import Iterate, run
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.contours import torn_at_contours
 from endolab.reconstruction.unknown_light import USUAL_ERROR
-from endolab.trust.causes import LENGTH, correlated
-from endolab.trust.doubts import NOMINAL, Doubts
-from endolab.trust.linearised import Linearised
-from endolab.trust.shares import BORDER, DATA, OUTSIDE, PRIOR
-from endolab.trust.trust import FACTOR, LARGEST, LEAST, trust_of
+from endolab.uncertainty.causes import LENGTH, correlated
+from endolab.uncertainty.doubts import NOMINAL, Doubts
+from endolab.uncertainty.linearised import Linearised
+from endolab.uncertainty.shares import BORDER, DATA, OUTSIDE, PRIOR
+from endolab.uncertainty.trust import FACTOR, LARGEST, LEAST, trust_of
 from tests.tools.problems import problem_of
 
 CERTAIN = Doubts(**{one.name: 0.0 for one in fields(Doubts) if one.name != "notes"})

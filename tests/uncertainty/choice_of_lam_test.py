@@ -17,8 +17,8 @@ from endolab.metrics.depth_errors import resampled_truth
 from endolab.preprocessing.frame import smooth_light
 from endolab.reconstruction.sequence import reconstruct_sequence
 from endolab.reports.result import report
-from endolab.trust import choice_of_lam as choice
-from endolab.trust.choice_of_lam import LAMS, choose_lam
+from endolab.uncertainty import choice_of_lam as choice
+from endolab.uncertainty.choice_of_lam import LAMS, choose_lam
 from tests.tools.problems import Shot, percent_off, problem_of
 
 FISHEYE = datasets.load_calibration("paper", 320)

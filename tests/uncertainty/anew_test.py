@@ -5,7 +5,7 @@ import pytest
 
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.reconstruction.contours import torn_at_contours
-from endolab.trust.anew import LONGEST, Anew
+from endolab.uncertainty.anew import LONGEST, Anew
 from tests.tools.problems import problem_of
 
 

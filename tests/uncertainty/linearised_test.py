@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from endolab.numerics.compiled import inner
-from endolab.trust import linearised
-from endolab.trust.linearised import DAMPING, Linearised
+from endolab.uncertainty import linearised
+from endolab.uncertainty.linearised import DAMPING, Linearised
 from tests.depth.gauss_newton_model import GaussNewtonModel
 from tests.tools.problems import at_truth
 
