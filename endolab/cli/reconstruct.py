@@ -137,16 +137,13 @@ class _Recording:
 
 
 def _reconstruct_frame(arguments: argparse.Namespace) -> None:
-    from endolab.reports.draughtsman import Draughtsman
-
     for option in ("every", "limit"):
         if getattr(arguments, option) is not None:
             raise ValueError(f"--{option} is of a folder or a video, and {arguments.frame} is one picture")
-    with Draughtsman() as draughtsman:  # which has its own to load
-        _reconstruct_drawn(arguments, draughtsman)
+    _reconstruct_drawn(arguments)
 
 
-def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
+def _reconstruct_drawn(arguments: argparse.Namespace) -> None:
     import numpy as np
 
     from endolab.datasets.folders import depth_layout
@@ -163,7 +160,7 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
         from endolab.preprocessing.prepare import prepare
         from endolab.reconstruction.assumptions import notes, of_evidence
         from endolab.reconstruction.reconstruct import reconstruct
-        from endolab.reports.result import outputs_of, result_files, trusted, write_outputs, write_report
+        from endolab.reports.result import trusted, write_files
         from endolab.uncertainty.trust import check_solver
 
         clock.lap("starting")
@@ -180,10 +177,8 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
         if snapshots is not None:
             keywords["snapshots"] = snapshots
         unrecorded = lacking("rerun")
-        files = result_files(arguments.mesh, arguments.prepare, arguments.trust)
         inputs = [arguments.frame, arguments.calibration, arguments.mask, arguments.settings]
-        files = (*files, *(() if unrecorded else ("recording.rrd",)))
-        with staged_folder(arguments.out, files, overwrite=arguments.overwrite, inputs=inputs) as folder:
+        with staged_folder(arguments.out, overwrite=arguments.overwrite, inputs=inputs) as folder:
             with nullcontext() if unrecorded else _Recording(folder / "recording.rrd") as recording:
                 observers: list[Any] = [] if recording is None else [recording]
                 if sys.stderr.isatty():
@@ -195,19 +190,16 @@ def _reconstruct_drawn(arguments: argparse.Namespace, draughtsman: Any) -> None:
                 trust = _trust(result, calibration) if arguments.trust else None
                 if trust is not None:
                     clock.lap("trust")
-                tasks = outputs_of(result, arguments.mesh, prepared, draughtsman.draw, trust)
                 if recording is not None:
                     if trust is not None:
                         recording.add_trust(trust, result)
                     clock.share("preparing", [("recording", recording.seconds)])
-                    tasks["recording.rrd"] = recording.write
-                outputs = write_outputs(tasks, folder)
+                    recording.write(folder)
+                write_files(result, folder, mesh=arguments.mesh, prepared=prepared, trust=trust)
             near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
             said = [*notes(result), *of_evidence(result)]
             clock.lap("writing")
             seconds = clock.total
-            spent = {"in_all": seconds, "stages": clock.stages, "outputs": outputs}
-            write_report(result, folder, spent, trust)
             written = sorted(path.name for path in folder.iterdir())
     print(f"{result.status.name}: {result.status.value}")
     count, first = result.iterations, result.history[0]["energy"]

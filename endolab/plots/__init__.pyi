@@ -25,7 +25,6 @@ from .maps import show_picture as show_picture
 from .maps import show_section as show_section
 from .maps import show_sigma as show_sigma
 from .preparation import prepare_figure as prepare_figure
-from .surface_view import render_side as render_side
 from .surface_view import show_cloud as show_cloud
 from .surface_view import show_mesh as show_mesh
 from .uncertainty import show_fall_off_uncertainty as show_fall_off_uncertainty

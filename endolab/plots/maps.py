@@ -18,15 +18,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from endolab.depth.energy import model_image
+from endolab.depth.result import Iterate, Result
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import FloatArray
 from endolab.plots import style
-from endolab.plots.contents import Page, page_of
 from endolab.plots.scales import DECIDERS, tallness
 from endolab.plots.surface_view import show_cloud
+from endolab.reconstruction.assumptions import meaning
 
 if TYPE_CHECKING:
-    from endolab.depth.result import Iterate, Result
     from endolab.uncertainty.trust import Trust
 
 
@@ -362,31 +363,33 @@ def overview(
     Figure
         1600 x 900 px when saved, 2100 x 900 px with trust; not one of pyplot's, so there is nothing to close.
     """
-    return draw_page(page_of(shown, picture, truth, trust))
-
-
-def draw_page(page: Page) -> Figure:
-    """Draw what an overview shows; see there."""
-    rows, columns = page.size
+    iterate = shown.iterate if isinstance(shown, Result) else shown
+    problem, unit = iterate.problem, iterate.problem.unit
+    picture = problem.shown if picture is None else picture
+    residual = model_image(problem, iterate.log_distance) - problem.image
+    middle = problem.mask.shape[1] // 2
+    curves = {"start": np.exp(np.where(problem.mask, problem.log_facing, np.nan))}
+    curves["estimate"] = iterate.distance
+    if truth is not None:
+        scale = 1.0 if problem.metric else np.nanmedian((iterate.distance / truth)[problem.mask])
+        curves = {"truth": np.where(problem.mask, scale * truth, np.nan), **curves}
+    told = [f"iteration {iterate.k}", f"energy {iterate.energy:.4g}"]
+    if isinstance(shown, Result):
+        told.insert(0, shown.status.value.rstrip("."))
+    if not problem.metric:
+        told.append("relative units")
     with style.house(style.PAGE_SIZE):
-        sigma, decided_by = page.sigma, page.decided_by
-        trusted = sigma is not None and decided_by is not None
-        figure = Figure(figsize=(21 if trusted else 16, 9), dpi=100, layout="constrained")
-        panels = figure.subplots(2, 4 if trusted else 3)
-        ((frame, depth, facing), (surface, section, residual)) = panels[:, :3]
-        show_picture(page.picture, frame)
-        show_depth(page.distance, depth, unit=page.unit)
-        show_normals(page.normals, facing)
-        _diverging(page.error, residual, "Model - frame", "grey levels of 255", None)
-        if sigma is not None and decided_by is not None:
-            show_sigma(sigma, panels[0, 3])
-            show_decided(decided_by, panels[1, 3])
-        pictures = frame, depth, facing, residual, *panels[:, 3:].flat
-        for ax in pictures:  # thinned or not, axes count the frame's pixels
-            ax.images[0].set_extent((-0.5, columns - 0.5, rows - 0.5, -0.5))
-        show_cloud(page.points, page.colours, surface, unit=page.unit)
-        title = f"Section along column {page.column}"
-        show_section(page.section, page.field, section, column=0, unit=page.unit, title=title)
-        figure.suptitle(page.title, fontsize=15)
-        figure.supxlabel(page.foot, fontsize=13)
+        figure = Figure(figsize=(16 if trust is None else 21, 9), dpi=100, layout="constrained")
+        panels = figure.subplots(2, 3 if trust is None else 4)
+        show_picture(picture, panels[0, 0])
+        show_depth(iterate.distance, panels[0, 1], unit=unit)
+        show_normals(iterate.normals, panels[0, 2])
+        show_cloud(iterate.points, picture, panels[1, 0], unit=unit)
+        show_section(curves, problem.field, panels[1, 1], column=middle, unit=unit)
+        _diverging(255 * residual, panels[1, 2], "Model - frame", "grey levels of 255", None)
+        if trust is not None:
+            show_sigma(100 * trust.sigma / iterate.distance, panels[0, 3])
+            show_decided(trust.decided_by, panels[1, 3])
+        figure.suptitle("  ·  ".join(told), fontsize=15)
+        figure.supxlabel(meaning(shown)[0], fontsize=13)
     return figure

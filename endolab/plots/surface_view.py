@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from endolab.metrics.mesh_distance import caster, load_open3d, to_open3d
+from endolab.metrics.mesh_distance import load_open3d, to_open3d
 from endolab.model.mesh import Mesh, triangle_normals
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import VIEW_WIDTH, in_colour, lifted
@@ -66,19 +66,8 @@ def show_cloud(
         sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
         kept = (normal[..., 2] > 0) & (distance.max(axis=-1) < JUMP * distance.min(axis=-1))
         kept &= np.abs(np.sum(normal * sight, axis=-1)) > EDGE_ON
-    patch = patch[kept]
     colour = in_colour(colours)[:-1, :-1][kept]
-    if len(patch):
-        colour = _lit(colour, normal[kept], lift)
-        order = np.argsort(-patch[..., 2].mean(axis=-1))
-        faces, flat = colour[order], patch[order, :, :2]
-        patches = PolyCollection(flat, facecolors=faces, edgecolors=faces, linewidths=0.4, rasterized=True)
-        ax.add_collection(patches, autolim=False)
-        low, high = _bounds(patch[..., :2], distance[kept].max(axis=-1))
-        # Room for the camera's name above, and for the bar below.
-        ax.update_datalim(np.stack([low - (high - low) * [0, 0.12], high + (high - low) * [0, 0.12]]))
-        ax.autoscale_view()
-        scale_bar(ax, high[0] - low[0], unit)
+    _show_patches(ax, patch[kept], colour, normal[kept], distance[kept].max(axis=-1), unit, lift)
     _mark_camera(ax, title)
     return ax
 
@@ -117,10 +106,12 @@ def show_mesh(
         print("No window can open here, so this is a picture of the mesh; `angle` and `elevation` turn it.")
     with house():
         ax = new_axes(ax)
-        if len(mesh.triangles):
-            picture, extent = render_side(mesh, angle=angle, elevation=elevation, background=BACKDROP)
-            ax.imshow(picture, extent=extent, interpolation="antialiased")
-            scale_bar(ax, extent[1] - extent[0], mesh.unit)
+        patch = (mesh.vertices @ _to_viewer(angle, elevation).T)[mesh.triangles]
+        away = -triangle_normals(patch)
+        distance = np.linalg.norm(patch.mean(axis=1), axis=-1)
+        colour = mesh.colours[mesh.triangles].mean(axis=1)
+        kept = away[:, 2] > 0
+        _show_patches(ax, patch[kept], colour[kept], away[kept], distance[kept], mesh.unit)
         _mark_camera(ax, title)
     return ax
 
@@ -147,55 +138,33 @@ def _show_window(mesh: Mesh, title: str) -> bool:
     return True
 
 
-def render_side(
-    mesh: Mesh,
-    *,
-    angle: float = 30.0,
-    elevation: float = 20.0,
-    width: int = 960,
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> tuple[FloatArray, tuple[float, float, float, float]]:
-    """Render a mesh from beside the camera, with relief; on the processor, no display is needed.
+def _show_patches(
+    ax: Axes,
+    patches: FloatArray,
+    colours: FloatArray,
+    away: FloatArray,
+    distance: FloatArray,
+    unit: str,
+    lift: bool = True,
+) -> None:
+    """Draw flat patches, the farthest first, with relief and a scale bar.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        With at least one triangle.
-    angle, elevation : float
-        In degrees: see `show_cloud`.
-    width : int
-        Of the picture, pixels.
-    background : R, G, B in [0, 1]
-
-    Returns
-    -------
-    picture : (height, width, 3) float array
-        In [0, 1]. A parallel projection; what the viewer would see from behind is not drawn.
-    extent : four floats
-        Left, right, bottom, top of the picture in the mesh's unit, the camera being at 0, 0.
+    `patches`, (n, corners, 3), and `away`, (n, 3), their unit normals that point away from the viewer, are in
+    the viewer's frame; `colours`, (n, 3); `distance`, (n,), from the camera.
     """
-    turn = _to_viewer(angle, elevation)
-    vertices, away = mesh.vertices @ turn.T, -mesh.normals @ turn.T
-    low, high = _bounds(vertices[:, :2], np.linalg.norm(vertices, axis=-1))
-    margin = 0.05 * (high - low).max()
-    low, high = low - margin, high + margin * np.array([1, 2])  # the scale bar's place
-    pixel = (high - low)[0] / width
-    height = int(np.clip(round((high - low)[1] / pixel), width // 4, 2 * width))
-    x, y = np.meshgrid(low[0] + pixel * (np.arange(width) + 0.5), low[1] + pixel * (np.arange(height) + 0.5))
-    rays = np.zeros((height, width, 6), dtype=np.float32)
-    rays[..., 0], rays[..., 1], rays[..., 2], rays[..., 5] = x, y, vertices[:, 2].min() - 1, 1
-    seen = mesh.triangles[triangle_normals(vertices[mesh.triangles])[:, 2] < 0]
-    picture = np.full((height, width, 3), background)
-    if len(seen):
-        hit = caster(vertices, seen).cast_rays(load_open3d().core.Tensor(rays))
-        met = np.isfinite(hit["t_hit"].numpy())
-        corners = seen[hit["primitive_ids"].numpy()[met]]
-        u, v = np.moveaxis(hit["primitive_uvs"].numpy()[met].astype(np.float64), -1, 0)
-        weights = np.stack([1 - u - v, u, v], axis=-1)[..., None]
-        normal = (weights * away[corners]).sum(axis=1)
-        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        picture[met] = _lit((weights * mesh.colours[corners]).sum(axis=1), normal)
-    return picture, (low[0], high[0], low[1] + pixel * height, low[1])
+    if not len(patches):
+        return
+    order = np.argsort(-patches[..., 2].mean(axis=-1))
+    light = 0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)
+    faces = ((lifted(colours) if lift else colours) * light[:, None])[order]
+    flat = list(patches[order, :, :2])
+    drawn = PolyCollection(flat, facecolors=faces, edgecolors=faces, linewidths=0.4, rasterized=True)
+    ax.add_collection(drawn, autolim=False)
+    low, high = _bounds(patches[..., :2], distance)
+    # Room for the camera's name above, and for the bar below.
+    ax.update_datalim(np.stack([low - (high - low) * [0, 0.12], high + (high - low) * [0, 0.12]]))
+    ax.autoscale_view()
+    scale_bar(ax, high[0] - low[0], unit)
 
 
 def _to_viewer(angle: float, elevation: float) -> FloatArray:
@@ -204,16 +173,6 @@ def _to_viewer(angle: float, elevation: float) -> FloatArray:
     turn = np.array([[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]])
     nod = np.array([[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
     return nod @ turn
-
-
-def _lit(colours: FloatArray, away: FloatArray, lift: bool = True) -> FloatArray:
-    """Give colours, (n, 3) in [0, 1], the relief of a lamp that stands by the viewer.
-
-    `away`, (n, 3), are unit normals in the viewer's frame that point away from the viewer.
-    """
-    if not len(colours):
-        return colours
-    return (lifted(colours) if lift else colours) * (0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)[:, None])
 
 
 def _bounds(seen: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
@@ -15,30 +13,25 @@ from endolab.depth.result import Result
 from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_cloud, write_mesh
-from endolab.plots.contents import Page, page_of
+from endolab.plots.maps import overview
+from endolab.plots.preparation import prepare_figure
 from endolab.plots.scales import DECIDERS, in_colour
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.mesh import make_mesh
 from endolab.reconstruction.scale import scale_of
-from endolab.reports.draughtsman import drawn
 
 if TYPE_CHECKING:
     from endolab.preprocessing.prepare import Prepared
     from endolab.uncertainty.trust import Trust
 
 
-Task = Callable[[Path], object]  # writes one output into a folder
-
-
-def report(
-    result: Result, clock: Mapping[str, Any] | None = None, trust: Trust | None = None
-) -> dict[str, Any]:
+def report(result: Result, trust: Trust | None = None) -> dict[str, Any]:
     """What `report.json` holds: status, energy, settings, the range of distances and what they mean.
 
-    `clock` tells where the time of the whole command went, `trust` how far the distances can be trusted.
+    `trust` tells how far the distances can be trusted.
     """
     known = result.distance[result.mask]
-    photometry, curve = result.problem.photometry, result.problem.origin.lam_curve
+    photometry = result.problem.photometry
     return {
         "status": result.status.name,
         "ended": result.status.value,
@@ -47,7 +40,6 @@ def report(
         "terms": dict(result.iterate.terms),
         "seconds": result.seconds,
         "stages": [asdict(stage) for stage in result.stages],
-        **({} if clock is None else {"clock": dict(clock)}),
         "unit": result.problem.unit,
         "metric": result.metric,
         "scale": scale_of(result),
@@ -61,7 +53,6 @@ def report(
         "pixels": int(known.size),
         "photometry": {"k": photometry.k, "gamma": photometry.gamma, "gain": photometry.gain},
         "settings": result.problem.settings,
-        **({} if curve is None else {"lam_curve": curve.numbers}),
     }
 
 
@@ -82,12 +73,6 @@ def trusted(result: Result, trust: Trust) -> dict[str, Any]:
         "status": trust.status.name,
         "notes": list(trust.notes),
     }
-
-
-def result_files(mesh: bool = False, prepared: bool = False, trust: bool = False) -> tuple[str, ...]:
-    """Name what `save_result` writes."""
-    more = ("mesh.ply",) * mesh + ("mesh_trust.ply",) * (mesh and trust) + ("preparation.png",) * prepared
-    return "cloud.ply", "depth.npz", "overview.png", "report.json", *more
 
 
 def save_result(
@@ -115,73 +100,38 @@ def save_result(
         How far the result can be trusted, as `endolab.trust_of` tells: in `depth.npz`, `report.json` and
         `overview.png`.
     overwrite : bool
-        Whether to replace files that endolab did not write there, or that were changed since.
+        Whether to write into a folder that holds files of others, and replace them.
 
     Raises
     ------
     OSError
-        In one sentence, if they cannot be written or another file is in the way.
+        In one sentence, if they cannot be written or the folder holds files of others.
     """
-    files = result_files(mesh, prepared is not None, trust is not None)
-    with staged_folder(folder, files, overwrite=overwrite) as staging:
-        write_outputs(outputs_of(result, mesh, prepared, trust=trust), staging)
-        write_report(result, staging, trust=trust)
+    with staged_folder(folder, overwrite=overwrite) as staging:
+        write_files(result, staging, mesh=mesh, prepared=prepared, trust=trust)
 
 
-def outputs_of(
+def write_files(
     result: Result,
+    folder: Path,
+    *,
     mesh: bool = False,
     prepared: Prepared | None = None,
-    draw: Callable[[Page], bytes] = drawn,
     trust: Trust | None = None,
-) -> dict[str, Task]:
-    """Name what writes each file of a result but its report, the slowest first; `draw` draws the overview.
-
-    They share nothing but the result, so that they can be written at the same time.
-    """
-    page = page_of(result, trust=trust)
-    colour, inside = in_colour(result.problem.shown), result.mask
-
-    def write_figures(folder: Path) -> None:
-        write_atomically(folder / "overview.png", draw(page))
-        if prepared is not None:
-            from endolab.plots.preparation import prepare_figure
-
-            write_figure(folder / "preparation.png", prepare_figure(prepared, result))
-
-    def write_points(folder: Path) -> None:
-        write_cloud(folder / "cloud.ply", result.points[inside], result.normals[inside], colour[inside])
-
-    tasks: dict[str, Task] = {"overview.png": write_figures}
-    tasks["depth.npz"] = lambda folder: save_depth(folder / "depth.npz", result, result.metric, trust)
-    tasks["cloud.ply"] = write_points
-    if mesh:
-        tasks["mesh.ply"] = lambda folder: write_mesh(folder / "mesh.ply", make_mesh(result))
-        if trust is not None:
-            coloured = "mesh_trust.ply"
-            tasks[coloured] = lambda folder: write_mesh(folder / coloured, make_mesh(result, trust=trust))
-    return tasks
-
-
-def write_outputs(tasks: Mapping[str, Task], folder: Path) -> dict[str, float]:
-    """Write outputs at the same time, and return the seconds that each took; the first error is raised.
-
-    The first is written by this thread. Files, compression and who else draws leave Python to the others.
-    """
-
-    def timed(task: Task) -> float:
-        started = time.perf_counter()
-        task(folder)
-        return time.perf_counter() - started
-
-    first, *others = tasks
-    with ThreadPoolExecutor() as pool:
-        jobs = {name: pool.submit(timed, tasks[name]) for name in others}
-        return {first: timed(tasks[first])} | {name: job.result() for name, job in jobs.items()}
-
-
-def write_report(
-    result: Result, folder: Path, clock: Mapping[str, Any] | None = None, trust: Trust | None = None
 ) -> None:
-    """Write `report.json` into a folder; parameters as of `report`."""
-    write_atomically(folder / "report.json", as_json(report(result, clock, trust)))
+    """Write the files of a result into a folder that is there; parameters as of `save_result`."""
+    inside = result.mask
+    colours = in_colour(result.problem.shown)[inside]
+    # Compression lets other threads run, Matplotlib does not: depth.npz has a thread of its own.
+    with ThreadPoolExecutor(1) as pool:
+        depth = pool.submit(save_depth, folder / "depth.npz", result, result.metric, trust)
+        write_figure(folder / "overview.png", overview(result, trust=trust))
+        if prepared is not None:
+            write_figure(folder / "preparation.png", prepare_figure(prepared, result))
+        write_cloud(folder / "cloud.ply", result.points[inside], result.normals[inside], colours)
+        if mesh:
+            write_mesh(folder / "mesh.ply", make_mesh(result))
+        if mesh and trust is not None:
+            write_mesh(folder / "mesh_trust.ply", make_mesh(result, trust=trust))
+        depth.result()
+    write_atomically(folder / "report.json", as_json(report(result, trust)))

@@ -29,7 +29,7 @@ from endolab.model.endoscope import Endoscope
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame
-from endolab.reports.result import result_files, save_result
+from endolab.reports.result import save_result
 from endolab.synthetic.scenes import SCENES
 from endolab.tuning.clicks import SECTION, Clicks
 from endolab.tuning.controls import button, choice, close_parts, group, line, log_slider, numbers, slider
@@ -526,7 +526,7 @@ class TunerBox(w.VBox):
             outcome.settings, outcome.subject.calibration if outcome.subject else self._calibration, grey
         )
         masks = (MASK_FILE,) if self._masked and outcome.settings.scene is None else ()
-        names = ("board.png", "result.py", "settings.json", "recording.rrd", *masks, *result_files())
+        names = ("board.png", "result.py", "settings.json", "recording.rrd", *masks)
         with staged_folder(folder, names, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
                 for iterate in outcome.path:

@@ -86,23 +86,6 @@ def test_a_depth_map_has_units_limits_and_neutral_holes():
     assert ax.images[0].colorbar.extend == "neither"
 
 
-@pytest.mark.parametrize("shape", [(6, 8), (6, 8, 3)])
-def test_a_picture_keeps_its_values(rng, shape):
-    picture = rng.uniform(-0.2, 1.2, shape)
-    shown = plots.show_picture(picture).images[0]
-    assert np.array_equal(shown.get_array(), picture.clip(0, 1))
-    assert len(shape) == 3 or shown.get_clim() == (0, 1)
-
-
-def test_normals_are_halved_and_shifted():
-    normals = np.zeros((2, 2, 3))
-    normals[..., 2] = -1
-    normals[0, 0] = np.nan
-    shown = np.asarray(plots.show_normals(normals).images[0].get_array())
-    assert np.allclose(shown[1, 1], [0.5, 0.5, 0.0])
-    assert np.allclose(shown[0, 0], style.LEFT_OUT)
-
-
 def test_an_error_is_signed_and_centred():
     truth = np.full((4, 4), 50.0)
     estimate = truth + np.linspace(-1, 4, 16).reshape(4, 4)
@@ -116,6 +99,9 @@ def test_an_error_is_signed_and_centred():
     assert image.get_clim() == (-2.0, 2.0)
     assert image.colorbar.ax.get_ylabel().endswith("[mm]")
     pixels(plots.show_error(truth, truth).figure)  # no error at all
+    pixels(plots.show_depth(truth * np.nan).figure)
+    with pytest.raises(ValueError, match="limit"):
+        plots.show_error(truth, truth, limit=0.0)
 
 
 def test_a_section_lies_on_the_surface(rendered):
@@ -135,42 +121,23 @@ def test_a_section_lies_on_the_surface(rendered):
         plots.show_section({}, field, row=1, column=1)
 
 
-@pytest.mark.parametrize("where", [{}, {"row": 30}])
-def test_a_start_with_spikes_does_not_widen_a_section(rendered, where):
+def test_a_start_with_spikes_does_not_widen_a_section(rendered):
     field, truth = rendered.camera.field, rendered.distance
     spiky = truth.copy()
     spiky[28:32, 38:42] *= 20
     limits = {}
     for name, curve in (("start", spiky), ("mine", spiky), ("smooth", truth)):
-        ax = plots.show_section({"truth": truth, name: curve}, field, **where)
+        ax = plots.show_section({"truth": truth, name: curve}, field)
         ax.figure.canvas.draw()
         limits[name] = ax.get_xlim(), ax.get_ylim()
     assert limits["start"] == limits["smooth"]
     assert limits["mine"][0][1] > 5 * limits["start"][0][1]
     points = truth[..., None] * field.rays
-    line = points[30] if where else points[:, 40]
+    line = points[:, 40]
     assert np.nanmax(line[:, 2]) > 0.7 * limits["start"][0][1]  # the estimate fills the axes
-    alone = plots.show_section({"start": spiky}, field, **where)
+    alone = plots.show_section({"start": spiky}, field)
     alone.figure.canvas.draw()
     assert alone.get_xlim()[1] > 5 * limits["start"][0][1]  # there is nothing else to follow
-
-
-def test_words_in_a_section_and_a_side_view_lie_within_and_beside_the_lines(rendered):
-    ax = plots.show_section({"truth": rendered.distance}, rendered.camera.field)
-    renderer = FigureCanvasAgg(ax.figure).get_renderer()
-    ax.figure.draw(renderer)
-    camera = next(text for text in ax.texts if text.get_text() == "camera").get_window_extent(renderer)
-    places = ax.transData.transform(np.stack(ax.lines[0].get_data(), axis=1))
-    inside = np.isfinite(places).all(axis=1)
-    hidden = (places > camera.min).all(axis=1) & (places < camera.max).all(axis=1)
-    assert not hidden[inside].any()
-    assert ax.bbox.x0 < camera.x0 < camera.x1 < ax.transData.transform((0, 0))[0]
-    side = plots.show_cloud(rendered.distance[..., None] * rendered.camera.field.rays, rendered.image)
-    renderer = FigureCanvasAgg(side.figure).get_renderer()
-    side.figure.draw(renderer)
-    name = next(text for text in side.texts if text.get_text() == "camera").get_tightbbox(renderer)
-    assert name.y1 <= side.bbox.y1
-    assert name.x1 <= side.bbox.x1
 
 
 def test_a_history_is_logarithmic_and_bears_zeros():
@@ -280,14 +247,11 @@ def test_text_is_legible_at_half_size_in_whatever_axes(start, rendered):
         texts = shown_texts(ax.figure)
         assert len(texts) > 2
         assert not [str(text) for text in texts if text.get_size() < 12]  # 17 px at 100 dpi, 8 at half size
-    page = plots.overview(start, truth=rendered.distance)
-    assert min(text.get_size() for text in shown_texts(page)) >= 12
-
-
-def test_every_axis_has_a_unit(start, rendered):
-    for ax in one_of_each(start, rendered)[:-1]:  # the last one has a scale bar
+    for ax in drawn[:6]:  # the last one has a scale bar
         assert ax.get_xlabel().endswith("]") or ax.get_xlabel() == "iteration"
         assert ax.get_ylabel().endswith("]")
+    page = plots.overview(start, truth=rendered.distance)
+    assert min(text.get_size() for text in shown_texts(page)) >= 12
 
 
 @pytest.mark.parametrize("theirs", ["default", "dark_background"])
@@ -302,22 +266,6 @@ def test_figures_are_opaque_white_on_a_dark_page(start, rendered, theirs):
             assert np.allclose(page[[0, 0, -1, -1], [0, -1, 0, -1], :3], 1)
             outside = [ax.xaxis.label, ax.yaxis.label, ax.title]
             assert all(np.mean(to_rgb(text.get_color())) < 0.3 for text in outside)
-
-
-def test_what_is_written_on_dark_axes_stays_legible(start, rendered):
-    """In a dark figure of the caller's, text outside is light and curves lie on white paper."""
-    with plt.style.context("dark_background"):
-        figure, axes = plt.subplots(2, 4)
-        drawn = one_of_each(start, rendered, axes.ravel())
-        figure.canvas.draw()
-        bars = [ax.images[0].colorbar for ax in (drawn[1], drawn[3])]
-        outside = [text for ax in drawn for text in (ax.title, ax.xaxis.label, ax.yaxis.label)]
-        outside += [text for bar in bars for text in (bar.ax.yaxis.label, *bar.ax.get_yticklabels())]
-        assert all(np.mean(to_rgb(text.get_color())) > 0.7 for text in outside)
-        for ax in drawn[4:6]:
-            assert to_rgb(ax.get_facecolor()) == (1, 1, 1)
-            inside = ax.get_legend().get_texts()
-            assert all(np.mean(to_rgb(text.get_color())) < 0.3 for text in inside)
 
 
 def test_the_style_is_not_left_behind_and_can_be_used():
@@ -360,30 +308,11 @@ def test_compared_panels_have_the_same_limits(rendered, relative):
     assert labels["near"] == "distance [mm]"
     assert labels["near: error"].endswith("[%]" if relative else "[mm]")
     pixels(figure)
-
-
-def test_a_comparison_takes_limits_and_labels_and_says_what_does_not_fit():
-    flat = np.full((6, 8), 5.0)
-    figure = plots.compare_depths({"a": flat, "b": 2 * flat}, limits=(0.0, 20.0), label="d [a.u.]")
-    shown = [ax.images[0] for ax in figure.axes if ax.images]
-    assert [image.get_clim() for image in shown] == [(0, 20), (0, 20)]
-    assert {image.colorbar.ax.get_ylabel() for image in shown} == {"d [a.u.]"}
-    with pytest.raises(ValueError, match="one size, found a 8x6 px, b 4x3 px"):
-        plots.compare_depths({"a": flat, "b": flat[::2, ::2]})
     with pytest.raises(ValueError, match="one size"):
-        plots.compare_depths({}, flat)
+        plots.compare_depths({"a": truth, "b": truth[::2, ::2]})
 
 
-def test_labels_of_colour_bars_can_be_chosen_and_a_map_without_a_value_is_drawn():
-    flat = np.full((4, 5), 50.0)
-    for ax in (plots.show_depth(flat, label="z [cm]"), plots.show_error(flat, flat + 1, label="z [cm]")):
-        assert ax.images[0].colorbar.ax.get_ylabel() == "z [cm]"
-    with pytest.raises(ValueError, match="limit must be positive"):
-        plots.show_error(flat, flat, limit=0.0)
-    pixels(plots.show_depth(flat * np.nan).figure)
-
-
-@pytest.mark.parametrize("shape", [(3000, 3), (500, 1), (1, 500), (240, 320)])
+@pytest.mark.parametrize("shape", [(3000, 3), (1, 500)])
 def test_a_figure_stays_a_page_whatever_is_drawn(shape):
     ramp = np.linspace(1.0, 2.0, shape[0] * shape[1]).reshape(shape)
     for figure in (plots.compare_depths({"a": ramp}), plots.compare_depths({"a": ramp}, 1.1 * ramp)):

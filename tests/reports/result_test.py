@@ -1,7 +1,6 @@
 """A result as a folder of files, against other programs; whole or not there."""
 
 import json
-import threading
 from dataclasses import replace
 
 import numpy as np
@@ -45,7 +44,6 @@ def test_a_result_is_saved_whole(tmp_path, result):
     known = result.distance[result.mask]
     assert list(report["distance"].values()) == pytest.approx([np.median(known), known.min(), known.max()])
     assert report["settings"]["solver"] == DEFAULT_SOLVER
-    assert "clock" not in report  # that is of a command
     assert (report["unit"], report["metric"], report["scale"]) == ("mm", True, "gain")
     assert (report["ended"], report["meaning"]) == (result.status.value, list(meaning(result)))
     overview = np.asarray(Image.open(tmp_path / "a/b/overview.png").convert("L"))
@@ -75,23 +73,6 @@ def test_how_far_a_result_can_be_trusted_is_saved_beside_it(tmp_path, result):
     for name, width in (("plain", 1600), ("out", 2100)):
         with Image.open(tmp_path / name / "overview.png") as page:
             assert page.width == width
-
-
-def test_outputs_are_written_at_the_same_time(tmp_path):
-    """None waits for another, and the first of their errors is raised when all have ended."""
-    meeting = threading.Barrier(3, timeout=60)
-    tasks = {name: lambda folder: meeting.wait() for name in "abc"}
-    seconds = result_module.write_outputs(tasks, tmp_path)
-    assert list(seconds) == ["a", "b", "c"]
-    assert min(seconds.values()) >= 0
-
-    def fail(folder):
-        raise OSError("no space")
-
-    tasks = {"a": lambda folder: None, "b": fail, "c": lambda folder: (folder / "c").touch()}
-    with pytest.raises(OSError, match="no space"):
-        result_module.write_outputs(tasks, tmp_path)
-    assert contents(tmp_path) == ["c"]
 
 
 def test_relative_units_are_written_down(tmp_path, result):
