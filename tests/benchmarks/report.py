@@ -5,8 +5,6 @@ import time
 from collections.abc import Callable, Iterable
 from statistics import median
 
-import numpy as np
-
 import endolab as el
 from endolab.metrics.depth_errors import Errors
 
@@ -40,9 +38,3 @@ def seconds_of(call: Callable[[], object], repeats: int = 9) -> float:
         call()
         seconds.append(time.perf_counter() - started)
     return median(seconds)
-
-
-def bandwidth() -> float:
-    """Bytes a second that a large copy reads and writes."""
-    source, target = np.ones(16_000_000), np.empty(16_000_000)
-    return 2 * source.nbytes / seconds_of(lambda: np.copyto(target, source), 7)

@@ -14,19 +14,10 @@ import numpy as np
 
 import endolab as el
 from endolab import datasets
-from endolab.depth import multigrid
-from endolab.depth.energy import energy_terms
-from endolab.depth.fast_marching import March
-from endolab.depth.grid import Grid
-from endolab.depth.primal_dual import _Path
 from endolab.depth.problem import Problem
 from endolab.depth.solvers import solve
-from endolab.metrics.depth_errors import occlusion_cuts
-from endolab.numerics.compiled import inner
 from endolab.reconstruction.problem_setup import make_problem
-from tests.benchmarks.report import bandwidth, both, ended, seconds_of, table
-from tests.depth import primal_dual_model
-from tests.depth.gauss_newton_model import GaussNewtonModel
+from tests.benchmarks.report import both, ended, table
 from tests.tools.problems import Shot
 
 SIZES = (80, 160, 320, 640, 1440)
@@ -76,29 +67,6 @@ def table_one() -> None:
     heads = ("scene", "ξ", "order", "solver", "iterations", "s", "% mean / median", "° mean / median")
     heads += ("paper: iterations", "%", "°")
     table("Table I at 320x240, exact frames", heads, rows)
-
-
-def colons() -> None:
-    """Colons of several shapes, clean and not, with and without their true contours as cuts."""
-    shapes = {
-        "default": el.Colon(),
-        "wide": el.Colon(radius=28.0, fold_spacing=34.0),
-        "low folds": el.Colon(fold_height=0.25),
-        "winding": el.Colon(winding=24.0),
-    }
-    rows = []
-    for name, shape in shapes.items():
-        for seed in range(3):
-            how = {"texture": 0.08, "noise": 1.5} if seed else {}
-            shot = shot_of(shape, seed=seed, **how)
-            cuts = occlusion_cuts(shot.truth.distance)
-            cells = [
-                both(shot.errors(shot.reconstruct(solver=solver, cuts=chosen, channel="grey")), "percent", 2)
-                for chosen, solver in product((None, cuts), ("fast_marching", "gauss_newton"))
-            ]
-            rows.append([name, f"8 % texture, 1.5 grey, seed {seed}" if how else "clean", *cells])
-    heads = ("colon", "frame", "marching", "Gauss-Newton", "marching, true cuts", "Gauss-Newton, true cuts")
-    table("Colons at 320x240: mean / median error of distance, %", heads, rows)
 
 
 def sizes() -> None:
@@ -162,61 +130,7 @@ def sensitivity() -> None:
     table("Gauss-Newton at 320x240 from other starts (none: coarse to fine)", heads, rows)
 
 
-def kernels() -> None:
-    """A march, and a Gauss-Newton step's compiled loops beside NumPy twins, and beside the memory's speed."""
-    rate, rows = bandwidth(), []
-    for width in (320, 1440):
-        problem = problem_of(shot_of("colon", width))
-        grid = Grid.of(problem)
-        v = grid.march()
-        coefficients, b = grid.linearised(v, 1.0)
-        m, x, out = coefficients.matrix(0.0), b.copy(), b.copy()
-        model = GaussNewtonModel.at(problem, inner(v))
-        inverse = 1 / np.where(m[0] > 0, m[0], np.inf)
-        cycles = multigrid.Multigrid(coefficients)
-        given = problem.log_facing, problem.mask, problem.field.inverse_metric, None
-        delta = inner(b).copy()
-        twin = {"energy": lambda p=problem, v=v: energy_terms(p, inner(v))}
-        twin["normal equations"] = lambda p=problem, v=v: GaussNewtonModel.at(p, inner(v))
-        twin["matrix times x"] = lambda model=model, delta=delta: model.multiply(delta)
-        timed = {  # what is run, and the bytes that it must read and write for each pixel
-            "energy": (lambda g=grid, v=v: g.terms(v, 1.0), 75),
-            "normal equations": (lambda g=grid, v=v: g.linearised(v, 1.0), 131),
-            "assembly": (lambda c=coefficients: c.matrix(0.0), 107),
-            "matrix times x": (lambda m=m, x=x, out=out: multigrid.multiply(m, x, out), 72),
-            "sweep": (lambda m=m, i=inverse, x=x, b=b: multigrid.sweep_forwards(m, i, x.copy(), b), 88),
-            "V-cycle": (lambda c=cycles: c._cycle(), 0),
-            # d₀² and three of the metric read (32 B); d², heap, place read and written (32 B), fixed (1 B).
-            "march": (lambda given=given: March.seeded(*given).advance(given[1].size), 65),
-        }
-        for name, (call, size) in timed.items():
-            seconds = seconds_of(call)
-            plain = f"{1e3 * seconds_of(twin[name], 3):.2f}" if name in twin else ""
-            share = f"{100 * size * problem.mask.size / seconds / rate:.0f} %" if size else ""
-            times = f"{1e3 * seconds:.2f}", f"{1e9 * seconds / problem.mask.size:.1f}"
-            rows.append([f"{width}x{problem.camera.height}", name, *times, share, plain])
-    heads = ("size", "loop", "ms", "ns/pixel", "of the memory's bandwidth", "NumPy twin ms")
-    table(f"A march and the loops of a step; a large copy moves {rate / 1e9:.1f} GB/s", heads, rows)
-
-
-def primal_dual_steps() -> None:
-    """One step of the paper's path, compiled and in NumPy, without its energy."""
-    problem = problem_of(shot_of("tube"))
-    rows = []
-    for radius in (0, 8):
-        path = _Path.at(problem, problem.log_facing, radius, 0.7)
-        ours = seconds_of(lambda path=path: path.advance(10, 1.0, 1.0), 5) / 10
-        rows.append([f"{radius} px", f"{1e3 * ours:.2f}", ""])
-    # Patches and s are written there for reading, in loops that take seconds.
-    primal_dual_model.patch_means = lambda p, *_: p
-    twin = primal_dual_model.PrimalDualModel(problem, problem.log_facing, 0, 0.7)
-    twin.gain = lambda *_: 1.0
-    rows[0][-1] = f"{1e3 * seconds_of(lambda: twin.step(1.0), 5):.1f}"
-    heads = ("patch", "compiled ms", "NumPy ms, without s and patches")
-    table("Primal-dual step, tube at 320x240", heads, rows)
-
-
-TABLES = {one.__name__: one for one in (table_one, colons, sizes, sensitivity, kernels, primal_dual_steps)}
+TABLES = {one.__name__: one for one in (table_one, sizes, sensitivity)}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or TABLES:

@@ -1,10 +1,11 @@
-"""Accuracy and the time of imports as tables: `make bench`.
+"""Accuracy on scenes and published frames, and seconds: `python -m tests.benchmarks.speed [seconds]`.
 
 Not a test: it asserts nothing and depends on the machine.
 """
 
 import subprocess
 import sys
+from collections.abc import Callable
 from statistics import median
 
 import numpy as np
@@ -12,8 +13,9 @@ import numpy as np
 import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import compare
-from tests.benchmarks.report import both, ended, table
-from tests.tools.problems import Shot
+from endolab.numerics.threads import cores, limited_threads
+from tests.benchmarks.report import both, ended, seconds_of, table
+from tests.tools.problems import Shot, moved_colon
 
 SOLVERS = ("facing", "fast_marching", "gauss_newton")
 
@@ -69,7 +71,45 @@ def imports() -> None:
     table("Import time", ("code", "seconds (median of 5)"), rows)
 
 
+def runs(width: int) -> dict[str, Callable[[], object]]:
+    """What people wait for, of a colon that moves on by a millimetre a frame."""
+    calibration = datasets.load_calibration("simple", width)
+    lit = el.render(moved_colon(0), calibration.camera, calibration.photometry).photometry
+    known = el.Calibration(calibration.camera, lit)
+    video = []
+    for t in range(4):
+        seen = el.render(moved_colon(t), calibration.camera, lit, noise=1, bits=8, seed=t)
+        video.append((str(t), el.Frame(seen.image, seen.mask, str(t))))
+    frame, one = video[0][1], {"channel": "green", "regulariser": "second"}
+    found = el.reconstruct(frame, known, **one)
+    steps = {"solver": "primal_dual", "max_iterations": 100, "channel": "green"}
+    return {
+        "cold": lambda: el.reconstruct(frame, known, **one),
+        "warm, λ × 1.1": lambda: el.reconstruct(frame, known, lam=1.1, start=found, **one),
+        "curvature": lambda: el.reconstruct(frame, known, channel="green", regulariser="curvature"),
+        "the default": lambda: el.reconstruct(frame, known),
+        "fast marching": lambda: el.reconstruct(frame, known, solver="fast_marching"),
+        "4 frames, 1 mm apart": lambda: list(el.reconstruct_sequence(video, known, **one)),
+        "100 primal-dual steps": lambda: el.reconstruct(frame, known, **steps),
+    }
+
+
+def seconds() -> None:
+    """Milliseconds on one core, two, ..., all, at three sizes."""
+    counts = sorted({1, 2, cores()})
+    rows = []
+    for width in (320, 640, 1440):
+        for name, call in runs(width).items():
+            times = []
+            for count in counts:
+                with limited_threads(count):
+                    times.append(1e3 * seconds_of(call, 7 if width < 1440 else 3))
+            rows.append([f"{width} px", name, *(f"{one:.0f}" for one in times)])
+    table("Milliseconds, medians", ("size", "what", *(f"on {count}" for count in counts)), rows)
+
+
+TABLES = {one.__name__: one for one in (scenes, published, imports, seconds)}
+
 if __name__ == "__main__":
-    scenes()
-    published()
-    imports()
+    for name in sys.argv[1:] or TABLES:
+        TABLES[name]()

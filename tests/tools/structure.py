@@ -6,11 +6,16 @@ included; nothing is run.
 """
 
 import ast
+import io
 import sys
+import tokenize
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+NO_CODE = {
+    *(tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
+}
 Graph = Mapping[str, set[str]]  # who imports whom
 
 
@@ -109,16 +114,22 @@ def upward(graph: Graph, order: list[str]) -> list[tuple[str, str]]:
     )
 
 
-def lines(paths: Iterable[Path]) -> tuple[int, int]:
-    """Lines in all, and those of docstrings."""
-    total = words = 0
-    for path in paths:
-        text = path.read_text(encoding="utf-8")
-        total += len(text.splitlines())
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node):
-                words += (node.body[0].end_lineno or 0) - node.body[0].lineno + 1
-    return total, words
+def code_lines(text: str) -> int:
+    """Count lines of code: no blanks, comments or docstrings."""
+    words: set[int] = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node):
+            words |= set(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
+    code: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in NO_CODE:
+            code |= set(range(token.start[0], token.end[0] + 1))
+    return len(code - words)
+
+
+def count(folder: Path) -> int:
+    """Lines of code below a folder."""
+    return sum(code_lines(path.read_text(encoding="utf-8")) for path in folder.rglob("*.py"))
 
 
 def main(root: Path = ROOT) -> None:
@@ -127,12 +138,8 @@ def main(root: Path = ROOT) -> None:
     graph = imports(package)
     folders = by_folder(graph)
     deep, wide = levels(graph), levels(folders)
-    code, words = lines(package.rglob("*.py"))
-    tests, _ = lines((root / "tests").rglob("*.py"))
     print(f"files             {len(graph)}")
     print(f"folders           {sum((package / name).is_dir() for name in folders)}")
-    print(f"lines             {code}, of them docstrings {words}")
-    print(f"lines of tests    {tests}")
     print(f"levels of files   {max(deep.values())}")
     print(f"levels of folders {max(wide.values())}")
     print(f"arrows            {sum(map(len, graph.values()))} between files")
@@ -141,6 +148,10 @@ def main(root: Path = ROOT) -> None:
         print("   ", " - ".join(circle))
     for level in sorted(set(wide.values())):
         print(f"{level:>3}  {' '.join(sorted(name for name in folders if wide[name] == level))}")
+    print("lines of code, without blanks, comments and docstrings")
+    for folder in (package, *sorted(path for path in package.iterdir() if (path / "__init__.py").is_file())):
+        print(f"{count(folder):>7}  {folder.relative_to(root)}")
+    print(f"{count(root / 'tests'):>7}  tests, with benchmarks and tools")
 
 
 if __name__ == "__main__":
