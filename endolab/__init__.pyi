@@ -65,7 +65,6 @@ from .synthetic.scenes import Bump as Bump
 from .synthetic.scenes import Colon as Colon
 from .synthetic.scenes import Plane as Plane
 from .synthetic.scenes import Tube as Tube
-from .tuning.calibration.board import tune_calibration as tune_calibration
 from .tuning.surface_view import show_surface as show_surface
 from .tuning.widget import tune as tune
 from .uncertainty.choice_of_lam import LamCurve as LamCurve

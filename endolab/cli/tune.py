@@ -7,7 +7,6 @@ import threading
 import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from endolab._extras import need
@@ -26,18 +25,8 @@ def _tune(arguments: argparse.Namespace) -> None:
         raise ValueError(f"--width must be at least 16 px, got {arguments.width}")
     port = free_port(arguments.port)
 
-    from endolab.tuning.folder import find_pictures, is_report, read_truth
+    from endolab.tuning.folder import find_pictures, read_truth
 
-    if is_report(arguments.frame):
-        given = [name for name in ("calibration", "truth") if getattr(arguments, name) is not None]
-        if given:
-            raise ValueError(
-                f"--{given[0]} is for frames, and {arguments.frame} is the report of a calibration"
-            )
-        _serve(arguments, port, Path(arguments.frame).name, lambda: _calibration_board(arguments.frame))
-        return
-    if arguments.calibration is None:
-        raise ValueError("--calibration is missing: endoscope.json, or a known endoscope's name")
     calibration = load_calibration(arguments.calibration)
     pictures = find_pictures(arguments.frame)
     if arguments.truth is not None and len(pictures) > 1:
@@ -51,12 +40,6 @@ def _tune(arguments: argparse.Namespace) -> None:
         return App(pictures, calibration, first, truth, width=arguments.width)
 
     _serve(arguments, port, first.name, make)
-
-
-def _calibration_board(report: str) -> Any:
-    from endolab.tuning.calibration.board import tune_calibration
-
-    return tune_calibration(report)
 
 
 def _serve(arguments: argparse.Namespace, port: int, name: str, make: Callable[[], Any]) -> None:
@@ -90,19 +73,15 @@ def add_tune_command(commands: Any) -> None:
         commands,
         "tune",
         _tune,
-        "the tuner in the browser, for frames or a calibration's report",
+        "the tuner in the browser",
         "endolab tune frame.png --calibration endoscope.json",
         "endolab tune frames --calibration c3vd --width 480",
         "endolab tune a.png --calibration endoscope.json --truth truth.npz",
-        "endolab tune endoscope_report",
     )
     option = command.add_argument
-    option(
-        "frame",
-        metavar="FRAME",
-        help="PNG, JPEG or TIFF, 8 or 16 bits; a folder of these, or of a calibration's report",
-    )
-    option("--calibration", metavar="CAL", help="endoscope.json, or a known endoscope's name")
+    option("frame", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these")
+    how = "endoscope.json, or a known endoscope's name"
+    option("--calibration", required=True, metavar="CAL", help=how)
     option("--truth", metavar="T", help="truth.npz of the frame, or its depth map of a published data set")
     option("--width", type=whole, default=320, metavar="PX", help="to begin with (default 320)")
     option("--port", type=whole, default=PORT, metavar="N", help=f"the next free one (default {PORT})")

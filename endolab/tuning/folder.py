@@ -1,4 +1,4 @@
-"""What the app is given: pictures of a folder, the truth of a frame, or the report of a calibration."""
+"""What the app is given: pictures of a folder, and the truth of a frame."""
 
 from pathlib import Path
 
@@ -10,11 +10,6 @@ from endolab.io.video import is_sequence, open_frames
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import check_size
-
-
-def is_report(source: str | Path) -> bool:
-    """Whether a folder is the report of a calibration."""
-    return all((Path(source) / name).is_file() for name in ("report.json", "detections.jsonl"))
 
 
 def find_pictures(source: str | Path) -> list[Path]:

@@ -163,16 +163,3 @@ print(outcome.result.mask.shape[1], peak)
     width, peak = map(int, done.stdout.split())
     assert width == 160
     assert peak < 1_000_000  # kB
-
-
-def test_a_report_needs_no_calibration_and_takes_none(made, capsys):
-    report = made / "endoscope_report"
-    report.mkdir()
-    for name in ("report.json", "detections.jsonl"):
-        (report / name).write_text("{}")
-    assert cli.main(["tune", str(report), "--calibration", "simple", "--no-browser"]) == 2
-    assert "--calibration is for frames" in capsys.readouterr().err
-    assert cli.main(["tune", str(report), "--no-browser"]) == 2
-    assert "not the report of a calibration" in capsys.readouterr().err
-    assert cli.main(["tune", str(made / "sim/frame.png"), "--no-browser"]) == 2
-    assert "--calibration is missing" in capsys.readouterr().err

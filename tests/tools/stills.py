@@ -213,25 +213,6 @@ def of_tuner(box: Any) -> str:
     )
 
 
-def of_calibration(board: Any) -> str:
-    """HTML of what a calibration's board shows: errors, the worst, a middling and the best frame, sheets."""
-    names, quantity = board.material.names, board.quantity.value
-    errors = [board._judged.error(name, quantity) for name in names]
-    known = sorted(
-        (name for name, error in zip(names, errors, strict=True) if np.isfinite(error)),
-        key=lambda name: -board._judged.error(name, quantity),
-    )
-    pieces = []
-    for place in sorted({0, len(known) // 2, len(known) - 1}):
-        board.choose(known[place])
-        picture = embedded(board.picture.value, "jpeg", board.picture.caption)
-        caption = html.escape(board.picture.caption)
-        pieces.append((known[place], f"<p>{caption}</p>{picture}{board.legend.value}"))
-    board.choose(known[0])
-    space = alive(board.space) if board.space.sheets else ""
-    return piece(alive(board.bars) + chosen_from("frame", pieces)) + piece(space + board.numbers.value)
-
-
 def of_surface(view: Any) -> str:
     """HTML of a surface, to be turned there as well."""
     return alive(view, embedded(view.still(), "png", "the surface, from the side"), webgl=True)
@@ -244,7 +225,6 @@ def install() -> None:
     formatter = get_ipython().display_formatter.formatters["text/html"]
     for module, name, made in (
         ("endolab.tuning.widget", "TunerBox", of_tuner),
-        ("endolab.tuning.calibration.board", "CalibrationBoard", of_calibration),
         ("endolab.tuning.surface_view", "SurfaceView", of_surface),
     ):
         formatter.for_type_by_name(module, name, made)

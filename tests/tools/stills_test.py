@@ -1,13 +1,9 @@
 """What stands for controls on a page: which positions of a slider, and HTML to choose from."""
 
-import json
-import re
-
 import ipywidgets as w
 import pytest
 from bs4 import BeautifulSoup
 
-from endolab.tuning.calibration.parts import Bars
 from tests.tools import stills
 
 
@@ -47,12 +43,3 @@ def test_pieces_are_chosen_by_their_labels():
     assert page.div.div.find_all("div")[1].text == "two"
     other = BeautifulSoup(stills.chosen_from("", [("1", "one")]), "html.parser")
     assert other.input["name"] != inputs[0]["name"]
-
-
-def test_a_widget_that_draws_itself_takes_its_state_along():
-    page = stills.alive(Bars(title="</script>", level=2.5), "<i>still</i>")
-    assert page.count("</script>") == 1
-    state = json.loads(re.search(r"state = (\{.*?\});", page)[1])
-    assert (state["title"], state["level"]) == ("</script>", 2.5)
-    assert "_esm" not in state
-    assert BeautifulSoup(page, "html.parser").div.i.text == "still"
