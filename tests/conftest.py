@@ -48,7 +48,7 @@ def data() -> Path:
 def mitsuba() -> None:
     """Ask for Mitsuba, an optional extra, and the LLVM that it needs."""
     pytest.importorskip("mitsuba", reason='Mitsuba is not installed: python -m pip install "mitsuba>=3.9"')
-    from endolab.synthetic import path_tracing
+    from tests.tools import path_tracing
 
     try:
         path_tracing.mitsuba()

@@ -1,4 +1,4 @@
-"""Scenes whose truth is known, rendered by the model or path-traced.
+"""Scenes whose truth is known, and the frames that the model makes of them.
 
-Read `scenes`, `rendering`, `mucosa`, `path_tracing`.
+Read `scenes`, `rendering`.
 """

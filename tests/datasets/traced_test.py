@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from endolab.datasets.known_endoscopes import load_calibration
 from endolab.datasets.traced import FOLDER, LAYERS, load_traced, read
-from endolab.synthetic.path_tracing import Traced
 from endolab.synthetic.rendering import VEIL
 from tests.tools import make_traced_frames as maker
 from tests.tools.make_traced_frames import CASES
+from tests.tools.path_tracing import Traced
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -57,39 +56,15 @@ def test_round_trip(tmp_path):
         assert_allclose(getattr(new, name), getattr(old, name), atol=1e-12)
 
 
-def test_a_frame_beyond_the_files_reach_is_refused(tmp_path):
-    sample = load_traced("matt")
-    with pytest.raises(ValueError, match="holds distances up to 255 mm, got 347 mm"):
-        maker.write(tmp_path / "a.npz", replace(made(sample), distance=2 * sample.distance), CASES["matt"], 1)
-    assert not list(tmp_path.iterdir())
-
-
-def test_unknown_missing_and_broken_frames(tmp_path, capsys):
-    with pytest.raises(ValueError, match="unknown traced frame 'dry'; choose matt, diffuse-1"):
+def test_unknown_missing_and_broken_frames(tmp_path):
+    with pytest.raises(ValueError, match="'dry'"):
         load_traced("dry")
-    with pytest.raises(FileNotFoundError, match="there is no such file"):
+    with pytest.raises(FileNotFoundError, match=r"none\.npz"):
         read(tmp_path / "none.npz")
     whole = (FOLDER / "matt.npz").read_bytes()
     (tmp_path / "half.npz").write_bytes(whole[: len(whole) // 2])
     np.savez(tmp_path / "other.npz", image=np.zeros(3))
     np.savez(tmp_path / "facts.npz", image=np.zeros(3), facts=np.array(json.dumps({"scene": {}})))
     for name in ("half", "other", "facts"):
-        with pytest.raises(ValueError, match=f"{name}.npz: not a path-traced frame that endolab wrote"):
+        with pytest.raises(ValueError, match=f"{name}.npz"):
             read(tmp_path / f"{name}.npz")
-    assert maker.main([]) == 2
-    assert maker.main([str(tmp_path / "made"), "dry"]) == 2
-    assert "unknown frame 'dry'" in capsys.readouterr().err
-    assert not (tmp_path / "made").exists()
-
-
-def test_the_generator_makes_such_a_frame(mitsuba, tmp_path, monkeypatch):
-    case = replace(CASES["wet-1"], options=CASES["wet-1"].options | {"mesh_size": 60, "bounces": 3})
-    monkeypatch.setitem(maker.CASES, "small", case)
-    monkeypatch.setattr(maker, "load_calibration", lambda name, width: load_calibration(name, 64))
-    maker.make(tmp_path, ["small"], samples=4)
-    sample = read(tmp_path / "small.npz")
-    assert sample.frame.image.shape == (48, 64, 3)
-    # Small and coarse, but of the same colon under the same lights as the frame that comes with endolab.
-    both = (sample, load_traced("wet-1"))
-    small, large = (one.direct[..., 1] / one.calibration.photometry.gain for one in both)
-    assert np.median(small / large[2::5, 2::5]) == pytest.approx(1, rel=0.1)

@@ -12,6 +12,7 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from endolab.datasets.known_endoscopes import load_calibration
 from endolab.datasets.traced import DISTANCE_STEP, GREY_STEPS, LAYERS
@@ -20,8 +21,8 @@ from endolab.io.descriptions import Calibration
 from endolab.model.brdf import Lambertian
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from endolab.synthetic.path_tracing import Traced, trace
 from endolab.synthetic.scenes import Colon
+from tests.tools.path_tracing import Traced, trace
 
 SAMPLES = 256  # paths a pixel: leaves less than a grey level of their noise
 
@@ -80,36 +81,17 @@ def write(path: PathLike, traced: Traced, case: Case, samples: int) -> None:
     write_atomically(path, packed.getvalue())
 
 
-def make(folder: PathLike, names: Sequence[str] = (), *, samples: int = SAMPLES) -> None:
-    """Path-trace frames of the set, all by default, into a folder, each whole or not at all."""
-    from tqdm import tqdm
-
-    unknown = [name for name in names if name not in CASES]
-    if unknown:
-        raise ValueError(f"unknown frame {unknown[0]!r}; choose {', '.join(CASES)}")
-    for name in names or CASES:
+def make(folder: PathLike, names: Sequence[str], *, samples: int = SAMPLES) -> None:
+    """Path-trace frames of the set into a folder, each whole or not at all."""
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    for name in tqdm(names, unit="frame"):
         case = CASES[name]
-        camera = load_calibration(case.camera, 320 if case.camera == "paper" else None).camera
-        with tqdm(total=100, unit="%", desc=name, bar_format="{desc} {percentage:3.0f} % {elapsed}") as bar:
-            how = {"bits": 8, "samples": samples, "progress": lambda share: bar.update(100 * share - bar.n)}
-            traced = trace(case.scene, camera, case.photometry, **how, **case.options)
-        Path(folder).mkdir(parents=True, exist_ok=True)
+        camera = load_calibration(case.camera, 320).camera
+        traced = trace(case.scene, camera, case.photometry, samples=samples, **case.options)
         write(Path(folder) / f"{name}.npz", traced, case, samples)
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Make the set: ``python -m tests.tools.make_traced_frames FOLDER [NAMES]``."""
-    if not arguments or arguments[0].startswith("-"):
-        usage = f"FOLDER [{' | '.join(CASES)}]..."
-        print(f"usage: python -m tests.tools.make_traced_frames {usage}", file=sys.stderr)
-        return 2
-    try:
-        make(arguments[0], arguments[1:])
-    except (ValueError, OSError) as error:
-        print(f"endolab: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
 if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))
+    if len(sys.argv) < 2:
+        raise SystemExit(f"usage: python -m tests.tools.make_traced_frames FOLDER [{' | '.join(CASES)}]...")
+    make(sys.argv[1], sys.argv[2:] or list(CASES))

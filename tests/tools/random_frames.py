@@ -1,23 +1,22 @@
 """Random path-traced frames: what an endoscope may see, drawn by a seed, so that nothing can be tuned to it.
 
-    python -m tests.tools.random_frames open FOLDER      24 frames to look at and to judge by
-    python -m tests.tools.random_frames sealed FOLDER    24 others, to be scored once, at the end
-
-A seed decides everything: the cavity, the camera, lamps, wall, sensor and what is known of them. One file a
-frame holds its picture, truth and layers of light, see `read`. Mitsuba is needed to make them, not to read.
+`tests.benchmarks.unseen` makes and scores them: 24 open ones to look at and to judge by, and 24 sealed ones,
+to be scored once, at the end. A seed decides everything: the cavity, the camera, lamps, wall, sensor and what
+is known of them. One file a frame holds its picture, truth and layers of light, see `read`. Mitsuba is needed
+to make them, not to read.
 """
 
 import json
 import math
-import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from tqdm import tqdm
 
 from endolab.datasets.sample import Sample
 from endolab.datasets.traced import LAYERS
@@ -30,9 +29,8 @@ from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame
-from endolab.synthetic.path_tracing import Traced, trace
-from endolab.synthetic.rendering import VEIL, developed
 from tests.tools.cavities import Cavity, Fold, Polyp
+from tests.tools.path_tracing import Traced, stored, trace
 
 COUNT = 24
 SETS = {"open": range(1000, 1000 + COUNT), "sealed": range(770_000, 770_000 + COUNT)}
@@ -76,7 +74,6 @@ class RandomFrame(Sample):
     indirect: FloatArray  # (H, W, 3), the same
     mirrored: FloatArray  # (H, W), the same
     kind: str
-    facts: dict[str, Any]  # how it was made, see `RandomCase`
 
 
 # Cavities --------------------------------------------------------------------------------
@@ -86,12 +83,9 @@ def _folds(rng: np.random.Generator, first: float, last: float, radius: float) -
     folds, s = [], first + rng.uniform(0, 15)
     while s < last:
         height = radius * rng.uniform(0.2, 0.5)
-        shape = {
-            "height": height,
-            "width": rng.uniform(0.35, 0.7) * height,
-            "side": rng.uniform(0, 2 * np.pi),
-        }
-        folds.append(Fold(s, **shape, reach=rng.uniform(0, 2.5), lean=radius * rng.uniform(-0.3, 0.5)))
+        width, side = rng.uniform(0.35, 0.7) * height, rng.uniform(0, 2 * np.pi)
+        reach, lean = rng.uniform(0, 2.5), radius * rng.uniform(-0.3, 0.5)
+        folds.append(Fold(s, height, width, side, reach, lean))
         s += rng.uniform(0.7, 1.5) * radius + 4
     return tuple(folds)
 
@@ -259,41 +253,29 @@ def frame_of(case: RandomCase, *, samples: int = SAMPLES, mesh_size: int = MESH)
     """Path-trace and develop a case."""
     lit = replace(case.photometry, gain=1.0)
     how = {"samples": samples, "mesh_size": mesh_size, "fog": case.fog}
-    return _developed(case, trace(case.cavity, case.camera, lit, **how, **case.wall))
+    return developed_frame(case, trace(case.cavity, case.camera, lit, **how, **case.wall))
 
 
-def _developed(case: RandomCase, traced: Traced) -> RandomFrame:
-    """What the sensor and the file make of the layers, at a gain that gives the exposure."""
+def developed_frame(case: RandomCase, traced: Traced) -> RandomFrame:
+    """What the sensor and the file make of the layers, at a gain that gives the exposure.
+
+    The calibration is the one that a user would have: one light at the optical centre, perhaps one albedo.
+    """
     mask, gamma = traced.mask, case.photometry.gamma
     light = traced.direct + traced.indirect + traced.mirrored[..., None]
     share, level = case.exposure
     gain = level**gamma / float(np.percentile(light[mask].max(axis=-1), 100 * (1 - share)))
-    veil = VEIL * (1 - np.exp(-case.fog * np.nan_to_num(traced.distance)))
-    image = developed(gain * light + veil[..., None], gamma, case.noise, 8, case.seed)
-    image = np.where(mask[..., None], image, 0.0)
+    image = stored(gain * light, traced.distance, gamma, case.fog, case.noise, case.seed)
     if case.jpeg is not None:
-        stored = np.round(255 * image[..., ::-1]).astype(np.uint8)
-        packed = cv2.imencode(".jpg", stored, [cv2.IMWRITE_JPEG_QUALITY, case.jpeg])[1]
+        grey_levels = np.round(255 * image[..., ::-1]).astype(np.uint8)
+        packed = cv2.imencode(".jpg", grey_levels, [cv2.IMWRITE_JPEG_QUALITY, case.jpeg])[1]
         image = cv2.imdecode(packed, cv2.IMREAD_COLOR)[..., ::-1] / 255
-    made_with = Calibration(case.camera, replace(case.photometry, gain=gain))
-    facts = {name: value for name, value in asdict(case).items() if name not in ("camera", "photometry")}
-    facts["made_with"] = made_with.to_dict()
-    return RandomFrame(
-        Frame(image, mask, f"{case.seed}-{case.kind}"),
-        _as_known(made_with, case.albedo_known),
-        traced.distance,
-        traced.normals,
-        **{name: gain * getattr(traced, name) for name in LAYERS},
-        kind=case.kind,
-        facts=facts,
-    )
-
-
-def _as_known(made_with: Calibration, albedo_known: bool) -> Calibration:
-    """The calibration that a user would have: one light at the optical centre, and perhaps one albedo."""
-    one = made_with.photometry.simplified()
-    albedo = one.brdf.albedo if albedo_known else one.brdf.albedo[1]
-    return Calibration(made_with.camera, replace(one, brdf=Lambertian(albedo)))
+    one = replace(case.photometry, gain=gain).simplified()
+    albedo = one.brdf.albedo if case.albedo_known else one.brdf.albedo[1]
+    known = Calibration(case.camera, replace(one, brdf=Lambertian(albedo)))
+    frame = Frame(image, mask, f"{case.seed}-{case.kind}")
+    layers = {name: gain * getattr(traced, name) for name in LAYERS}
+    return RandomFrame(frame, known, traced.distance, traced.normals, **layers, kind=case.kind)
 
 
 def write(path: PathLike, made: RandomFrame) -> None:
@@ -302,53 +284,31 @@ def write(path: PathLike, made: RandomFrame) -> None:
     arrays["image"] = np.round(255 * made.frame.image).astype(np.uint8)
     arrays["distance"] = made.distance.astype(np.float32)
     arrays["normals"] = np.round(32767 * np.nan_to_num(made.normals)).astype(np.int16)
+    facts = json.dumps({"kind": made.kind, "calibration": made.calibration.to_dict()})
     packed = BytesIO()
-    np.savez_compressed(packed, facts=np.array(json.dumps(made.facts)), **arrays)
+    np.savez_compressed(packed, facts=np.array(facts), **arrays)
     write_atomically(path, packed.getvalue())
 
 
 def read(path: PathLike) -> RandomFrame:
     """Read a frame that `write` wrote."""
-    with np.load(path) as stored:
-        arrays = {name: stored[name] for name in stored.files}
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
     facts = json.loads(str(arrays["facts"]))
     distance = arrays["distance"].astype(np.float64)
     mask = np.isfinite(distance)
     normals = np.where(mask[..., None], arrays["normals"], np.nan) / 32767
-    return RandomFrame(
-        Frame(arrays["image"] / 255, mask, Path(path).stem),
-        _as_known(Calibration.from_dict(facts["made_with"], str(path)), facts["albedo_known"]),
-        distance,
-        normals / np.linalg.norm(normals, axis=-1, keepdims=True),
-        **{name: arrays[name].astype(np.float64) for name in LAYERS},
-        kind=facts["kind"],
-        facts=facts,
-    )
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    frame = Frame(arrays["image"] / 255, mask, Path(path).stem)
+    known = Calibration.from_dict(facts["calibration"], str(path))
+    layers = {name: arrays[name].astype(np.float64) for name in LAYERS}
+    return RandomFrame(frame, known, distance, normals, **layers, kind=facts["kind"])
 
 
 def make(seeds: Sequence[int], folder: PathLike, **how: int) -> None:
     """Make the frames that are not in a folder yet, each whole or not at all."""
-    from tqdm import tqdm
-
     Path(folder).mkdir(parents=True, exist_ok=True)
     missing = [seed for seed in seeds if not list(Path(folder).glob(f"{seed}-*.npz"))]
     for seed in tqdm(missing, unit="frame", disable=not missing):
         made = frame_of(random_case(seed), **how)
         write(Path(folder) / f"{made.frame.name}.npz", made)
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Make a set: ``python -m tests.tools.random_frames open FOLDER``."""
-    if len(arguments) != 2 or arguments[0] not in SETS:
-        print("usage: python -m tests.tools.random_frames open|sealed FOLDER", file=sys.stderr)
-        return 2
-    try:
-        make(SETS[arguments[0]], arguments[1])
-    except OSError as error:
-        print(f"endolab: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))

@@ -19,7 +19,6 @@ names none, the whole joint exponent k is taken for the spread of the light at t
 the direct layer cannot tell the two apart, the indirect one can.
 """
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from importlib import import_module
 from math import isqrt
@@ -27,21 +26,17 @@ from typing import Any
 
 import numpy as np
 
-from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.numerics.checks import whole
-from endolab.synthetic.mucosa import ROUGHNESS, film_radiance, rippled, tissue
-from endolab.synthetic.rendering import VEIL, Rendered, check_amounts, developed, exposed, truth_of
+from endolab.synthetic.rendering import VEIL, Rendered, developed, exposed, truth_of
 from endolab.synthetic.scenes import Scene
+from tests.tools.mucosa import ROUGHNESS, film_radiance, rippled, tissue
 
 VARIANT = "llvm_ad_rgb"
 OLDEST_LLVM = 16  # older ones abort on processors with AVX-512
 SURE_BOUNCES = 3  # before the roulette
-RAYS_AT_ONCE = 1_500_000  # about 1 GB
-LEAST_ROUGHNESS = 0.2  # less mirrors the lamps as points, which few of a pixel's places meet
 PIXELS_FOR_A_VERTEX = 32  # paths of a pixel for one of a vertex
 
 
@@ -163,8 +158,8 @@ class _Tracer:
         # Recorded as one loop: unrolled, the same turns compile for minutes.
         return dr.while_loop(state, lambda *values: values[4], turn, labels=labels)[3]
 
-    def fill(self, turns: int, paths: int, seed: int) -> Iterator[float]:
-        """Give every vertex the irradiance that comes by way of other walls; yields the share done."""
+    def fill(self, turns: int, paths: int, seed: int) -> None:
+        """Give every vertex the irradiance that comes by way of other walls."""
         mi = self.mi
         rng = np.random.default_rng([seed, 4])
         turned = rng.uniform(size=(2, len(self.vertices)))
@@ -174,7 +169,6 @@ class _Tracer:
             away = self._turned(normal, (turned + index * GOLDEN[:, None]) % 1)
             radiance = self._follow(mi.Ray3f(o=mi.Point3f(place), d=away), turns, int(rng.integers(2**32)))
             sums += np.array(radiance, dtype=np.float64).T
-            yield (index + 1) / paths
         content = mi.traverse(self.wall)
         content["vertex_bounced"] = (np.pi / paths * sums).astype(np.float32).ravel()
         content.update()
@@ -266,46 +260,23 @@ def trace(
     roughness: float = 0.5,
     fog: float = 0.0,
     noise: float = 0.0,
-    bits: int | None = None,
     bounces: int = 16,
     samples: int = 64,
     seed: int = 0,
     mesh_size: int = 300,
-    progress: Callable[[float], object] = lambda share: None,
 ) -> Traced:
     """Path-trace a scene; the paths meet its mesh, of `mesh_size` steps a side.
 
     Lights, response and mean albedos (Lambertian, below 1) are those of the photometry; with an unknown gain,
-    one that puts the 99th percentile of the brightest channel, highlights apart, at 0.9 is chosen. `fog`,
-    `noise` and `bits` are as for `render`, `texture`, `vessels` and `stains` as for `tissue`; `film` is the
+    one that puts the 99th percentile of the brightest channel, highlights apart, at 0.9 is chosen. `fog` and
+    `noise` are as for `render`, `texture`, `vessels` and `stains` as for `tissue`; `film` is the
     share of the light that a wet film mirrors at normal incidence, 0.02 being water, `sheen` that of a rough
-    wall, whose GGX width is the square of `roughness`. `bounces` are the turns of a path
+    wall, whose GGX width is the square of `roughness`, at least 0.2. `bounces` are the turns of a path
     after the first wall, 0 leaving the direct light alone; `samples` the paths a pixel, rounded up to whole
-    grids of at most 4x4 places in it. `seed` is of texture, ripples, noise and paths, and `progress` is told
-    the share of the work that is done, from 0 to 1.
+    grids of at most 4x4 places in it. `seed` is of texture, ripples, noise and paths. The picture has 8 bits.
 
-    OSError as for `mitsuba`; ValueError if an option is out of its range or the camera sees nothing lit.
+    OSError as for `mitsuba`; ValueError if the camera sees nothing lit.
     """
-    if not isinstance(photometry.brdf, Lambertian) or np.max(photometry.brdf.albedo) >= 1:
-        raise ValueError(f"path tracing needs a Lambertian surface of albedos below 1, got {photometry.brdf}")
-    check_amounts(
-        texture=texture,
-        vessels=vessels,
-        stains=stains,
-        film=film,
-        sheen=sheen,
-        fog=fog,
-        noise=noise,
-        bounces=bounces,
-    )
-    whole("seed", seed)
-    if sheen > 1:
-        raise ValueError(f"sheen must be at most 1, got {sheen:g}")
-    if not LEAST_ROUGHNESS <= roughness <= 1:
-        raise ValueError(f"roughness must be from {LEAST_ROUGHNESS:g} to 1, got {roughness}")
-    for name, value, greatest in (("bits", 8 if bits is None else bits, 16), ("samples", samples, 100_000)):
-        if not 1 <= value <= greatest:
-            raise ValueError(f"{name} must be from 1 to {greatest}, got {value}")
     mean = np.broadcast_to(np.asarray(photometry.brdf.albedo, dtype=np.float64), (3,))
     vignetting = photometry if photometry.lights else replace(photometry, k=0.0)
     lights = photometry.lights or (SpotLight(exponent=photometry.k),)
@@ -313,65 +284,38 @@ def trace(
     vertices, triangles = scene.mesh(mesh_size)
     albedo = tissue(vertices, mean, texture, vessels, seed, stains)
     tracer = _Tracer(vertices, triangles, scene.normals(vertices), albedo, lights, fog)
-    share = 0.5 if bounces > 1 else 0.0  # of the work, about, that is the vertices'
-    for done in tracer.fill(bounces - 2, max(1, samples // PIXELS_FOR_A_VERTEX), seed) if bounces > 1 else ():
-        progress(share * done)
+    if bounces > 1:
+        tracer.fill(bounces - 2, max(1, samples // PIXELS_FOR_A_VERTEX), seed)
     rng = np.random.default_rng([seed, 2])
     side = min(isqrt(samples), 4)
     rays = _subpixels(camera, side, rng)
     turned = rng.uniform(size=(2, 1, rays.shape[1]))  # every pixel starts the sequence elsewhere
     defined = ~np.isnan(rays[..., 2])
-    faded = vignetting.attenuation(rays[..., 2])
-    rounds, batch = -(-samples // side**2), max(1, RAYS_AT_ONCE // rays.shape[1])
-    sums = np.zeros((rays.shape[1], 7))
-    for first in range(0, side**2, batch):
-        part = np.arange(first, min(first + batch, side**2))
-        here = defined[part]
-        met, direct = tracer.look(rays[part][here])
-        layers = np.zeros((len(direct), 7))
-        layers[:, :3] = direct
-        for again in range(rounds if bounces else 0):
-            index = (again * side**2 + part)[:, None]
-            start = (turned + index * GOLDEN[:, None, None])[:, here] % 1
-            layers[:, 3:6] += tracer.gather(met, start, sheen, roughness) / rounds
-            progress(share + (1 - share) * (first + len(part) * (again + 1) / rounds) / side**2)
-        if film or sheen:
-            layers[:, 6] = tracer.mirrored(met, film, sheen, roughness, seed)
-        layers *= faded[part][here][:, None]
-        every = np.zeros((*here.shape, 7))
-        every[here] = layers
-        sums += every.sum(axis=0)
-    average = sums / np.maximum(defined.sum(axis=0), 1)[:, None]
-    picture = average.reshape(camera.height, camera.width, 7)
-    return _picture(scene, camera, photometry, picture, fog, noise, bits, seed)
-
-
-def _picture(
-    scene: Scene,
-    camera: Camera,
-    photometry: Photometry,
-    layers: FloatArray,
-    fog: float,
-    noise: float,
-    bits: int | None,
-    seed: int,
-) -> Traced:
-    """Make the picture of its layers (H, W, 7), and add the truth."""
+    met, direct = tracer.look(rays[defined])
+    layers = np.zeros((*defined.shape, 7))
+    layers[defined, :3] = direct
+    rounds = -(-samples // side**2)
+    for again in range(rounds if bounces else 0):
+        index = (again * side**2 + np.arange(side**2))[:, None]
+        start = (turned + index * GOLDEN[:, None, None])[:, defined] % 1
+        layers[defined, 3:6] += tracer.gather(met, start, sheen, roughness) / rounds
+    if film or sheen:
+        layers[defined, 6] = tracer.mirrored(met, film, sheen, roughness, seed)
+    layers[defined] *= vignetting.attenuation(rays[defined][:, 2])[:, None]
+    average = layers.sum(axis=0) / np.maximum(defined.sum(axis=0), 1)[:, None]
     truth = truth_of(scene, camera)
     mask = truth["mask"]
-    layers = np.where(mask[..., None], layers, 0.0)
-    matt = layers[..., :3] + layers[..., 3:6]
-    gain = exposed(photometry, matt[mask])
-    layers = layers * gain
-    linear = layers[..., :3] + layers[..., 3:6] + layers[..., 6:]
-    if fog:
-        linear += VEIL * (1 - np.exp(-fog * np.where(mask, truth["distance"], 0.0)))[..., None]
-    stored = developed(linear, photometry.gamma, noise, bits, seed)
-    return Traced(
-        image=np.where(mask[..., None], stored, 0.0),
-        photometry=replace(photometry, gain=gain),
-        direct=layers[..., :3],
-        indirect=layers[..., 3:6],
-        mirrored=layers[..., 6],
-        **truth,
-    )
+    average = np.where(mask[..., None], average.reshape(camera.height, camera.width, 7), 0.0)
+    gain = exposed(photometry, (average[..., :3] + average[..., 3:6])[mask])
+    direct, indirect, mirrored = np.split(gain * average, [3, 6], axis=-1)
+    image = stored(direct + indirect + mirrored, truth["distance"], photometry.gamma, fog, noise, seed)
+    light = {"direct": direct, "indirect": indirect, "mirrored": mirrored[..., 0]}
+    return Traced(image=image, photometry=replace(photometry, gain=gain), **truth, **light)
+
+
+def stored(
+    light: FloatArray, distance: FloatArray, gamma: float, fog: float, noise: float, seed: int
+) -> FloatArray:
+    """The picture (H, W, 3) of 8 bits that a sensor makes of linear light, with the fog's veil."""
+    veil = VEIL * (1 - np.exp(-fog * np.nan_to_num(distance)))[..., None]
+    return np.where(np.isfinite(distance)[..., None], developed(light + veil, gamma, noise, 8, seed), 0.0)
