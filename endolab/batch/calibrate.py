@@ -1,20 +1,20 @@
 """Frames of a target in, endoscope.json and its report out; a call that was cut off goes on where it was."""
 
+import os
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
 from endolab._extras import need
 from endolab.calibration.least_squares import FitIterate
-from endolab.calibration.session import Progress, Session, calibrate, silent
+from endolab.calibration.session import Progress, Session, calibrate, checked_names, silent
 from endolab.calibration.targets import Target
-from endolab.io.atomic import PathLike, staged_folder
+from endolab.io.atomic import PathLike, read_json, staged_file, staged_folder
 from endolab.io.descriptions import make_calibration
 from endolab.io.detection_cache import detect_cached
+from endolab.io.ownership import in_the_way, spare_inputs
 from endolab.io.video import Frames
-from endolab.reports.calibration_page import REPORT, write_report
-
-CALIBRATION = "endoscope.json"  # what the report's folder knows CAL.json by
+from endolab.reports.calibration_page import write_report
 
 
 def report_folder(out: PathLike) -> Path:
@@ -23,6 +23,14 @@ def report_folder(out: PathLike) -> Path:
     if path.suffix != ".json":
         raise ValueError(f"the calibration's name ends in .json, got {path.name}")
     return path.with_name(f"{path.stem}_report")
+
+
+def _is_calibration(path: Path) -> bool:
+    """Whether a file is an endoscope.json of endolab's."""
+    try:
+        return read_json(path, "calibration").get("endolab") == 1
+    except (OSError, ValueError, AttributeError):
+        return False
 
 
 def calibrate_to_files(
@@ -40,23 +48,26 @@ def calibrate_to_files(
 ) -> Session:
     """Calibrate an endoscope from frames of a target; write its file and a folder with the report.
 
-    `out` is `endoscope.json`, not written if the light was refused. Beside it, in `report_folder`, are
-    what was detected (kept between calls), the page, `camera.json` and, with `record`, a recording for
-    the Rerun viewer. Files that endolab did not write, or that were changed since, are replaced only if
-    `overwrite`; the frames and `inputs`, what else was read for this, never. `say` is told, in a sentence,
-    what an earlier call had done; the rest, camera, every and the light's options, is as for `calibrate`.
-    Raises `MissingPackage` at once if a recording is wanted and cannot be written.
+    `out` is `endoscope.json`, not written if the light was refused. Beside it are `report_folder`, with the
+    page, `camera.json` and, with `record`, a recording for the Rerun viewer; and what was detected, kept
+    between calls. A file that is no calibration of endolab's, and a folder that is no such report, are
+    replaced only if `overwrite`; the frames and `inputs`, what else was read for this, never. `say` is told,
+    in a sentence, what an earlier call had done; the rest, camera, every, leave_out and the light's options,
+    is as for `calibrate`. Raises `MissingPackage` at once if a recording is wanted and cannot be written.
     """
     if record:
         need("rerun")
-    folder = report_folder(out)
-    files = (CALIBRATION, *REPORT, *("recording.rrd",) * record)
-    read = [frames.path] if frames.is_video else [frames.path / name for name in frames.names]
-    where: dict[str, Any] = {"inputs": [*read, *inputs], "elsewhere": {CALIBRATION: Path(out)}}
+    folder, calibration = report_folder(out), Path(out)
+    checked_names(options.get("leave_out", ()), frames.names)
+    read: list[PathLike | None] = [*inputs]
+    read += [frames.path] if frames.is_video else [frames.path / name for name in frames.names]
+    spare_inputs([calibration], read)
+    if os.path.lexists(calibration) and not overwrite and not _is_calibration(calibration):
+        raise in_the_way(calibration)
     steps: list[FitIterate] = []
     options["light_observers"] = [steps.append] if record else []
-    with staged_folder(folder, files, overwrite=overwrite, **where) as staging:
-        cache = folder / "detections.jsonl"  # which is no part of what moves in at the end
+    with staged_folder(folder, overwrite=overwrite, inputs=read) as staging:
+        cache = calibration.with_name(f"{calibration.stem}_detections.jsonl")
         how: dict[str, Any] = {"camera": options.get("camera"), "progress": progress, "say": say}
         found = detect_cached(frames, target, cache, overwrite=overwrite, **how)
         options["detections"], options["size"] = found
@@ -66,6 +77,7 @@ def calibrate_to_files(
             from endolab.recording.calibration import record_calibration
 
             record_calibration(session, frames, staging / "recording.rrd", light_steps=steps)
-        if session.light is not None:
-            make_calibration(session, str(frames.path), channel).save(staging / CALIBRATION)
+    if session.light is not None:
+        with staged_file(calibration, inputs=read) as temporary:
+            make_calibration(session, str(frames.path), channel).save(temporary)
     return session

@@ -1,7 +1,7 @@
 """A calibration from end to end: frames of a target in, the endoscope's camera and light out."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +11,7 @@ from endolab.calibration.detection.detect import Detection, detect
 from endolab.calibration.detection.dots import nothing
 from endolab.calibration.geometric.fit import GeometricFit, calibrate_camera
 from endolab.calibration.geometric.pose import Pose
+from endolab.calibration.geometric.projection import predict_view
 from endolab.calibration.geometric.reprojection import find_pose, views_of
 from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.photometric.fit import calibrate_light, checked_gamma
@@ -28,6 +29,7 @@ Named = Iterable[tuple[str, FloatArray | None]]
 EVERY = 20  # frames of a video, of which one goes into the geometry
 ENOUGH_VIEWS = 15  # frames that the geometry should have; then fewer are left out
 UNREADABLE = "it cannot be read"
+LEFT_OUT = "left out, as asked"
 HOLD_OUT = 10  # one frame in so many is kept to score the fit of the light
 
 
@@ -45,6 +47,19 @@ class Session:
     refused: str = ""  # why not; empty if they could
     scores: HeldOut | None = None  # how well frames are predicted that the fit has not seen
     dropped: dict[str, str] = field(default_factory=dict)  # frames that were not used, and why
+    errors: dict[str, float] = field(default_factory=dict)  # of located frames, rms of what counts, px
+
+    def expected(self, name: str) -> FloatArray:
+        """Where the features detected in a located frame are expected, (n, 2), px; nan without a pose."""
+        ids = self.detections[name].ids
+        points, radii = self.target.points[ids], self.target.radii[ids]
+        panel = self.target.panel_of(points)
+        pixels = np.full((len(ids), 2), np.nan)
+        for number, pose in enumerate(self.poses[name]):
+            here = panel == number
+            if pose is not None:
+                pixels[here] = predict_view(self.camera, pose, points[here], radii[here])
+        return pixels
 
 
 def silent(stage: str, done: int, total: int) -> None:
@@ -115,27 +130,30 @@ def choose_views(detections: Mapping[str, Detection], every: int = EVERY) -> lis
 
 def locate(
     detections: Mapping[str, Detection], target: Target, camera: KannalaBrandt, progress: Progress = silent
-) -> tuple[dict[str, tuple[Pose | None, ...]], dict[str, str]]:
+) -> tuple[dict[str, tuple[Pose | None, ...]], dict[str, float], dict[str, str]]:
     """Find the poses of the target's panels in every frame.
 
-    Returns the poses of the frames where at least one panel was located, and why the others are dropped.
+    Returns, of the frames where at least one panel was located, the poses and the root mean square distance
+    of the points that count, px; and why the others are dropped.
     """
     poses: dict[str, tuple[Pose | None, ...]] = {}
+    errors: dict[str, float] = {}
     dropped: dict[str, str] = {}
     for number, (name, detection) in enumerate(detections.items()):
         found: list[Pose | None] = [None] * target.panels
-        reason = detection.reason or "too few points"
+        reason, squares = detection.reason or "too few points", np.zeros(0)
         for view in views_of(name, detection, target):
             try:
-                found[view.panel] = find_pose(view, target, camera)[0]
+                found[view.panel], inliers, residual = find_pose(view, target, camera)
+                squares = np.append(squares, np.sum(residual[inliers] ** 2, axis=1))
             except ValueError as error:
                 reason = str(error)
-        if any(pose is not None for pose in found):
-            poses[name] = tuple(found)
+        if len(squares):
+            poses[name], errors[name] = tuple(found), float(np.sqrt(np.mean(squares)))
         else:
             dropped[name] = reason
         progress("locating", number + 1, len(detections))
-    return poses, dropped
+    return poses, errors, dropped
 
 
 def sample_all(
@@ -177,6 +195,16 @@ def describe_target(target: Target) -> str:
     return f"{target.columns} x {target.rows} {what}, {target.spacing:g} mm apart{folded}"
 
 
+def checked_names(leave_out: Collection[str], names: Collection[str]) -> list[str]:
+    """Return the frames to be left out; ValueError if one of them is none of `names`."""
+    left_out = [leave_out] if isinstance(leave_out, str) else list(leave_out)
+    for name in left_out:
+        if name not in names:
+            some = ", ".join(list(names)[:3])
+            raise ValueError(f"leave_out must name some of the frames ({some}, …), got {name!r}")
+    return left_out
+
+
 def calibrate(
     frames: Named,
     target: Target,
@@ -186,8 +214,8 @@ def calibrate(
     size: tuple[int, int] | None = None,
     every: int = EVERY,
     channel: str = "grey",
+    leave_out: Collection[str] = (),
     progress: Progress = silent,
-    geometry_observers: Iterable[Callable[[FitIterate], bool | None]] = (),
     light_observers: Iterable[Callable[[FitIterate], bool | None]] = (),
     **light: Any,
 ) -> Session:
@@ -207,10 +235,12 @@ def calibrate(
         One frame in so many goes into the geometry; fewer are left out of a short video.
     channel : {"grey", "red", "green", "blue"}
         Whose response is calibrated.
+    leave_out : collection of str
+        Names of frames that the fits are not to see.
     progress : callable
         Told the stage ("detecting", "locating", "sampling"), what is done and the total.
-    geometry_observers, light_observers : iterables of callables
-        Shown every step of the two fits.
+    light_observers : iterable of callables
+        Shown every step of the light's fit.
     **light
         Options of `calibrate_light`: gamma, brdf, gain, reflectance, light …
 
@@ -222,7 +252,8 @@ def calibrate(
     Raises
     ------
     ValueError
-        If the frames differ in size, the target is in none of them, or they cannot tell the camera.
+        If the frames differ in size, the target is in none of them, they cannot tell the camera, or one to
+        be left out is none of them.
     """
     if channel not in (*CHANNELS, "grey"):
         raise unknown_name("channel", channel, (*CHANNELS, "grey"))
@@ -231,17 +262,20 @@ def calibrate(
         raise ValueError(f"every must be a whole number of frames, at least 1, got {every}")
     if detections is None:
         detections, size = detect_all(frames, target, progress=progress, size=size, camera=camera)
-    if size is None or not any(len(detection.ids) for detection in detections.values()):
-        raise _none_found(detections, target)
+    left_out = checked_names(leave_out, detections)
+    kept = {name: detection for name, detection in detections.items() if name not in left_out}
+    if size is None or not any(len(detection.ids) for detection in kept.values()):
+        raise _none_found(kept, target)
     geometry = None
     if camera is None:
-        chosen = choose_views(detections, every)
-        views = [view for name in chosen for view in views_of(name, detections[name], target)]
-        geometry = calibrate_camera(views, target, *size, observers=geometry_observers)
+        chosen = choose_views(kept, every)
+        views = [view for name in chosen for view in views_of(name, kept[name], target)]
+        geometry = calibrate_camera(views, target, *size)
         camera = geometry.camera
     else:
         check_size(camera, size)
-    poses, dropped = locate(detections, target, camera, progress)
+    poses, errors, dropped = locate(kept, target, camera, progress)
+    dropped |= dict.fromkeys(left_out, LEFT_OUT)
     gamma = light.get("gamma", 2.2)
     guess = 2.2 if isinstance(gamma, str) else float(np.ravel(gamma)[0])
     samples = sample_all(frames, target, poses, camera, channel=channel, gamma=guess, progress=progress)
@@ -251,7 +285,8 @@ def calibrate(
         scores = score(samples, **light)
     except NotIdentifiableError as error:
         refused = str(error)
-    return Session(target, dict(detections), geometry, camera, poses, samples, fit, refused, scores, dropped)
+    every_one = dict(detections)
+    return Session(target, every_one, geometry, camera, poses, samples, fit, refused, scores, dropped, errors)
 
 
 def score(samples: Samples, **light: Any) -> HeldOut | None:

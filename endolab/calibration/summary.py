@@ -113,6 +113,8 @@ def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[
                 "found": found,
                 "used": list(session.poses),
                 "dropped": session.dropped,
+                "errors_px": session.errors,
+                "errors_grey": light_errors(session),
             },
         }
     )
@@ -248,6 +250,17 @@ def account(session: Session) -> list[str]:
     lines = [f"{counted(len(session.detections), 'frame')}: the target was found in {found} and {located}"]
     lines += [f"  {line}" for line in by_reason(session.dropped)]
     return lines + _camera_lines(session) + _light_lines(session)
+
+
+def light_errors(session: Session) -> dict[str, float]:
+    """Root mean square residual of the samples that counted in each frame, grey levels; nan without any."""
+    light, frame = session.light, session.samples.frame
+    if light is None:
+        return {}
+    counts = np.bincount(frame, light.used, len(session.poses))
+    squares = np.bincount(frame, light.used * light.residuals**2, len(session.poses))
+    with np.errstate(invalid="ignore"):
+        return dict(zip(session.poses, np.sqrt(squares / counts).tolist(), strict=True))
 
 
 def mean_distances(samples: Samples, frames: IntArray) -> FloatArray:

@@ -125,7 +125,8 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     if not isinstance(camera, KannalaBrandt | None):
         raise ValueError(f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}")
     options = _light_options(arguments, target)
-    options |= {name: getattr(arguments, name) for name in ("every", "channel", "record", "overwrite")}
+    names = ("every", "channel", "leave_out", "record", "overwrite")
+    options |= {name: getattr(arguments, name) for name in names}
     options["inputs"] = [arguments.target, arguments.camera]
     with closing(_Bar()) as bar:
         session = calibrate_to_files(
@@ -260,6 +261,8 @@ def add_calibration_commands(commands: Any) -> None:
     option("--camera", metavar="CAL.json", help="calibrate the light only, with the camera of this file")
     how = "one frame of a video in N goes into the geometry (default 20)"
     option("--every", type=whole, default=20, metavar="N", help=how)
+    how = "frames, by their names in the report, that the calibration is to do without"
+    option("--leave-out", nargs="+", action="extend", default=[], metavar="NAME", help=how)
     how = "whose response: grey (default), red, green or blue"
     option("--channel", choices=("grey", "red", "green", "blue"), default="grey", help=how)
     how = "a number (default 2.2), a number and its standard deviation (2.2,0.1), or free"

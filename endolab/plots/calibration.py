@@ -4,6 +4,7 @@ As in `maps`, every function but the two pages draws into the axes ``ax`` it is 
 new ones, under ``title``, and returns the axes. The figures of the light are in `light`.
 """
 
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from matplotlib.patches import Rectangle
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.fit import GeometricFit
 from endolab.calibration.session import Session
-from endolab.calibration.summary import counted, mean_distances
+from endolab.calibration.summary import counted, light_errors, mean_distances
 from endolab.calibration.targets import Target
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.plots.light import (
@@ -44,6 +45,7 @@ from endolab.plots.uncertainty import ring
 
 ROWS = (SKY, VERMILION, GREEN, ORANGE, PURPLE, BLUE)  # of the target, over and over
 MOST_ARROWS = 800  # more hide each other
+FEW = 40  # frames whose names fit below their bars
 LONGEST = 4.0  # standard deviations that an arrow shows
 
 
@@ -224,6 +226,88 @@ def video_frames(session: Session) -> IntArray:
     """Numbers, in the video, of the frames that were located: those that ``samples.frame`` counts."""
     number = {name: index for index, name in enumerate(session.detections)}
     return np.array([number[name] for name in session.poses], dtype=int)
+
+
+def worst_frames(session: Session, count: int = 4) -> list[str]:
+    """Name the frames whose features lie farthest from where they are expected, the worst first."""
+    return sorted(session.errors, key=lambda name: -session.errors[name])[:count]
+
+
+@house()
+def show_frame_errors(
+    errors: Mapping[str, float],
+    marked: Collection[str] = (),
+    ax: Axes | None = None,
+    *,
+    unit: str = "px",
+    title: str = "Error of every frame",
+) -> Axes:
+    """Show the errors of frames, by their names, as bars; those that are `marked` in red."""
+    ax = new_axes(ax)
+    names, place = list(errors), np.arange(len(errors))
+    values = np.nan_to_num([errors[name] for name in names])
+    ax.bar(place, values, width=0.8, color=[VERMILION if name in marked else SKY for name in names])
+    labelled = [i for i in place if names[i] in marked or len(names) <= FEW]
+    ax.set_xticks(labelled, [names[i] for i in labelled], rotation=90, size="small")
+    ax.set_xlim(-0.6, len(names) - 0.4)
+    return decorate(ax, title, "", f"root mean square [{unit}]")
+
+
+@house()
+def show_found(
+    image: FloatArray, session: Session, name: str, ax: Axes | None = None, *, title: str | None = None
+) -> Axes:
+    """Show the part of a located frame with its features: where they are expected and where they were found.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) float array
+        The frame, stored values in [0, 1].
+    session : Session
+    name : str
+        Of the frame.
+    """
+    expected, found = session.expected(name), session.detections[name].pixels
+    off, error = found - expected, session.errors[name]
+    low, high = found.min(axis=0), found.max(axis=0)
+    room = 0.1 * float(np.max(high - low)) + 10
+    magnify = round_length(0.2 * room / max(error, 1e-6))
+    ax = show_picture(image, ax, title or f"{name}: {error:.3f} px, arrows × {magnify:g}")
+    ax.plot(*expected.T, "o", ms=8, mfc="none", mec=ORANGE, mew=1.4, label="expected")
+    ax.plot(*found.T, "o", ms=3, color=SKY, label="found")
+    how: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / magnify, "width": 0.003}
+    length = np.linalg.norm(off, axis=1, keepdims=True)
+    shown = off * np.minimum(1, LONGEST * error / np.maximum(length, 1e-12))
+    ax.quiver(*expected.T, *shown.T, color=VERMILION, **how)
+    (left, top), (right, bottom) = low - room, high + room
+    ax.set(xlim=(left, right), ylim=(bottom, top))
+    ax.legend(loc="upper right", frameon=True)
+    return ax
+
+
+def frames_figure(session: Session, pictures: Mapping[str, FloatArray]) -> Figure:
+    """Draw the errors of all located frames, and some frames with what was found over what was expected.
+
+    Parameters
+    ----------
+    session : Session
+    pictures : mapping of str to (H, W) or (H, W, 3) float array
+        Frames to show, as `worst_frames` names them; stored values in [0, 1].
+    """
+    rows = [("px", session.errors), ("grey levels", light_errors(session))]
+    rows = [row for row in rows if row[1]]
+    with house(PAGE_SIZE):
+        figure = Figure(figsize=(16, 4 * len(rows) + 11), dpi=100, layout="constrained")
+        parts: Any = figure.subfigures(2, 1, height_ratios=(4 * len(rows), 11))
+        upper, lower = parts
+        for ax, (unit, errors) in zip(upper.subplots(len(rows), squeeze=False).flat, rows, strict=True):
+            show_frame_errors(errors, pictures, ax, unit=unit, title=f"Error of every frame [{unit}]")
+        axes = lower.subplots(2, 2).flat
+        for ax, (name, picture) in zip(axes, pictures.items(), strict=False):
+            show_found(picture, session, name, ax)
+        for ax in list(lower.axes)[len(pictures) :]:
+            ax.set_axis_off()
+    return figure
 
 
 def geometry_figure(session: Session, image: FloatArray, name: str | None = None) -> Figure:

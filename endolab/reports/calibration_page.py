@@ -1,6 +1,6 @@
 """The report of a calibration: a page with pictures, and its numbers as JSON."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +25,19 @@ from endolab.io.images import write_figure
 from endolab.io.video import Frames
 from endolab.model.brdf import TabulatedBRDF
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.calibration import best_frame, geometry_figure, light_figure, show_detection
+from endolab.plots.calibration import (
+    best_frame,
+    frames_figure,
+    geometry_figure,
+    light_figure,
+    show_detection,
+    worst_frames,
+)
 from endolab.plots.style import PAGE_SIZE, house
 from endolab.plots.uncertainty import uncertainty_figure
 
 REPORT = (  # at most
-    *("camera.json", "camera.png", "detection.png", "light.png", "uncertainty.png"),
+    *("camera.json", "camera.png", "detection.png", "frames.png", "light.png", "uncertainty.png"),
     *("report.html", "report.json"),
 )
 TEMPLATE = Path(__file__).with_suffix(".html.j2")
@@ -81,11 +88,13 @@ def _page(session: Session, source: str, shown: str) -> str:
     )
 
 
-def _picture(frames: Named, name: str, session: Session) -> FloatArray:
-    """Read one frame; black if it can no longer be read."""
-    only = frames.read([name]) if isinstance(frames, Frames) else frames
-    image = next((image for found, image in only if found == name), None)
-    return np.zeros((session.camera.height, session.camera.width)) if image is None else image
+def _pictures(frames: Named, names: Collection[str], session: Session) -> dict[str, FloatArray]:
+    """Read some frames; black where one can no longer be read."""
+    found = dict.fromkeys(names, np.zeros((session.camera.height, session.camera.width)))
+    for name, image in frames.read(sorted(names)) if isinstance(frames, Frames) else frames:
+        if name in found and image is not None:
+            found[name] = image
+    return found
 
 
 def write_report(
@@ -98,8 +107,9 @@ def write_report(
     write there are replaced only if `overwrite`.
     """
     source = str(frames.path) if isinstance(frames, Frames) else ""
-    name = best_frame(session)
-    image = _picture(frames, name, session)
+    name, worst = best_frame(session), worst_frames(session)
+    pictures = _pictures(frames, {name, *worst}, session)
+    image = pictures[name]
     facts: dict[str, Any] = evidence(session, source, channel) | {"account": account(session)}
     with staged_folder(folder, overwrite=overwrite) as staging:
         if session.geometry is None:
@@ -109,6 +119,9 @@ def write_report(
             write_figure(staging / "detection.png", figure)
         else:
             write_figure(staging / "camera.png", geometry_figure(session, image, name))
+        if worst:
+            shown = {one: pictures[one] for one in worst}
+            write_figure(staging / "frames.png", frames_figure(session, shown))
         if session.light is not None:
             write_figure(staging / "light.png", light_figure(session, image, name))
         if session.geometry is not None or session.light is not None:

@@ -11,6 +11,7 @@ from endolab.calibration import session
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.session import calibrate, choose_views, detect_all, score
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples, simulate_video
+from endolab.calibration.summary import evidence
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
 SIZE = CAMERA.width, CAMERA.height
@@ -53,6 +54,28 @@ def test_camera_poses_and_light_come_back(video, done):
     assert abs(found.light.k - 2.5) < 4 * found.light.standard_errors["k"] + 0.005
     assert abs(found.light.sigma - 1.04 * 0.8 ** (1 / 2.2)) < 0.06  # noise and rounding, grey levels
     assert len(found.light.gains) == len(np.unique(found.samples.frame))
+
+
+def test_the_error_of_a_frame_is_how_far_its_dots_lie_from_where_they_are_expected(done):
+    found, _ = done
+    for name in found.poses:
+        off = np.linalg.norm(found.detections[name].pixels - found.expected(name), axis=1)
+        assert np.quantile(off, 0.3) < found.errors[name] < 0.2  # px
+        assert found.errors[name] <= np.sqrt(np.mean(off**2)) + 1e-9
+
+
+def test_frames_that_are_left_out_count_for_nothing(video):
+    """Frames that lie are left out; the camera is that of the others alone, and an unknown name is named."""
+    frames, _, detections = video
+    liars = [name for name in detections if len(detections[name].ids)][:2]
+    wrong = {name: replace(detections[name], pixels=detections[name].pixels * 1.1) for name in liars}
+    found = calibrate(frames, SHEET, detections=detections | wrong, size=SIZE, leave_out=liars)
+    assert abs(found.camera.fx - CAMERA.fx) < 0.1
+    assert [found.dropped[name] for name in liars] == [session.LEFT_OUT] * 2
+    assert not set(liars) & (set(found.poses) | set(found.errors))
+    assert evidence(found)["frames"]["errors_px"] == found.errors
+    with pytest.raises(ValueError, match=r"leave_out.*'none'"):
+        calibrate(frames, SHEET, detections=detections, size=SIZE, leave_out=["none"])
 
 
 def test_progress_tells_every_stage_and_every_frame_is_accounted_for(video, done):
@@ -127,8 +150,8 @@ def test_the_geometry_takes_the_best_of_every_few_frames():
 def test_frames_without_a_pose_have_a_reason(video):
     _, _, detections = video
     strange = {"blind": seen(0), "few": seen(5), "good": next(d for d in detections.values() if len(d.ids))}
-    poses, dropped = session.locate(strange, SHEET, CAMERA)
-    assert list(poses) == ["good"]
+    poses, errors, dropped = session.locate(strange, SHEET, CAMERA)
+    assert list(poses) == list(errors) == ["good"]
     assert dropped == {"blind": "no dots", "few": "too few points"}
 
 

@@ -311,7 +311,7 @@ def paths(rng, good):
         other = pick(rng, [place for place in commands if argv[place - 1] != "--out"])
         argv[other] = pick(rng, names)
     kept = [
-        *("out", "out.csv", "out.json", "out_report", "out.svg"),
+        *("out", "out.csv", "out.json", "out_report", "out_detections.jsonl", "out.svg"),
         *([odd] if writes and odd not in ("", ".", "/") else []),
     ]
     return command(*argv, kept=tuple(kept), any=(odd,))
@@ -530,7 +530,7 @@ WRITING = (
     (("convert", "geometry.xml", "photometry.xml", "--out", "out.json"), ("out.json",)),
     (
         ("calibrate", "sheet", "--target", "vicalib_small", "--out", "out.json"),
-        ("out.json", "out_report/report.json", "out_report/detections.jsonl", "out_report/camera.json"),
+        ("out.json", "out_report/report.json", "out_detections.jsonl", "out_report/camera.json"),
     ),
 )
 
@@ -557,7 +557,11 @@ def yours(rng, good):
     elif how != "nothing":
         name.write_text("" if how == "empty" else "mine")
     safe = ("mine.txt",) if how == "nothing" else ("mine.txt", str(name), f"{name}/mine.txt")
-    case = command(*words, kept=("out", "out.csv", "out.svg", "out.json", "out_report"), safe=safe)
+    case = command(
+        *words,
+        kept=("out", "out.csv", "out.svg", "out.json", "out_report", "out_detections.jsonl"),
+        safe=safe,
+    )
     there = {path for path in Path().rglob("*") if path.is_file()}
 
     def run():
