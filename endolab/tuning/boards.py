@@ -18,7 +18,7 @@ SCALES = 0.6, 2.0  # of panels: smaller ones are not read, larger ones take too 
 STEP = 0.05  # of scales, so that a page which moves by a pixel is not drawn again
 ROOM = (1176.0, 548.0)  # px, before the page tells its own
 DIFFERENCE = "difference"
-SAME = ("frame", "mask and highlights", "section", "energy", "λ")  # panels that are not compared map by map
+SAME = ("frame", "mask and highlights", "section", "energy")  # panels that are not compared map by map
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ depends on nothing that was tried before and the lines of `Settings.code` give i
 energy with more than one minimum can make the two differ, and the outcome holds both. While a long solve goes
 on, what it has so far is told now and then.
 
-How far the answer can be trusted, or what other λ would leave, is found besides if somebody looks at it:
+How far the answer can be trusted is found besides if somebody looks at it:
 after the last answer, by another thread that leaves the solver a core, and is told as that answer once more.
 """
 
@@ -35,7 +35,6 @@ from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.tuning.source import SHRINK, Settings, Source, Subject, shrunk_map
 from endolab.uncertainty.causes import bounced_light
-from endolab.uncertainty.choice_of_lam import LamCurve
 from endolab.uncertainty.trust import Trust, noise_left, trust_of
 
 if TYPE_CHECKING:
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
 PATIENCE = 0.4  # s that a full solve takes between one picture and the next
 REST = 0.3  # s without a wish before anything is looked for besides
 LEAST_WIDTH = 64  # px, of a grid that is worth a coarse one
-TRUST, CURVE = "trust", "curve"  # what can be found besides
+TRUST = "trust"  # what can be found besides
 DRAWS = 8  # of random fields, for a trust that somebody waits for: σ is off by a quarter or less
 # The most steps of a quick answer, from a start and from nothing.
 COARSE_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
@@ -65,8 +64,7 @@ class Outcome:
     result: Result | None = None
     error: str | None = None  # one sentence
     trust: Trust | None = None  # how far the result can be trusted, if somebody looks at it
-    curve: LamCurve | None = None  # likewise: what each λ would leave
-    untold: str | None = None  # one sentence: why there is no trust, or no curve
+    untold: str | None = None  # one sentence: why there is no trust
     followed: Result | None = None  # the quick answer at full size, which a fine one may differ from
     path: tuple[Iterate, ...] = field(default=(), repr=False)  # of a fine answer: how it was found
 
@@ -210,10 +208,8 @@ class Tuner:
         self._final: Outcome | None = None
         self._closed = False
         self._besides: tuple[str, ...] = ()  # what is to be found
-        self._curve: tuple[Source, Settings, LamCurve] | None = None  # the last, which holds for any λ
         self._telling = threading.Lock()
         self.use(calibration, frame, truth)
-        self._answered_from = self._source
         work = {"endolab tuner": self._work, "endolab tuner, besides": self._work_besides}
         self._threads = [threading.Thread(target=job, name=name, daemon=True) for name, job in work.items()]
         for thread in self._threads:
@@ -249,7 +245,7 @@ class Tuner:
             self._changed.notify_all()
 
     def look_at(self, *besides: str) -> None:
-        """Find these besides from now on, of "trust" and "curve"; returns at once."""
+        """Find these besides from now on, of which there is "trust"; returns at once."""
         with self._changed:
             self._besides = besides
             if self._final is not None and self._final.untold:
@@ -324,8 +320,8 @@ class Tuner:
                     break
                 if outcome is not None:
                     followed = followed or outcome.followed
-                    seconds, curve = time.perf_counter() - started, self._known_curve(source, settings)
-                    self._tell(replace(outcome, seconds=seconds, curve=curve, followed=followed), source)
+                    seconds = time.perf_counter() - started
+                    self._tell(replace(outcome, seconds=seconds, followed=followed))
 
     def _try(self, source: Source, number: int, settings: Settings, serial: int) -> None:
         """Solve what is tried out."""
@@ -343,12 +339,12 @@ class Tuner:
             except Exception as error:
                 self.complaint = sentence_of(error)
 
-    def _tell(self, outcome: Outcome, source: Source) -> None:
+    def _tell(self, outcome: Outcome) -> None:
         with self._telling:
             self._show(outcome)
         if outcome.stage == FINE or outcome.error is not None:
             with self._changed:
-                self._final, self._answered_from = outcome, source
+                self._final = outcome
                 self._changed.notify_all()
 
     def _show(self, outcome: Outcome) -> None:
@@ -393,20 +389,13 @@ class Tuner:
             return None
 
         def tell(sofar: Result, seconds: float) -> None:
-            curve = self._known_curve(source, settings)
-            self._tell(Outcome(serial, settings, SOFAR, seconds, subject, sofar, curve=curve), source)
+            self._tell(Outcome(serial, settings, SOFAR, seconds, subject, sofar))
 
         watch = _Progress(lambda: self._is_stale(serial), tell)
         result = self._result(subject, settings, observers=[watch])
         if not self._is_stale(serial):
             source.settled = settings, result
         return Outcome(serial, settings, FINE, 0.0, subject, result, path=tuple(watch.path))
-
-    def _known_curve(self, source: Source, settings: Settings) -> LamCurve | None:
-        """The curve that was found last, if it is of these settings but for λ."""
-        if self._curve is None or self._curve[:2] != (source, replace(settings, lam=1.0)):
-            return None
-        return self._curve[2]
 
     # In the thread beside it ---------------------------------------------------------------
 
@@ -417,8 +406,8 @@ class Tuner:
             return None
         return next((one for one in self._besides if getattr(final, one) is None), None)
 
-    def _rested(self) -> tuple[Outcome, str, Source] | None:
-        """Wait until somebody looks at an answer, and what is to be found of it; None when it is closed."""
+    def _rested(self) -> Outcome | None:
+        """Wait until somebody looks at an answer that lacks something; None when it is closed."""
         with self._changed:
             while True:
                 self._changed.wait_for(lambda: self._closed or self._lacking() is not None)
@@ -426,16 +415,15 @@ class Tuner:
                     return None
                 outcome = self._final
                 self._changed.wait_for(lambda: self._closed or self._lacking() is None, REST)
-                what = self._lacking()
-                if outcome is not None and outcome is self._final and what is not None:
-                    return outcome, what, self._answered_from
+                if outcome is not None and outcome is self._final and self._lacking() is not None:
+                    return outcome
 
     def _work_besides(self) -> None:
         while (wanted := self._rested()) is not None:
-            outcome, what, source = wanted
+            outcome = wanted
             try:
                 with limited_threads(1):  # the next wish finds a core
-                    found = self._trusted(outcome) if what == TRUST else self._weighed(outcome, source)
+                    found = self._trusted(outcome)
             except Exception as error:
                 found = replace(outcome, untold=sentence_of(error))
             with self._telling:
@@ -456,23 +444,6 @@ class Tuner:
         except KeyboardInterrupt:  # stopped before there was anything to tell
             return outcome
         return replace(outcome, trust=trust)
-
-    def _weighed(self, outcome: Outcome, source: Source) -> Outcome:
-        """The same with what each λ would leave; a wish stops the search."""
-        assert outcome.subject is not None
-        curves: list[LamCurve] = []
-
-        def watch(iterate: Iterate) -> bool:
-            curve = iterate.problem.origin.lam_curve
-            curves.extend([] if curve is None else [curve])
-            return curve is not None or self._is_stale(outcome.serial)
-
-        self._result(outcome.subject, outcome.settings, lam="auto", observers=[watch])
-        if not curves:
-            return replace(outcome, untold="the search for λ was stopped")
-        with self._changed:
-            self._curve = source, replace(outcome.settings, lam=1.0), curves[0]
-        return replace(outcome, curve=curves[0])
 
 
 def _known(subject: Subject, settings: Settings) -> Endoscope:

@@ -14,7 +14,7 @@ from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import DECIDERS
 from endolab.preprocessing.contours import find_contours
-from endolab.tuning.engine import CURVE, FINE, TRUST, Outcome
+from endolab.tuning.engine import FINE, TRUST, Outcome
 from endolab.tuning.pictures import (
     LEFT_OUT,
     PLAIN,
@@ -404,30 +404,6 @@ def _energy(outcome: Outcome, view: View) -> Picture:
     return curve_panel(title, terms, "iteration", "[1]", log=True, look=view.look)
 
 
-def _weights(outcome: Outcome, view: View) -> Picture:
-    """How much smoother than noise is what each λ leaves, with the λ to be chosen and the slider's."""
-    curve, lam = outcome.curve, outcome.settings.lam
-    if curve is None:
-        return _message(outcome, view, f"λ: {_why(outcome)}")
-    c = curve.criterion
-    known = c[np.isfinite(c)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
-    margin = 0.1 * (high - low) or 0.1
-    low, high = min(low, 0.0) - margin, max(high, 0.0) + margin
-    at = np.log10([*curve.lam[[0, -1]], curve.chosen, max(lam, 1e-12)])
-    ends = (float(at.min()) - 0.1, float(at.max()) + 0.1)
-    curves = [
-        ("", np.array(ends), np.zeros(2)),
-        ("criterion", np.log10(curve.lam), c),
-        ("chosen", np.full(2, at[2]), np.array([low, high])),
-        ("now", np.full(2, at[3]), np.array([low, high])),
-    ]
-    title = f"λ: {curve.chosen:.3g} would be chosen, now {lam:.3g}"
-    return curve_panel(
-        title, curves, "log10 λ", "q - q of noise [1]", x_limits=ends, y_limits=(low, high), look=view.look
-    )
-
-
 PANELS = {
     "frame": Panel(_frame, _read_frame),
     "distance": Panel(_distance, _read_distance),
@@ -443,7 +419,6 @@ PANELS = {
     "mask and highlights": Panel(_evidence, _read_evidence),
     "σ": Panel(_sigma, _read_sigma, TRUST),
     "who decided": Panel(_decided, _read_decided, TRUST),
-    "λ": Panel(_weights, None, CURVE),
     "another start": Panel(_start, _read_start),
 }
 

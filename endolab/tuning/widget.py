@@ -267,8 +267,6 @@ class TunerBox(w.VBox):
             if not self._answered:
                 self._say(summary(outcome, time.perf_counter() - started))
 
-        if outcome.curve is not None:
-            self._offer_lam(outcome.curve.chosen)
         try:
             self.screen.show(outcome, summarise)
             self._show_surface(outcome)
@@ -280,7 +278,7 @@ class TunerBox(w.VBox):
         """Draw what is to be seen, and have found what it needs."""
         seen = self.screen.names() + ([] if self.turning.value == OFF else [self.turning.value])
         needs = {PANELS[name].besides for name in seen}
-        self.engine.look_at(*(one for one in ("trust", "curve") if one in needs))
+        self.engine.look_at(*(one for one in ("trust",) if one in needs))
         self.screen.redraw()
 
     def _turn(self, what: str) -> None:
@@ -386,8 +384,6 @@ class TunerBox(w.VBox):
             layout=w.Layout(width="130px"),
         )
         self.turning.observe(self._guarded(lambda change: self._turn(change["new"])), "value")
-        self.lam_found = made("", "the λ that the picture's roughness speaks for", self._take_lam)
-        self.lam_found.layout.display = "none"
         self.folder = w.Text("tuned", description="into", layout=w.Layout(width="190px"))
         self.folder.style.description_width = "34px"
         accepted = ".png,.jpg,.jpeg,.tif,.tiff,.json"
@@ -396,7 +392,7 @@ class TunerBox(w.VBox):
         self.upload.observe(self._guarded(lambda _: self._take_upload()), "value")
         self.buttons = w.HBox(
             [
-                *(self.keeper, self.shows, self.strip, self.turning, self.lam_found),
+                *(self.keeper, self.shows, self.strip, self.turning),
                 made("show code", "the lines of Python that make this", self.show_code),
                 made("export", "what is shown: pictures, cloud, depth and recording", self._export_aside),
                 *(self.folder, self.upload),
@@ -433,14 +429,6 @@ class TunerBox(w.VBox):
         if self.screen.kept is not None and self.screen.shows != which:
             self.screen.shows = which
             self.screen.redraw()
-
-    def _offer_lam(self, chosen: float) -> None:
-        """Offer the λ that was chosen, for the slider to take."""
-        self.lam_found.description = f"λ = {chosen:.3g}"
-        self.lam_found.layout.display = None
-
-    def _take_lam(self) -> None:
-        self.knobs["lam"].value = float(self.lam_found.description.removeprefix("λ = "))
 
     def _try_out(self, what: str) -> None:
         """Solve several values of a knob, to be seen side by side."""

@@ -349,30 +349,8 @@ def test_a_wish_stops_the_search_for_trust_and_is_answered_first(start, monkeypa
     assert (kinds[0], kinds[-2:]) == ("coarse", ["fine", "fine"])
 
 
-def test_the_curve_of_lam_is_that_of_auto_and_stays_while_lam_moves(start):
-    told = []
-    tuner = start(told.append)
-    tuner.look_at("curve")
-    fine = answer(tuner, replace(SMALL, noise=1.0))
-    until(lambda: told[-1].curve is not None)
-    keywords = told[-1].settings.keywords(grey=False) | {"lam": "auto"}
-    expected = el.reconstruct(fine.subject.frame, fine.subject.calibration, **keywords)
-    curve = expected.problem.origin.lam_curve
-    assert told[-1].curve.chosen == curve.chosen
-    assert np.allclose(told[-1].curve.criterion, curve.criterion)
-    answer(tuner, replace(SMALL, noise=1.0, lam=0.2))
-    moved = [outcome for outcome in told if outcome.serial == 2]
-    assert moved[0].stage == "coarse"
-    assert all(outcome.curve is told[-1].curve for outcome in moved)
-    assert answer(tuner, replace(SMALL, noise=2.0)).curve is None
-    until(lambda: told[-1].curve is not None)
-    assert told[-1].serial == 3
-
-
-@pytest.mark.parametrize(
-    ("besides", "words"), [("trust", "minimises no energy"), ("curve", "minimises none")]
-)
-def test_why_there_is_no_trust_or_curve_is_one_sentence_once(start, besides, words):
+@pytest.mark.parametrize(("besides", "words"), [("trust", "minimises no energy")])
+def test_why_there_is_no_trust_is_one_sentence_once(start, besides, words):
     told = []
     tuner = start(told.append)
     tuner.look_at(besides)

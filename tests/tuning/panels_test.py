@@ -14,10 +14,9 @@ from endolab.plots.scales import DECIDERS
 from endolab.tuning.boards import fitting, of_one, of_two
 from endolab.tuning.engine import Tuner
 from endolab.tuning.panels import BELOW_NOISE, FIRST, PANELS, SILENT, TORN, Cut, View, limits_of, map_alone
-from endolab.tuning.pictures import COLOURS, LEFT_OUT, Look, coloured
+from endolab.tuning.pictures import LEFT_OUT, Look, coloured
 from endolab.tuning.sentences import contrast, other_start, summary
 from endolab.tuning.source import Settings
-from endolab.uncertainty.choice_of_lam import LamCurve
 
 LOOK = Look()
 INNER = np.s_[LOOK.top : LOOK.top + LOOK.height, LOOK.edge : LOOK.edge + LOOK.width]
@@ -33,10 +32,8 @@ def outcome():
 
 @pytest.fixture(scope="module")
 def trusted(outcome):
-    """The same, and how far it can be trusted, and what other λ would leave."""
-    lam, alike = np.array([0.1, 1.0, 10.0]), np.array([-0.2, 0.1, 0.2])
-    curve = LamCurve(0.5, lam, lam, lam, alike, np.zeros(3))
-    return replace(outcome, trust=el.trust_of(outcome.result, draws=4), curve=curve)
+    """The same, and how far it can be trusted."""
+    return replace(outcome, trust=el.trust_of(outcome.result, draws=4))
 
 
 def drawn(outcome, name, **view):
@@ -60,21 +57,10 @@ def test_trust_and_who_decided_are_in_their_colours(trusted):
     for k, colour in enumerate(DECIDERS.values(), 1):
         share = np.mean((decided[INNER] == colour).all(axis=-1))
         assert share == pytest.approx(np.mean(trusted.trust.decided_by == k), abs=0.15)
-    assert (drawn(trusted, "λ") == COLOURS["now"]).all(axis=-1).any()
-
-
-def test_the_marker_follows_the_slider(trusted):
-    def marker(lam):
-        picture = drawn(replace(trusted, settings=replace(trusted.settings, lam=lam)), "λ")
-        return np.flatnonzero((picture == COLOURS["now"]).all(axis=-1).sum(axis=0) > 100).mean()
-
-    assert marker(0.2) < marker(1.0) < marker(5.0)
-    middle = (marker(0.1) + marker(10.0)) / 2
-    assert marker(1.0) == pytest.approx(middle, abs=1.5)
 
 
 def test_what_is_not_known_yet_or_never_is_grey_and_a_lends_its_colours(trusted, outcome):
-    for name in ("σ", "who decided", "λ"):
+    for name in ("σ", "who decided"):
         waiting, never = drawn(outcome, name), drawn(replace(outcome, untold="no energy"), name)
         assert (waiting[100, 100] == LEFT_OUT).all()
         assert (waiting != never).any()

@@ -222,17 +222,6 @@ def test_every_panel_is_chosen_drawn_and_read_without_a_solve(make, seen):
     assert "error" not in blind.screen.view.choices
 
 
-def test_the_chosen_lam_is_a_button_that_sets_the_slider(make):
-    box = make()
-    box.engine.wait(30)
-    box.screen.view.panels = ["λ", *box.screen.view.panels[1:]]
-    until(lambda: box.screen.shown.curve is not None, 60)
-    chosen = box.screen.shown.curve.chosen
-    assert box.lam_found.layout.display is None
-    box.lam_found.click()
-    assert box.engine.wait(30).settings.lam == pytest.approx(chosen, rel=0.05)
-
-
 def test_a_mask_is_drawn_and_a_length_is_clicked(make, seen, tmp_path):
     frame, calibration, _ = seen
     unknown = replace(calibration, photometry=replace(calibration.photometry, gain=None))
