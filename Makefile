@@ -22,7 +22,7 @@ lab: $(READY) ## open JupyterLab on the notebooks
 	$(BIN)/endolab lab
 
 demo: $(READY) ## simulate a frame of a colon, reconstruct it, and compare it with its truth
-	$(BIN)/endolab simulate colon --out demo
+	$(BIN)/endolab simulate colon --out demo --overwrite
 	$(BIN)/endolab reconstruct demo/frame.png --calibration demo/endoscope.json --out demo/result
 	$(BIN)/endolab evaluate demo/result/depth.npz demo/truth.npz
 	@if [ -f "$(FRAME)" ]; then \

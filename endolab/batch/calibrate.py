@@ -1,6 +1,5 @@
 """Frames of a target in, endoscope.json and its report out; a call that was cut off goes on where it was."""
 
-import os
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
@@ -9,10 +8,9 @@ from endolab._extras import need
 from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.session import Progress, Session, calibrate, checked_names, silent
 from endolab.calibration.targets import Target
-from endolab.io.atomic import PathLike, read_json, staged_file, staged_folder
+from endolab.io.atomic import PathLike, check_file, read_json, staged_file, staged_folder
 from endolab.io.descriptions import make_calibration
 from endolab.io.detection_cache import detect_cached
-from endolab.io.ownership import in_the_way, spare_inputs
 from endolab.io.video import Frames
 from endolab.reports.calibration_page import write_report
 
@@ -61,9 +59,7 @@ def calibrate_to_files(
     checked_names(options.get("leave_out", ()), frames.names)
     read: list[PathLike | None] = [*inputs]
     read += [frames.path] if frames.is_video else [frames.path / name for name in frames.names]
-    spare_inputs([calibration], read)
-    if os.path.lexists(calibration) and not overwrite and not _is_calibration(calibration):
-        raise in_the_way(calibration)
+    check_file(calibration, overwrite=overwrite or _is_calibration(calibration), inputs=read)
     steps: list[FitIterate] = []
     options["light_observers"] = [steps.append] if record else []
     with staged_folder(folder, overwrite=overwrite, inputs=read) as staging:

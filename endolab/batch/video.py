@@ -18,9 +18,8 @@ import numpy as np
 from endolab._extras import lacking
 from endolab.batch.table import Row, measured, read_numbers, read_rows, write_rows
 from endolab.io.archives import Head, read_arrays
-from endolab.io.atomic import PathLike, as_json, one_sentence, read_json, write_atomically
+from endolab.io.atomic import ASK, PathLike, as_json, one_sentence, read_json, spare_inputs, write_atomically
 from endolab.io.images import read_mask
-from endolab.io.ownership import ASK, in_the_way, spare_inputs
 from endolab.io.surfaces import MAPS, read_depth, save_depth
 from endolab.io.video import Frames, open_frames
 from endolab.model.endoscope import Endoscope
@@ -215,7 +214,7 @@ class SequenceFolder:
         if not os.path.lexists(self.folder / "report.json"):
             for path in self._files():
                 if os.path.lexists(path):
-                    raise in_the_way(path)
+                    raise FileExistsError(f"{path} is there already; {ELSEWHERE}")
             return
         try:
             report = read_json(self.folder / "report.json", "report")
@@ -371,6 +370,7 @@ class SequenceFolder:
         done = [name for name in self.index if self.done(name)]
         broken = {name: row["error"] for name, row in self.rows.items() if row["error"]}
         content = {
+            "endolab": 1,
             "sequence": self.source,
             "complete": bool(wanted) and all(name in broken or self.done(name) for name in wanted),
             "frames": len(self.index),

@@ -70,15 +70,15 @@ def _simulate(arguments: argparse.Namespace) -> None:
         return
     names = ("noise", "bits", "seed", *FRAME_OPTIONS)
     how = {name: value for name in names if (value := getattr(arguments, name)) is not None}
-    files, inputs = ("endoscope.json", "frame.png", "truth.npz"), [arguments.calibration]
-    with staged_folder(arguments.out, files, overwrite=arguments.overwrite, inputs=inputs) as folder:
+    inputs = [arguments.calibration]
+    with staged_folder(arguments.out, overwrite=arguments.overwrite, inputs=inputs) as folder:
         rendered = render(SCENES[arguments.scene], calibration.camera, calibration.photometry, **how)
         write_image(folder / "frame.png", rendered.image, arguments.bits)
         replace(calibration, photometry=rendered.photometry).save(folder / "endoscope.json")
         save_depth(folder / "truth.npz", rendered, True)
     known = rendered.distance[rendered.mask]
     print(f"{arguments.scene}: {known.min():.1f} to {known.max():.1f} mm, median {np.median(known):.1f} mm")
-    print(f"written to {arguments.out}: {', '.join(files)}")
+    print(f"written to {arguments.out}: endoscope.json, frame.png, truth.npz")
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:

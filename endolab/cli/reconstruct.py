@@ -255,7 +255,7 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
 
     from endolab.batch.video import FILES, reconstruct_video
     from endolab.datasets.folders import depth_layout
-    from endolab.io.ownership import spare_inputs
+    from endolab.io.atomic import spare_inputs
 
     for option in ("every", "limit"):
         value = getattr(arguments, option)
@@ -340,7 +340,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
         if arguments.out is not None:
             inputs = [arguments.frame, arguments.calibration, arguments.mask, arguments.settings]
             how = {"overwrite": arguments.overwrite, "inputs": inputs}
-            folder = ending.enter_context(staged_folder(arguments.out, files, **how))
+            folder = ending.enter_context(staged_folder(arguments.out, **how))
             if recording in files:
                 from endolab.recording.live import LiveView
 

@@ -3,20 +3,19 @@
 import json
 import math
 import os
+import secrets
 import shutil
 import stat
-import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from endolab.io.leftovers import clear_leftovers, is_temporary, temporary_name
-from endolab.io.ownership import ASK, MANIFEST, Claim, spare_inputs
-
 PathLike = str | os.PathLike[str]
+REPORT = "report.json"  # by which a folder of results is known: a JSON object with the key "endolab"
 MOST_JSON = 10_000_000  # bytes; a calibration with its evidence has some kB
+ASK = "or replace it with overwrite=True"  # the command line says --overwrite
+_TEMPORARY = ".endolab-"  # how the names of what is on its way begin
 
 
 # Sentences ------------------------------------------------------------------------------
@@ -42,135 +41,107 @@ def one_sentence(what: str) -> Iterator[None]:
 
 @contextmanager
 def _hidden(temporary: Path, target: Path) -> Iterator[None]:
-    """Make one sentence of an error, in which `target` stands for what is temporary."""
+    """Make one sentence of an OSError, in which `target` stands for what is temporary."""
     try:
         yield
-    except (OSError, ValueError) as error:
-        kind, said = OSError if isinstance(error, OSError) else ValueError, str(error)
-        if isinstance(error, OSError) and error.errno is not None:
-            # Only what opens a file knows its name: what is without one failed in writing.
-            name = str(temporary if error.filename is None else error.filename)
-            doing = "cannot write " * name.startswith(str(temporary))
-            said = f"{doing}{name}: {error.strerror}"
-        if said == str(error) and str(temporary) not in said:
+    except OSError as error:
+        said = str(error)
+        if error.errno is not None:  # what is without a file's name failed in writing
+            name = str(error.filename or temporary)
+            said = f"{name}: {error.strerror}"
+            if name.startswith(str(temporary)):
+                said = f"cannot write {said}"
+        elif str(temporary) not in said:
             raise
-        raise kind(said.replace(str(temporary), str(target))) from error
+        raise OSError(said.replace(str(temporary), str(target))) from error
 
 
 # Folders and files ----------------------------------------------------------------------
+def spare_inputs(places: Iterable[Path], inputs: Iterable[PathLike | None]) -> None:
+    """Raise FileExistsError in one sentence, if one of the places is a file that the same call reads."""
+    read = [path for path in inputs if path is not None and os.path.exists(path)]
+    for place in places:
+        if any(os.path.exists(place) and os.path.samefile(place, path) for path in read):
+            raise FileExistsError(f"{place} is read by this very call; write to another place")
+
+
+def is_own(folder: Path) -> bool:
+    """Whether endolab wrote a folder's results: there is a `REPORT`, and it says so."""
+    with suppress(OSError, ValueError):
+        report = read_json(folder / REPORT, "report")
+        return isinstance(report, dict) and "endolab" in report
+    return False
+
+
+def check_folder(folder: Path) -> None:
+    """Raise OSError in one sentence, unless a folder is new, empty or endolab's own."""
+    with one_sentence(f"cannot write to the folder {folder}"):
+        found = [path.name for path in folder.iterdir()] if folder.exists() else []
+    others = [name for name in found if not name.startswith(_TEMPORARY)]  # which a killed run may leave
+    if others and not is_own(folder):
+        said = f"holds {min(others)} and no results of endolab's; choose another folder"
+        raise FileExistsError(f"{folder} {said}, {ASK}")
+
+
 @contextmanager
 def staged_folder(
-    folder: PathLike,
-    names: Iterable[str] = (),
-    *,
-    overwrite: bool = False,
-    inputs: Collection[PathLike | None] = (),
-    elsewhere: Mapping[str, Path] | None = None,
+    folder: PathLike, *, overwrite: bool = False, inputs: Collection[PathLike | None] = ()
 ) -> Iterator[Path]:
-    """Give a temporary folder whose files move into `folder`, all or none, if the block succeeds.
+    """Give a temporary folder whose files move into `folder`, one after the other, if the block succeeds.
 
-    `folder` is made if need be, and removed again if it was made here and nothing came of it. What is
-    there already is replaced only if endolab wrote it, or if `overwrite`; one of `inputs` never. `names`,
-    of files that are to come, are looked for before the block. `elsewhere` has the places of files that go
-    to another folder. OSError in one sentence, if it cannot be written.
+    `folder` is made if need be, and removed again if it was made here and nothing came of it. It must be
+    new, empty, or hold a `REPORT` of endolab's, which moves in last; else it needs `overwrite`. One of
+    `inputs` is never replaced. OSError in one sentence, if it cannot be written.
     """
     target = as_path(folder)
-    claim = Claim(target, overwrite, inputs, elsewhere or {})
-    staging = target / temporary_name()
-    made: list[Path] = []
+    if not overwrite:
+        check_folder(target)
+    staging = target / f"{_TEMPORARY}{secrets.token_hex(4)}"
+    with one_sentence(f"cannot write to the folder {target}"):
+        made = [path for path in (target, *target.parents) if not path.exists()]
     try:
         with one_sentence(f"cannot write to the folder {target}"):
-            claim.check(names)
-            for path in reversed([target, *target.parents]):
-                if not path.exists():
-                    with suppress(FileExistsError):  # another run was quicker
-                        path.mkdir()
-                        made.append(path)
-            clear_leftovers(target)
-            staging.mkdir(0o700)
+            staging.mkdir(parents=True)
         with _hidden(staging, target):
             yield staging
-            files = sorted(staging.iterdir())
-            with _alone_in(target):
-                replaced = claim.check([path.name for path in files])
-                if not is_temporary(target):
-                    write_atomically(target / MANIFEST, as_json(claim.manifest(files)))
-                _move_in(files, claim, replaced, staging / temporary_name())
-        made.clear()
+            _move_in(staging, target, inputs)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
-        for path in reversed(made):
-            with suppress(OSError):  # another run has taken to the folder, or no name in it is short enough
-                (path / MANIFEST).unlink(missing_ok=True)
-            with suppress(OSError):
+        for path in made:
+            with suppress(OSError):  # there is something in it
                 path.rmdir()
 
 
-@contextmanager
-def _alone_in(folder: Path) -> Iterator[None]:
-    """Keep other runs from moving files in meanwhile, where the system can."""
-    if sys.platform == "win32":
-        yield
-        return
-    import fcntl
-
-    held = None
-    try:
-        with suppress(OSError):  # a folder that cannot be read, or a network's that cannot be locked
-            held = os.open(folder, os.O_RDONLY)
-            fcntl.flock(held, fcntl.LOCK_EX)
-        yield
-    finally:
-        if held is not None:
-            os.close(held)
+def _move_in(staging: Path, target: Path, inputs: Collection[PathLike | None]) -> None:
+    """Move all files to their places, after all that can go wrong has been tried."""
+    files = sorted(staging.iterdir(), key=lambda path: (path.name == REPORT, path.name))
+    places = [target / path.name for path in files]
+    spare_inputs(places, inputs)
+    for path, place in zip(files, places, strict=True):
+        if place.is_dir():
+            raise OSError(f"cannot write {place}: it is a folder")
+        _sync(path)
+    for path, place in zip(files, places, strict=True):
+        path.replace(place)
 
 
-def _move_in(files: Iterable[Path], claim: Claim, replaced: Collection[str], aside: Path) -> None:
-    """Move files to their places, or none: after a failure what was there is there again."""
-    aside.mkdir()
-    done: list[tuple[Path, Path | None]] = []
-    try:
-        for path in files:
-            place = claim.place(path.name)
-            with one_sentence(f"cannot write {place}"):
-                if path.name in replaced:
-                    done.append((place, aside / path.name))  # before, so that no interrupt loses it
-                    _move_new(place, aside / path.name)
-                    _replace(path, place)
-                else:
-                    _move_new(path, place)
-                    done.append((place, None))
-    except BaseException:
-        for place, before in reversed(done):
-            with suppress(OSError):
-                place.unlink() if before is None else before.replace(place)
-        raise
+def _sync(path: Path) -> None:
+    """Let the system write a file to the disk, so that its name never comes to be before its content."""
+    with path.open("rb+") as stream:
+        os.fsync(stream.fileno())
 
 
-def _move_new(path: Path, place: Path) -> None:
-    """Give a file another place, where there must be none; it may stay at the old one, too."""
-    try:
-        os.link(path, place)  # which, unlike a rename, replaces nothing
-    except FileExistsError:
-        raise
-    except OSError:  # no links here, as on some network folders
-        if os.path.lexists(place):
-            raise FileExistsError(f"cannot write {place}: it has just been written by another") from None
-        path.rename(place)
-
-
-def _replace(path: Path, place: Path) -> None:
-    """Move a file to a place where there may be one, whose mode it takes over."""
-    with suppress(FileNotFoundError):
-        mode = stat.S_IMODE(place.stat().st_mode)
-        if mode != stat.S_IMODE(path.stat().st_mode):
-            path.chmod(mode)
-    path.replace(place)
-
-
-@lru_cache(maxsize=256)
-def _clear_once(folder: Path) -> None:
-    clear_leftovers(folder)
+def check_file(path: PathLike, *, overwrite: bool = True, inputs: Collection[PathLike | None] = ()) -> None:
+    """Raise OSError in one sentence, if a file must not be written; parameters as of `staged_file`."""
+    target = as_path(path)
+    with one_sentence(f"cannot write {target}"):
+        if target.exists() and not target.is_file():
+            raise OSError(
+                f"cannot write {target}: it is {'a folder' if target.is_dir() else 'no plain file'}"
+            )
+        spare_inputs([target], inputs)
+        if target.exists() and not overwrite:
+            raise FileExistsError(f"{target} is there already; choose another name, {ASK}")
 
 
 @contextmanager
@@ -179,42 +150,23 @@ def staged_file(
 ) -> Iterator[Path]:
     """Give a temporary file of the same suffix, which becomes `path` only if the block succeeds.
 
-    One of `inputs` is never replaced; without `overwrite` nothing is, but for a file with the same content.
-    OSError in one sentence, if it cannot be written; then there is nothing, or what was there before.
+    One of `inputs` is never replaced; without `overwrite` nothing is. OSError in one sentence, if it
+    cannot be written; then there is nothing, or what was there before.
     """
+    check_file(path, overwrite=overwrite, inputs=inputs)
     target = as_path(path)
-    temporary = target.parent / temporary_name(target.suffix)
+    temporary = target.parent / f"{_TEMPORARY}{secrets.token_hex(4)}{target.suffix}"
     try:
         with one_sentence(f"cannot write {target}"):
-            there = _is_there(target)
-            spare_inputs([target], inputs)
-            if not is_temporary(target.parent):
-                _clear_once(target.parent.absolute())
-            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+            temporary.touch(exist_ok=False)
         with _hidden(temporary, target):
             yield temporary
+            _sync(temporary)
         with one_sentence(f"cannot write {target}"):
-            if overwrite:
-                _replace(temporary, target)
-            elif not there and not os.path.lexists(target):
-                _move_new(temporary, target)
-            elif temporary.read_bytes() != target.read_bytes():
-                raise FileExistsError(f"{target} is there already; choose another name, {ASK}")
+            temporary.replace(target)
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
-
-
-def _is_there(target: Path) -> bool:
-    """Whether there is a file; OSError if there can be none."""
-    try:
-        mode = target.stat().st_mode
-    except FileNotFoundError:
-        return False
-    if not stat.S_ISREG(mode):
-        what = "a folder" if stat.S_ISDIR(mode) else "no plain file"
-        raise OSError(f"cannot write {target}: it is {what}")
-    return True
 
 
 def write_atomically(path: PathLike, content: bytes) -> None:

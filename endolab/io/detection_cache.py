@@ -15,8 +15,7 @@ import numpy as np
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.session import UNREADABLE, Progress, detect_all, silent
 from endolab.calibration.targets import Target
-from endolab.io.atomic import PathLike, one_sentence, read_bytes, write_atomically
-from endolab.io.ownership import in_the_way
+from endolab.io.atomic import PathLike, check_file, one_sentence, read_bytes, write_atomically
 from endolab.io.video import Frames
 from endolab.model.cameras import KannalaBrandt
 
@@ -44,8 +43,7 @@ class DetectionCache:
 
     def _read(self, overwrite: bool) -> None:
         content = read_bytes(self.path)
-        if not overwrite and not content.startswith(MARK):
-            raise in_the_way(self.path)
+        check_file(self.path, overwrite=overwrite or content.startswith(MARK))
         head, *lines = content.split(b"\n")
         if head != self._head.encode():
             return

@@ -58,7 +58,7 @@ def save_sheet_video(
             progress("rendering", len(truth), count)
             yield frame.image
 
-    with staged_folder(folder, [*files, "truth.json"], overwrite=overwrite, inputs=inputs) as staging:
+    with staged_folder(folder, overwrite=overwrite, inputs=inputs) as staging:
         if video:
             write_video(staging / files[0], images())
         else:

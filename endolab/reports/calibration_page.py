@@ -103,14 +103,15 @@ def write_report(
     """Write `report.html` with its pictures, `report.json` and `camera.json` into a folder, or nothing.
 
     `frames` are those that were calibrated from: one is shown. `channel` is the one whose response was
-    calibrated. Without Jinja2, of the extra `lab`, there is all but the page. Files that endolab did not
-    write there are replaced only if `overwrite`.
+    calibrated. Without Jinja2, of the extra `lab`, there is all but the page. The folder is new, empty, or
+    holds a report of endolab's; else `overwrite`.
     """
     source = str(frames.path) if isinstance(frames, Frames) else ""
     name, worst = best_frame(session), worst_frames(session)
     pictures = _pictures(frames, {name, *worst}, session)
     image = pictures[name]
-    facts: dict[str, Any] = evidence(session, source, channel) | {"account": account(session)}
+    facts: dict[str, Any] = {"endolab": 1} | evidence(session, source, channel)
+    facts |= {"account": account(session)}
     with staged_folder(folder, overwrite=overwrite) as staging:
         if session.geometry is None:
             with house(PAGE_SIZE):

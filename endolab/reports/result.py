@@ -33,6 +33,7 @@ def report(result: Result, trust: Trust | None = None) -> dict[str, Any]:
     known = result.distance[result.mask]
     photometry = result.problem.photometry
     return {
+        "endolab": 1,
         "status": result.status.name,
         "ended": result.status.value,
         "iterations": result.iterations,

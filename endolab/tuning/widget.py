@@ -501,7 +501,7 @@ class TunerBox(w.VBox):
         """Write all there is about the answer that is shown into a folder; one on its way is waited for.
 
         That is `board.png`, `result.py`, `settings.json`, `recording.rrd`, the mask of a frame, and what
-        `save_result` writes; all or none. A file that endolab did not write there is replaced only if
+        `save_result` writes; all or none. The folder is new, empty, or holds results of endolab's; else
         `overwrite`.
         """
         from endolab.recording.recorder import record
@@ -514,14 +514,13 @@ class TunerBox(w.VBox):
             outcome.settings, outcome.subject.calibration if outcome.subject else self._calibration, grey
         )
         masks = (MASK_FILE,) if self._masked and outcome.settings.scene is None else ()
-        names = ("board.png", "result.py", "settings.json", "recording.rrd", *masks)
-        with staged_folder(folder, names, overwrite=overwrite) as staging:
+        with staged_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
                 for iterate in outcome.path:
                     recorder(iterate)
                 if outcome.trust is not None:
                     recorder.add_trust(outcome.trust, outcome.result)
-            save_result(outcome.result, staging, trust=outcome.trust)
+            save_result(outcome.result, staging, trust=outcome.trust, overwrite=True)
             write_atomically(staging / "board.png", png(self.screen.picture()))
             write_atomically(staging / "result.py", code.encode())
             write_settings(settings, staging / "settings.json")

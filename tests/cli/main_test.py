@@ -27,7 +27,7 @@ from endolab.reconstruction import problem_setup as posing
 from endolab.reconstruction import reconstruct as reconstruction
 
 ROOT = Path(__file__).resolve().parents[2]
-OUTPUTS = [".endolab.json", "cloud.ply", "depth.npz", "overview.png", "recording.rrd", "report.json"]
+OUTPUTS = ["cloud.ply", "depth.npz", "overview.png", "recording.rrd", "report.json"]
 
 
 def call(*arguments):
@@ -108,7 +108,7 @@ def unsolved(sim, tmp_path, refused):
 
 
 def test_simulate_writes_a_frame_and_its_truth(sim):
-    assert names(sim) == [".endolab.json", "endoscope.json", "frame.png", "truth.npz"]
+    assert names(sim) == ["endoscope.json", "frame.png", "truth.npz"]
     calibration, truth = el.Calibration.load(sim / "endoscope.json"), maps(sim / "truth.npz")
     assert calibration.photometry.gain > 0
     assert read_image(sim / "frame.png").shape == (120, 160, 3)
@@ -490,9 +490,9 @@ def test_reconstruct_again_replaces_what_endolab_wrote_and_nothing_else_unasked(
         (tmp_path / name).write_text("old")
     quick = ("--solver", "facing", "--out", tmp_path)
     assert solve(*quick) == 2
-    other = f"{tmp_path / 'depth.npz'} is there already and endolab did not write it"
-    asked = f"endolab: {other}; choose another folder, or replace it with --overwrite\n"
-    assert capsys.readouterr().err.splitlines(keepends=True)[-1] == asked
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert str(tmp_path) in said
+    assert "--overwrite" in said
     assert {name: (tmp_path / name).read_text() for name in names(tmp_path)} == {
         "mine.txt": "old",
         "depth.npz": "old",
@@ -521,15 +521,11 @@ def test_what_a_command_reads_is_never_replaced(work, sim, tmp_path, refused, re
 def test_simulate_does_not_replace_the_calibration_that_it_was_given(tmp_path, refused, sim):
     given = tmp_path / "endoscope.json"
     shutil.copy(sim / given.name, given)
-    for option in ((), ("--overwrite",)):
-        command = ("simulate", "curved", "--calibration", given, "--width", 160, "--out", tmp_path, *option)
-        assert "endoscope.json is read by this very call; write to another place" in refused(*command)
-    (tmp_path / "frame.png").write_bytes(b"mine")
+    command = ("simulate", "curved", "--calibration", given, "--width", 160, "--out", tmp_path)
+    assert "--overwrite" in refused(*command)
+    assert "endoscope.json is read by this very call" in refused(*command, "--overwrite")
     given.unlink()
-    command = ("simulate", "curved", "--width", 160, "--out", tmp_path)
-    assert "frame.png is there already and endolab did not write it" in refused(*command)
-    assert call(*command, "--overwrite") == 0
-    assert call(*command) == 0
+    assert call("simulate", "curved", "--width", 160, "--out", tmp_path) == 0
 
 
 def test_evaluate_compares_with_the_truth(work, sim, capsys):

@@ -132,7 +132,7 @@ def test_a_spoilt_file_begins_anew(path, frames, content):
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[1]\n", b"my own notes"])
 def test_the_file_of_another_is_not_replaced_unasked(path, frames, content):
     path.write_bytes(content)
-    with pytest.raises(FileExistsError, match=r"d\.jsonl is there already and endolab did not write it"):
+    with pytest.raises(FileExistsError, match=r"d\.jsonl is there already"):
         DetectionCache(path, frames, TARGET)
     assert path.read_bytes() == content
     assert DetectionCache(path, frames, TARGET, overwrite=True).known == {}

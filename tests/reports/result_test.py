@@ -31,7 +31,7 @@ def contents(folder):
 
 def test_a_result_is_saved_whole(tmp_path, result):
     el.save_result(result, tmp_path / "a" / "b")
-    files = [".endolab.json", "cloud.ply", "depth.npz", "overview.png", "report.json"]
+    files = ["cloud.ply", "depth.npz", "overview.png", "report.json"]
     assert contents(tmp_path / "a" / "b") == files
     with np.load(tmp_path / "a/b/depth.npz", allow_pickle=False) as depth:
         for name in ("distance", "z", "normals"):
