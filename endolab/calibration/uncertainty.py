@@ -19,6 +19,7 @@ from endolab.model.cameras import Camera, KannalaBrandt
 from endolab.numerics.arrays import FloatArray
 
 COLUMNS = 120  # of a map; it is smooth
+STEP = 1e-4  # of k, mm, and of the tilt: for the derivatives by the light's numbers
 
 
 @dataclass(frozen=True)
@@ -120,26 +121,29 @@ def fall_off_uncertainty(
     if distance is None:
         distance = float(np.sqrt(np.prod(light.distance_range)))
     names = ["k", *(name for name in light.names if name.startswith("light"))]
-    slopes = _by_light(light, distance * rays) - _by_light(light, distance * np.array([0.0, 0.0, 1.0]))
     index = [light.names.index(name) for name in names]
+    found = [light.k, 0.0, 0.0, 0.0, 0.0, 0.0]
+    if light.photometry.lights:
+        lamp = light.photometry.lights[0]
+        found = [light.k, *lamp.position, *(np.array(lamp.direction[:2]) / lamp.direction[2])]
+    ahead, behind = (
+        [_fall_off(found + sign * step, distance * rays) for step in STEP * np.eye(6)[: len(index)]]
+        for sign in (1, -1)
+    )
+    slopes = np.stack([(a - b) / (2 * STEP) for a, b in zip(ahead, behind, strict=True)], axis=-1)
     covariance = light.covariance[np.ix_(index, index)]
-    slopes = slopes[..., : len(index)]
     return 100 * np.sqrt(np.maximum(np.einsum("...p,pq,...q->...", slopes, covariance, slopes), 0.0))
 
 
-def _by_light(light: PhotometricFit, points: FloatArray) -> FloatArray:
-    """Slopes of the logarithm of the light at points, (..., 6), by k, the lamp's place and its tilt."""
-    lights = light.photometry.lights
-    direction = np.array([0.0, 0.0, 1.0])
-    place = np.zeros(3)
-    if lights:
-        place, direction = np.array(lights[0].position), np.array(lights[0].direction)
-        direction = direction / direction[2]  # its tilt is of (a, b, 1)
-    offset = points - place
-    square = np.sum(offset**2, axis=-1, keepdims=True)
-    along = (offset @ direction)[..., None]
-    along = np.where(along > 0, along, np.nan)
-    by_k = np.log(along / np.sqrt(square * (direction @ direction)))
-    by_place = (light.k + 2) * offset / square - light.k * direction / along
-    by_tilt = light.k * (offset[..., :2] / along - direction[:2] / (direction @ direction))
-    return np.concatenate([by_k, by_place, by_tilt], axis=-1)
+def _fall_off(vector: FloatArray, points: FloatArray) -> FloatArray:
+    """Logarithm of the light at points over that on the axis; of a lamp's k, place and tilt, (6,)."""
+    k, x, y, z, a, b = vector
+
+    def light(at: FloatArray) -> FloatArray:
+        offset = at - [x, y, z]
+        reach = np.linalg.norm(offset, axis=-1)
+        cosine = offset @ [a, b, 1.0] / reach / np.sqrt(a * a + b * b + 1)
+        return k * np.log(np.where(cosine > 0, cosine, np.nan)) - 2 * np.log(reach)
+
+    ahead = np.linalg.norm(points, axis=-1, keepdims=True) * [0.0, 0.0, 1.0]
+    return light(points) - light(ahead)

@@ -43,7 +43,7 @@ def exercise_2(focal: float, distance: float, gain: float, fit: GeometricFit, sh
     """
     taken_for = {name: getattr(sheet, name) / SHRUNK for name in ("spacing", "small", "large")}
     size = fit.camera.width, fit.camera.height
-    other = calibrate_camera(fit.views, replace(sheet, **taken_for), *size, start=fit)
+    other = calibrate_camera(fit.views, replace(sheet, **taken_for), *size, start=fit.camera)
     of_focal = other.camera.fx / fit.camera.fx
     away = [float(np.linalg.norm(one.poses[0].translation)) for one in (other, fit)]
     of_distance = away[0] / away[1]

@@ -9,8 +9,8 @@ import endolab as el
 from endolab import datasets
 from endolab.calibration import session
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.session import calibrate, choose_views, detect_all, score
-from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples, simulate_video
+from endolab.calibration.session import calibrate, choose_views, detect_all
+from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.calibration.summary import evidence
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
@@ -78,14 +78,6 @@ def test_frames_that_are_left_out_count_for_nothing(video):
         calibrate(frames, SHEET, detections=detections, size=SIZE, leave_out=["none"])
 
 
-def test_progress_tells_every_stage_and_every_frame_is_accounted_for(video, done):
-    found, told = done
-    assert list(dict.fromkeys(stage for stage, _, _ in told)) == ["locating", "sampling"]
-    assert told[-1] == ("sampling", len(found.poses), len(found.poses))
-    assert set(found.poses) | set(found.dropped) == set(video[2])
-    assert not set(found.poses) & set(found.dropped)
-
-
 def test_a_known_camera_is_kept(video):
     frames, _, detections = video
     few = {name: detections[name] for name in list(detections)[:6]}
@@ -145,60 +137,3 @@ def test_the_geometry_takes_the_best_of_every_few_frames():
     few = {str(number): seen(50 if number % 3 else 0) for number in range(24)}
     assert choose_views(few, 20) == [name for name in few if len(few[name].ids)]
     assert choose_views({"0": seen(0)}, 20) == []
-
-
-def test_frames_without_a_pose_have_a_reason(video):
-    _, _, detections = video
-    strange = {"blind": seen(0), "few": seen(5), "good": next(d for d in detections.values() if len(d.ids))}
-    poses, errors, dropped = session.locate(strange, SHEET, CAMERA)
-    assert list(poses) == list(errors) == ["good"]
-    assert dropped == {"blind": "no dots", "few": "too few points"}
-
-
-def test_channels_and_grey(rng, video):
-    image = rng.random((4, 5, 3))
-    np.testing.assert_array_equal(session.channel_of(image, "blue"), image[..., 2])
-    np.testing.assert_allclose(session.channel_of(image, "grey"), image @ [0.299, 0.587, 0.114])
-    grey = image[..., 0]
-    assert session.channel_of(grey, "green") is grey
-    frames, truth, _ = video
-    poses = {frames[0][0]: truth[0].poses}
-    levels = [session.sample_all(frames[:1], SHEET, poses, CAMERA, channel=name) for name in ("red", "blue")]
-    red, blue = levels
-    np.testing.assert_allclose(blue.level, red.level * 0.6 ** (1 / 2.2), rtol=1e-6)
-
-
-def test_scores_need_enough_frames():
-    samples, _ = simulate_samples(SHEET, CAMERA, LIGHT, 60, noise=1.0)
-    scores = score(samples)
-    assert np.count_nonzero(scores.used) < 60 / 10 * 100 + 1
-    seen_often = scores.count > 50
-    assert np.all(np.abs(scores.error[seen_often]) < 0.02)
-    assert (score(samples[samples.frame < 10]), score(samples, gamma="free")) == (None, None)
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("vicalib_big", "19 x 10 dots of two sizes, 5.2797 mm apart"),
-        ("vicalib_folded", "19 x 10 dots of two sizes, 4.2238 mm apart, folded"),
-        ("charuco", "12 x 8 squares of a charuco board, 7 mm apart"),
-        ("circles", "4 x 11 circles in an asymmetric grid, 7 mm apart"),
-    ],
-)
-def test_a_target_in_words(name, words):
-    assert session.describe_target(el.TARGETS[name]) == words
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"channel": "infrared"}, "unknown channel 'infrared'"),
-        ({"every": 0}, "every must be a whole number of frames, at least 1, got 0"),
-        ({"every": 1.5}, "every must be a whole number"),
-    ],
-)
-def test_bad_options_are_refused_before_the_search(monkeypatch, options, message):
-    monkeypatch.setattr(session, "detect", lambda *_: pytest.fail("searched"))
-    with pytest.raises(ValueError, match=message):
-        calibrate([("a", np.zeros((4, 4)))], SHEET, **options)

@@ -1,12 +1,9 @@
 """Targets: the printed code, bare paper that is bare, and features in OpenCV's own order."""
 
-import itertools
-
 import cv2
 import numpy as np
 import pytest
 
-from endolab.calibration import targets
 from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid, DotGrid, darkness
 
 BIG, SMALL, FOLDED = (TARGETS[f"vicalib_{name}"] for name in ("big", "small", "folded"))
@@ -37,36 +34,6 @@ def test_the_code_is_vicalibs_the_top_bit_of_a_mersenne_twister():
         np.testing.assert_array_equal(target.code, BIG.code)
 
 
-def test_the_sheets_have_the_published_sizes():
-    assert (SMALL.spacing, BIG.spacing) == (4.2238, 5.2797)
-    np.testing.assert_allclose(np.unique(SMALL.radii), [0.8471, 1.2661], atol=1e-4)
-    np.testing.assert_allclose(np.unique(BIG.radii), [1.0589, 1.5827], atol=1e-4)
-    np.testing.assert_array_equal(BIG.radii.reshape(10, 19) > 1.3, BIG.code == 1)
-    # 5.61 × 9.82 cm, as the paper gives it, is the grid with half a cell around it and a little.
-    assert np.ptp(BIG.points, axis=0) == pytest.approx([95.03, 47.52, 0], abs=0.01)
-
-
-def test_windows_of_the_code_differ():
-    for side, least in ((5, 2), (6, 5)):
-        turns = (np.rot90(BIG.code, turn) for turn in range(4))
-        windows = [np.lib.stride_tricks.sliding_window_view(code, (side, side)) for code in turns]
-        every = np.concatenate([views.reshape(-1, side * side) for views in windows])
-        upright = every[: len(every) // 4]
-        apart = np.count_nonzero(upright[:, None] != every[None], axis=-1)
-        apart[np.arange(len(upright)), np.arange(len(upright))] = 99
-        assert apart.min() >= least
-
-
-@pytest.mark.parametrize("name", TARGETS)
-def test_features_lie_row_by_row_from_the_origin(name):
-    points = TARGETS[name].points
-    np.testing.assert_array_equal(points[0], 0)
-    np.testing.assert_array_equal(points[:, 2], 0)
-    assert points[1, 0] > 0
-    assert np.all(np.diff(points[:, 1]) >= 0)
-    assert len(np.unique(points, axis=0)) == len(points) == len(TARGETS[name].radii)
-
-
 @pytest.mark.parametrize("target", [*TARGETS.values(), Charuco(9, 6, 5.0, fold=4, marker=3.7)])
 def test_the_raster_is_the_reflectance_averaged(target):
     corner, step, sub = np.array([-2.13, -1.57]), 0.31, 8
@@ -78,18 +45,6 @@ def test_the_raster_is_the_reflectance_averaged(target):
     assert np.abs(found - truth).max() < 0.13  # 8 × 8 points, and the rim within a cell
     assert np.sqrt(np.mean((found - truth) ** 2)) < 0.025
     assert found.mean() == pytest.approx(truth.mean(), abs=3e-3)
-
-
-def test_rectangles_that_touch_leave_no_seam_and_reflectance_knows_ink_grey_paper_and_nothing():
-    boxes = [(0.0, 0.0, 0.33, 1.0), (0.33, 0.0, 0.67, 1.0), (5.0, 5.0, 1.0, 1.0)]
-    ink = targets.Ink(*(targets.rows_of(rows, n) for rows, n in (([], 3), (boxes, 4), ([], 4))))
-    np.testing.assert_allclose(darkness(ink, (0, 0), (10, 10), 0.1), 1, atol=1e-6)
-    assert darkness(ink, (2, 2), (10, 10), 0.1).max() == 0
-    target = TARGETS["vicalib_grey"]
-    grey = target.ink.greys[0]
-    left, top, _, _ = target.sheet
-    places = [[0.0, 0.0], grey[:2], [left + 1, top + 1], [left - 1, top]]
-    np.testing.assert_array_equal(target.reflectance(places, black=0.07), [0.07, 0.5, 1.0, np.nan])
 
 
 def test_grey_discs_touch_neither_dots_nor_the_fold():
@@ -158,55 +113,17 @@ def test_a_fold_runs_between_columns_and_along_the_squares_of_a_board():
         assert sides[0] == sides[1]
 
 
-@pytest.mark.parametrize("make", GOOD)
-def test_the_least_targets_work(make):
-    target = make(**GOOD[make])
-    assert isinstance(target, targets.Target)
-    assert target.kind in ("dots", "circles", "chessboard", "charuco")
-    smallest = make(**(GOOD[make] | {"columns": make.least, "rows": make.least}))
-    assert smallest.white_places().shape[1] == 3
-    assert hash(target) == hash(make(**GOOD[make]))
-
-
 @pytest.mark.parametrize(
-    ("make", "key", "value", "complaint"),
+    ("make", "key", "value"),
     [
-        *(
-            (make, key, value, f"{key} must be a whole number from")
-            for make, key in itertools.product(GOOD, ("columns", "rows"))
-            for value in (1, 101, 5.5, True, np.nan, "5")
-        ),
-        *(
-            (make, key, value, f"{key} must be positive and finite")
-            for make, key in itertools.product(GOOD, ("spacing", "margin"))
-            for value in (0.0, -1.0, np.inf, np.nan)
-        ),
-        *((make, "spacing", 1e300, "spacing must lie in") for make in GOOD),
-        *((make, "margin", 1e-320, "margin must lie in") for make in GOOD),
-        *((DotGrid, key, 1e-320, "must lie in|0 < small") for key in ("small", "large")),
-        (CircleGrid, "radius", 1e-320, "radius must lie in"),
-        (Charuco, "marker", 1e-320, "marker must lie in"),
-        (DotGrid, "small", 0.0, "0 < small < large < spacing / 2, got small 0.0"),
-        (DotGrid, "small", 2.0, "0 < small < large"),
-        (DotGrid, "large", 2.6, "0 < small < large"),
-        *((DotGrid, "seed", value, "seed must be a whole number from 0") for value in (-1, 2**32, 1.5)),
-        *((DotGrid, "greys", x, f"greys must lie between 0 and 1, got {x:g}") for x in (0.0, 1.0)),
-        (DotGrid, "fold", 1, "fold must leave two columns of features on each side, got 1 of 6"),
-        *((DotGrid, "fold", value, "fold must leave two columns") for value in (5, -3)),
-        (Charuco, "fold", 7, "fold must leave two columns"),
-        (DotGrid, "fold", 2.5, "fold must be a whole number"),
-        (CircleGrid, "radius", 3.6, "radius must be positive and below spacing"),
-        (CircleGrid, "radius", 0.0, "radius must be positive"),
-        (CircleGrid, "fold", 2, "an asymmetric circle grid cannot be folded"),
-        (Chessboard, "columns", 3, "columns must be a whole number from 4 to 100, got 3"),
-        (Chessboard, "fold", 3, "a chessboard cannot be folded"),
-        (Charuco, "marker", 5.0, "marker must be positive and below spacing"),
-        (Charuco, "marker", np.nan, "marker must be positive"),
-        *((Charuco, "dictionary", x, "must be one of OpenCV's") for x in ("DICT_9X9_1", "CharucoBoard")),
-        (Charuco, "columns", 100, "has 250 markers, the board needs 300"),
+        *((make, "columns", value) for make in GOOD for value in (1, 101, 5.5, "5")),
+        *((make, "spacing", value) for make in GOOD for value in (0.0, np.nan, 1e300)),
+        *((DotGrid, "small", value) for value in (0.0, 2.0)),
+        *((DotGrid, key, value) for key, value in (("seed", -1), ("greys", 1.0), ("fold", 1), ("fold", 2.5))),
+        *((CircleGrid, key, value) for key, value in (("radius", 3.6), ("fold", 2))),
+        *((Charuco, key, value) for key, value in (("marker", 5.0), ("dictionary", "DICT_9X9_1"))),
     ],
 )
-def test_wrong_values_are_named(make, key, value, complaint):
-    with pytest.raises(ValueError, match=complaint) as caught:
+def test_wrong_values_are_named(make, key, value):
+    with pytest.raises(ValueError, match=f"{key}|fold"):
         make(**(GOOD[make] | {key: value}))
-    assert "\n" not in str(caught.value)

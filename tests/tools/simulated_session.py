@@ -1,4 +1,4 @@
-"""A calibration session without pictures to search: detections, poses and samples as simulated."""
+"""A calibration session without pictures to search: real fits of simulated detections and samples."""
 
 from dataclasses import replace
 from functools import cache
@@ -8,10 +8,9 @@ import numpy as np
 import endolab as el
 from endolab import datasets
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.geometric.fit import GeometricFit
-from endolab.calibration.geometric.projection import NAMES, predict_view
+from endolab.calibration.geometric.projection import predict_view
 from endolab.calibration.geometric.reprojection import views_of
-from endolab.calibration.session import Session, score
+from endolab.calibration.session import Session, locate, score
 from endolab.calibration.simulation.trajectory import trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 
@@ -25,62 +24,33 @@ def simulated(name="vicalib_small", **light):
     target, camera = el.TARGETS[name], datasets.load_calibration("paper", width=160).camera
     fold = np.deg2rad(30) if target.fold else 0.0
     how = {"fold": fold, "distance": (30.0, 60.0), "seed": 1}
-    poses = trajectory(target, camera, COUNT, **how)
     samples, _ = simulate_samples(target, camera, el.Photometry(brdf=PAPER_SHEET), COUNT, per_frame=60, **how)
     rng = np.random.default_rng(0)
+    true = iter(trajectory(target, camera, COUNT, **how))
     names = [f"frame_{number}" for number in range(COUNT + len(LOST))]
-    located = [name for name in names if name not in LOST]
-    detections, views, residuals, inliers = {}, [], [], []
-    panel = target.panel_of(target.points)
+    panel, detections = target.panel_of(target.points), {}
+    few = Detection(np.arange(5), rng.uniform(20, 100, (5, 2)))
+    detections[LOST[0]], detections[LOST[1]] = Detection(few.ids[:0], few.pixels[:0], "too dark"), few
     for name in names:
         if name in LOST:
-            few, reason = (5, "") if name == LOST[1] else (0, "too dark")
-            detections[name] = Detection(np.arange(few), rng.uniform(20, 100, (few, 2)), reason)
             continue
-        exact = np.empty((len(target.points), 2))
-        for number, pose in enumerate(poses[located.index(name)]):
+        pixels = np.empty((len(target.points), 2))
+        for number, pose in enumerate(next(true)):
             here = panel == number
-            exact[here] = predict_view(camera, pose, target.points[here], target.radii[here])
-        inside = np.flatnonzero(((exact >= 0) & (exact <= [159, 119])).all(axis=1))
-        error = NOISE * rng.standard_normal(exact.shape)
-        wild = rng.random(len(exact)) < 0.03
-        error[wild] *= 30
-        detections[name] = Detection(inside, (exact + error)[inside])
-        for view in views_of(name, detections[name], target):
-            views.append(view)
-            residuals.append(error[view.ids])
-            inliers.append(~wild[view.ids])
-    seen = np.concatenate([view.pixels[good] for view, good in zip(views, inliers, strict=True)])
-    geometry = GeometricFit(
-        camera=camera,
-        views=tuple(views),
-        poses=tuple(poses[located.index(view.name)][view.panel] for view in views),
-        dropped={"frame_5": "its points are mirrored"},
-        residuals=tuple(residuals),
-        inliers=tuple(inliers),
-        sigma=NOISE,
-        rmse=NOISE * np.sqrt(2),
-        standard_errors=dict.fromkeys(NAMES, 0.012),
-        covariance=0.012**2 * np.eye(8),
-        pose_covariances=np.zeros((len(views), 6, 6)),
-        max_angle_seen=float(np.nanmax(np.arccos(camera.unproject(seen)[:, 2]))),
-        status=el.Status.CONVERGED,
-    )
+            pixels[here] = predict_view(camera, pose, target.points[here], target.radii[here])
+        inside = np.flatnonzero(((pixels >= 0) & (pixels <= [159, 119])).all(axis=1))
+        error = NOISE * rng.standard_normal((len(inside), 2))
+        error[rng.random(len(inside)) < 0.03] *= 30
+        detections[name] = Detection(inside, pixels[inside] + error)
+    detections = {name: detections[name] for name in names}
+    views = [view for name in names for view in views_of(name, detections[name], target)]
+    geometry = el.calibrate_camera(views, target, camera.width, camera.height)
+    poses, errors, dropped = locate(detections, target, geometry.camera)
     steps = []
-    light = {"gamma": 2.2, **light}
-    session = Session(
-        target=target,
-        detections=detections,
-        geometry=geometry,
-        camera=camera,
-        poses=dict(zip(located, poses, strict=True)),
-        samples=samples,
-        light=el.calibrate_light(samples, observers=[steps.append], **light),
-        scores=score(samples, **light),
-        dropped={LOST[0]: "too dark", LOST[1]: "too few points"},
-    )
-    frames = [(name, rng.uniform(0, 1, (120, 160))) for name in names]
-    return session, frames, steps
+    fit = el.calibrate_light(samples, observers=[steps.append], **light)
+    found = (target, detections, geometry, geometry.camera, poses, samples, fit)
+    session = Session(*found, scores=score(samples, **light), dropped=dropped, errors=errors)
+    return session, [(name, rng.uniform(0, 1, (120, 160))) for name in names], steps
 
 
 def refused(session):

@@ -6,7 +6,7 @@ an equidistant camera the poses follow linearly from the rays (`planar_pose`), t
 the full model.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
 
@@ -24,6 +24,10 @@ from endolab.numerics.iteration import Status
 
 FOCAL_LENGTHS = np.geomspace(0.2, 3.0, 10)  # of the picture's width, to begin with
 SOME = 12  # views are enough to choose among these
+# Bases in which the camera moves: one focal length, then the centre and k1 with it, then all.
+EVERYTHING = np.eye(8)
+_FOCAL = EVERYTHING[:, :1] + EVERYTHING[:, 1:2]
+GROWING = [_FOCAL, np.hstack([_FOCAL, EVERYTHING[:, 2:5]]), EVERYTHING]
 LEAST_VIEWS = 3
 NEEDED = f"a calibration needs {LEAST_VIEWS} views from different directions at least"
 LEAST_TILT = np.radians(5.0)
@@ -47,9 +51,8 @@ class GeometricFit:
     inliers: tuple[BoolArray, ...]  # (n,) each: points that count
     sigma: float  # standard deviation of one coordinate, px; never below `FINEST`
     rmse: float  # root mean square distance of the inliers, px, as ``cv2`` counts it: √2 σ or so
-    standard_errors: dict[str, float]  # of fx, fy, cx, cy (px) and k1 to k4; 0 where fixed
+    standard_errors: dict[str, float]  # of fx, fy, cx, cy (px) and k1 to k4
     covariance: FloatArray  # (8, 8), of the same
-    pose_covariances: FloatArray  # (views, 6, 6), of the steps of `Pose.moved`
     max_angle_seen: float  # largest angle off the axis of an inlier, rad
     status: Status
     history: list[dict[str, float]] = field(default_factory=list)  # k, cost, sigma, change of every step
@@ -60,29 +63,18 @@ class GeometricFit:
         return float(np.mean(np.concatenate(self.inliers)))
 
 
-def _poses_of(found: GeometricFit) -> dict[tuple[str, int], Pose]:
-    """The poses of a fit, by frame and panel."""
-    return {(view.name, view.panel): pose for view, pose in zip(found.views, found.poses, strict=True)}
-
-
-def _columns(names: Collection[str]) -> FloatArray:
-    """Return the basis in which the named numbers of the camera are free."""
-    return np.eye(8)[:, [name in names for name in NAMES]]
-
-
 def _label(view: View, target: Target) -> str:
     return view.name if target.panels == 1 else f"{view.name}, panel {view.panel}"
 
 
 def _first_poses(
-    views: Sequence[View], target: Target, camera: KannalaBrandt, known: Mapping[tuple[str, int], Pose]
+    views: Sequence[View], target: Target, camera: KannalaBrandt
 ) -> tuple[list[View], list[Pose], dict[str, str]]:
-    """Known poses, by frame and panel, or linear ones, of the views that have one; why others have none."""
+    """Linear poses of the views that have one; why others have none."""
     kept, poses, dropped = [], [], {}
     for view in views:
         try:
-            pose = known.get((view.name, view.panel))
-            poses.append(linear_pose(view, target, camera) if pose is None else pose)
+            poses.append(linear_pose(view, target, camera))
         except ValueError as error:
             dropped[_label(view, target)] = str(error)
         else:
@@ -102,7 +94,7 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
     some = views[:: -(-len(views) // SOME)]
     for focal in FOCAL_LENGTHS * width:
         camera = KannalaBrandt(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
-        kept, poses, dropped = _first_poses(some, target, camera, {})
+        kept, poses, dropped = _first_poses(some, target, camera)
         misses = np.full(len(some), np.inf)
         if kept:
             model = Reprojection(kept, target, np.zeros((8, 0)), np.zeros(4), discs=False)
@@ -113,17 +105,6 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
     if best is None:
         raise ValueError(f"most views are of no use: {_reasons(dropped)}")
     return best
-
-
-def _stages(free: Collection[str], from_nothing: bool) -> list[FloatArray]:
-    """Bases in which the camera grows."""
-    if not from_nothing:
-        return [_columns(free)]
-    tied = np.zeros((8, 1))
-    tied[:2] = 1.0
-    focal = tied if {"fx", "fy"} <= set(free) else _columns({"fx", "fy"} & set(free))
-    middle = np.hstack([focal, _columns({"cx", "cy", "k1"} & set(free))])
-    return [focal, middle, _columns(free)]
 
 
 def _drop(
@@ -159,7 +140,6 @@ def _fit_views(
     views: list[View],
     geometry: Geometry,
     target: Target,
-    basis: FloatArray,
     usual: FloatArray,
     observers: Sequence[Callable[[FitIterate], bool | None]],
 ) -> tuple[Fit, list[View], dict[str, str]]:
@@ -168,7 +148,7 @@ def _fit_views(
     while True:
         if not views:
             raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
-        model = Reprojection(views, target, basis, usual)
+        model = Reprojection(views, target, EVERYTHING, usual)
         found = fit(model, geometry, observers, smallest=FINEST)
         fewer, geometry, more = _drop(views, found.iterate.unknowns, target, _disagreeing(found, model))
         if not more or found.status is Status.STOPPED:
@@ -187,8 +167,7 @@ def calibrate_camera(
     width: int,
     height: int,
     *,
-    start: KannalaBrandt | GeometricFit | None = None,
-    fixed: Collection[str] = (),
+    start: KannalaBrandt | None = None,
     observers: Iterable[Callable[[FitIterate], bool | None]] = (),
 ) -> GeometricFit:
     """Calibrate a camera from views of a target.
@@ -200,13 +179,9 @@ def calibrate_camera(
     target : Target
     width, height : int
         Of the pictures, px.
-    start : KannalaBrandt or GeometricFit, optional
+    start : KannalaBrandt, optional
         A camera near the truth. Then one view is enough, and what it cannot tell shows in the
-        standard errors. Or a fit of nearly the same views: then the views must tell the camera as they
-        must without a start, and it is found sooner.
-    fixed : collection of str
-        Of fx, fy, cx, cy, k1 to k4: numbers that stay as they are in `start`; without it the
-        centre of the picture and no distortion.
+        standard errors.
     observers : iterable of callables
         Each is shown every iterate of the last fit; True stops it.
 
@@ -216,33 +191,24 @@ def calibrate_camera(
         If the views cannot tell the camera: too few, none tilted, or a standard error that is
         too large; the sentence says what was found and what is needed.
     """
-    before = start if isinstance(start, GeometricFit) else None
-    given = start.camera if isinstance(start, GeometricFit) else start
-    if given is not None and (given.width, given.height) != (width, height):
-        raise ValueError(f"start must be of {width}x{height} px, got {given.width}x{given.height}")
-    if unknown := set(fixed) - set(NAMES):
-        raise ValueError(f"fixed must name some of {', '.join(NAMES)}, got {', '.join(sorted(unknown))}")
-    on_their_own = start is None or before is not None  # the views have to tell all
-    if on_their_own:
+    if start is not None and (start.width, start.height) != (width, height):
+        raise ValueError(f"start must be of {width}x{height} px, got {start.width}x{start.height}")
+    if start is None:
         _refuse_few(len(views), {})
     elif not views:
         raise ValueError("a calibration needs a view at least, got none")
-    camera = _start(views, target, width, height) if given is None else given
-    free = [name for name in NAMES if name not in fixed]
-    known = {} if before is None else _poses_of(before)
-    kept, poses, dropped = _first_poses(views, target, camera, known)
+    camera = _start(views, target, width, height) if start is None else start
+    kept, poses, dropped = _first_poses(views, target, camera)
     if not kept:
         raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
     geometry = Geometry.of(camera_vector(camera), poses)
-    # What a fit found before is no evidence beside the views themselves.
-    usual = np.where(np.isin(NAMES[4:], free), 0.0, camera.k) if on_their_own else np.array(camera.k)
-    for basis in _stages(free, given is None):
-        model = Reprojection(kept, target, basis, usual, discs=False)
+    for basis in GROWING if start is None else [EVERYTHING]:
+        model = Reprojection(kept, target, basis, np.array(camera.k), discs=False)
         geometry = _approach(model, geometry)
     kept, geometry, more = _drop(kept, geometry, target, _far_off(model, geometry))
-    found, kept, disagreeing = _fit_views(kept, geometry, target, basis, usual, list(observers))
-    result = _result(found, kept, dropped | more | disagreeing, target, (width, height), free)
-    if on_their_own:
+    found, kept, disagreeing = _fit_views(kept, geometry, target, np.array(camera.k), list(observers))
+    result = _result(found, kept, dropped | more | disagreeing, target, (width, height))
+    if start is None:
         _refuse_few(len(result.views), result.dropped)
         _refuse_untold(result)
     return result
@@ -254,15 +220,12 @@ def _result(
     dropped: dict[str, str],
     target: Target,
     size: tuple[int, int],
-    free: Collection[str],
 ) -> GeometricFit:
     geometry: Geometry = found.iterate.unknowns
     used, residual = found.iterate.used, found.iterate.residual
     cuts = np.cumsum([len(view.ids) for view in views])[:-1]
-    index = np.flatnonzero([name in free for name in NAMES])
-    covariance = np.zeros((8, 8))
-    covariance[np.ix_(index, index)] = found.covariance.common
-    errors = np.sqrt(np.diag(covariance))
+    covariance = found.covariance.common
+    errors = np.sqrt(np.diag(covariance)).tolist()
     angles = Reprojection(views, target, np.zeros((8, 0)), np.zeros(4)).angles(geometry)
     return GeometricFit(
         camera=camera_of(geometry.vector, *size),
@@ -273,9 +236,8 @@ def _result(
         inliers=tuple(np.split(used, cuts)),
         sigma=found.iterate.sigma,
         rmse=float(np.sqrt(np.mean(np.sum(residual[used] ** 2, axis=1)))),
-        standard_errors=dict(zip(NAMES, map(float, errors), strict=True)),
+        standard_errors=dict(zip(NAMES, errors, strict=True)),
         covariance=covariance,
-        pose_covariances=found.covariance.own,
         max_angle_seen=float(angles[used].max()),
         status=found.status,
         history=found.history,

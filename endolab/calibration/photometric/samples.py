@@ -23,17 +23,6 @@ EDGE = 0.04  # relative step of distance within 3x3 pixels that makes them an ed
 GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
 MOST = 200  # samples of a frame; more would only make one frame count more than another
 
-# What becomes of a place of the sheet in a frame; the first that is true.
-READ, UNLOCATED, UNSEEN, OUTSIDE, NARROW, BEHIND = range(6)
-FATES = (
-    "read",
-    "its panel was not located",
-    "beyond the field of the lens",
-    "outside the picture",
-    "too little bare paper: near ink, far or slanted",
-    "seen from behind",
-)
-
 
 @dataclass(frozen=True)
 class Samples:
@@ -98,64 +87,32 @@ def sample_places(target: Target, white: FloatArray | None = None) -> tuple[Floa
     return np.concatenate([np.column_stack([white, np.ones(len(white))]), greys]), material
 
 
-@dataclass(frozen=True)
-class Places:
-    """What one frame shows of the places of a sheet where its brightness can be read, (n,) each."""
+def _on_panel(
+    spots: FloatArray, pose: Pose, camera: Camera, size: tuple[int, int], side: int
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Which of some places of a panel can be read in a picture of a size (width, height), px.
 
-    fate: IntArray  # READ, or why not: an index of `FATES`
-    pixels: FloatArray  # (n, 2), column and row of the nearest pixel's centre; nan where unknown
-    points: FloatArray  # (n, 3), where that pixel's ray meets the panel, camera frame, mm; nan where not read
-    normals: FloatArray  # (n, 3), of the panel, towards the camera; nan where not read
-
-
-def window_side(width: int, window: int | None = None) -> int:
-    """Side of the square of pixels that a sample is the mean of, px: 3 in a large picture, else 1."""
-    return (3 if width >= LARGE else 1) if window is None else window
-
-
-def find_places(
-    spots: FloatArray,
-    target: Target,
-    poses: Sequence[Pose | None],
-    camera: Camera,
-    size: tuple[int, int],
-    side: int,
-) -> Places:
-    """Find where a frame of a size (width, height), px, shows `spots` of a sheet, and which can be read.
-
-    The spots, (n, 4), are those of `sample_places`. Around each that is read, a square of `side` px is bare.
+    Around each that can, a square of `side` px is bare. Returns their numbers (m,), the nearest pixels
+    (m, 2), and the points where these pixels' rays meet the panel, camera frame, mm (m, 3).
     """
-    panel, n, (width, height) = target.panel_of(spots), len(spots), size
-    fate, pixels = np.full(n, UNLOCATED), np.full((n, 2), np.nan)
-    points, normals = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
-    for number, pose in enumerate(poses):
-        here = np.flatnonzero(panel == number)
-        if pose is None or not here.size:
-            continue
-        centre = np.column_stack([spots[here, :2], np.zeros(len(here))])
-        edges = np.array([[[1, 0, 0]], [[0, 1, 0]]]) * spots[here, 2, None]
-        pixel = camera.project(pose.transform(centre))
-        axes = camera.project(pose.transform(centre + edges)) - pixel
-        # The window's corner, the rounding to a pixel and its blur must all lie on bare paper,
-        # in the narrowest direction: the short axis of the ellipse that these two axes span.
-        square = np.sum(axes**2, axis=(0, 2)) / 2
-        area = axes[0, :, 0] * axes[1, :, 1] - axes[0, :, 1] * axes[1, :, 0]
-        short = np.sqrt(np.maximum(square - np.sqrt(np.maximum(square**2 - area**2, 0)), 0))
-        with np.errstate(invalid="ignore"):
-            nearest, half = np.round(pixel), side // 2
-            wide = short >= RIM + np.sqrt(2) * side / 2
-            inside = np.all((nearest >= half) & (nearest < [width - half, height - half]), axis=1)
-        pixels[here] = nearest
-        fate[here] = np.where(inside, np.where(wide, READ, NARROW), OUTSIDE)
-        fate[here[~np.isfinite(pixel).all(axis=1)]] = UNSEEN
-        good = here[wide & inside]
-        rays = camera.unproject(pixels[good])
-        points[good] = rays * ((pose.translation @ pose.normal) / (rays @ pose.normal))[:, None]
-        normals[good] = pose.normal
-        distance = np.linalg.norm(points[good], axis=1)
-        towards = -np.einsum("ni,ni->n", points[good], normals[good]) / distance
-        fate[good[~((towards > 0) & np.isfinite(distance))]] = BEHIND
-    return Places(fate, pixels, points, normals)
+    centre = np.column_stack([spots[:, :2], np.zeros(len(spots))])
+    edges = np.array([[[1, 0, 0]], [[0, 1, 0]]]) * spots[:, 2, None]
+    pixel = camera.project(pose.transform(centre))
+    axes = camera.project(pose.transform(centre + edges)) - pixel
+    # The window's corner, the rounding to a pixel and its blur must all lie on bare paper,
+    # in the narrowest direction: the short axis of the ellipse that these two axes span.
+    square = np.sum(axes**2, axis=(0, 2)) / 2
+    area = axes[0, :, 0] * axes[1, :, 1] - axes[0, :, 1] * axes[1, :, 0]
+    short = np.sqrt(np.maximum(square - np.sqrt(np.maximum(square**2 - area**2, 0)), 0))
+    nearest, half = np.round(pixel), side // 2
+    with np.errstate(invalid="ignore"):
+        inside = np.all((nearest >= half) & (nearest < np.array(size) - half), axis=1)
+        good = np.flatnonzero(inside & (short >= RIM + np.sqrt(2) * side / 2))
+    rays = camera.unproject(nearest[good])
+    facing = rays @ pose.normal
+    points = rays * ((pose.translation @ pose.normal) / facing)[:, None]
+    seen = (facing < 0) & (pose.translation @ pose.normal < 0)
+    return good[seen], nearest[good[seen]], points[seen]
 
 
 def sample_sheet(
@@ -167,29 +124,33 @@ def sample_sheet(
     frame: int = 0,
     gamma: float = 2.2,
     most: int = MOST,
-    window: int | None = None,
     places: FloatArray | None = None,
 ) -> Samples:
     """Read the brightness of the paper in one frame: one channel, (H, W), stored values in [0, 1].
 
-    Each sample lies at the centre of a pixel; its point is where the pixel's ray meets the panel. `gamma`
-    makes the values of a window linear before they are averaged: a rough one will do, since the light
-    hardly changes within. `window`, the side of that square, px, odd, is the same for all samples, so that
-    all have the same noise; by default 3 in a large picture, else 1. At most `most` are kept, at random.
-    `places` is `target.white_places()`, if at hand.
+    Each sample lies at the centre of a pixel; its point is where the pixel's ray meets the panel. It is the
+    mean of a square of pixels, 3 × 3 in a large picture, else 1; `gamma` makes the values linear before they
+    are averaged: a rough one will do, since the light hardly changes within. At most `most` are kept, at
+    random. `places` is `target.white_places()`, if at hand.
     """
     spots, material = sample_places(target, places)
     height, width = image.shape
-    side = window_side(width, window)
-    found = find_places(spots, target, poses, camera, (width, height), side)
+    side = 3 if width >= LARGE else 1
     linear = cv2.blur(image.astype(np.float32) ** gamma, (side, side))
-    read = np.flatnonzero(found.fate == READ)
-    read = read[np.argsort(target.panel_of(spots[read]), kind="stable")]  # panel by panel
-    if len(read) > most:
-        read = read[np.sort(np.random.default_rng(frame).choice(len(read), most, replace=False))]
-    column, row = found.pixels[read].astype(int).T
-    level = linear[row, column].astype(np.float64) ** (1 / gamma)
-    return Samples(np.full(len(read), frame), level, found.points[read], found.normals[read], material[read])
+    panel, parts = target.panel_of(spots), [Samples.concatenate([])]
+    for number, pose in enumerate(poses):
+        here = np.flatnonzero(panel == number)
+        if pose is None or not len(here):
+            continue
+        read, pixels, points = _on_panel(spots[here], pose, camera, (width, height), side)
+        column, row = pixels.astype(int).T
+        level = linear[row, column].astype(np.float64) ** (1 / gamma)
+        normals = np.tile(pose.normal, (len(read), 1))
+        parts.append(Samples(np.full(len(read), frame), level, points, normals, material[here[read]]))
+    samples = Samples.concatenate(parts)
+    if len(samples) <= most:
+        return samples
+    return samples[np.sort(np.random.default_rng(frame).choice(len(samples), most, replace=False))]
 
 
 def sample_surface(

@@ -1,7 +1,6 @@
 """Detection of targets: rendered sheets of known pose, and published frames."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -11,8 +10,6 @@ from scipy.spatial.transform import Rotation
 import endolab as el
 from endolab import datasets
 from endolab.calibration.detection.detect import detect
-from endolab.calibration.detection.dots import match_code
-from endolab.calibration.detection.lattice import fitting
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.simulation.sheet_image import render_sheet
 from endolab.calibration.simulation.trajectory import folded
@@ -204,18 +201,6 @@ def test_a_chessboard_that_looks_the_same_when_turned_is_not_mirrored():
             assert along[0] > 0
 
 
-def test_grids_that_look_the_same_when_turned():
-    target = CircleGrid(4, 8, 7.0, radius=2.5)
-    image = picture(target, [posed(target, 75, 10)], noise=1)
-    for turn in (0, 2):
-        found = detect(np.ascontiguousarray(np.rot90(image, turn)), target)
-        assert len(found.ids) >= 28
-        rows = np.arange(32).reshape(8, 4)
-        at = dict(zip(found.ids, found.pixels, strict=True))
-        across = [at[b][0] - at[a][0] for row in rows for a, b in pairwise(row) if {a, b} <= set(at)]
-        assert min(across) > 0
-
-
 def test_types_and_colours_do_not_matter():
     image = picture(DOTS, [posed(DOTS, 45, 20)])
     reference = detect(image, DOTS)
@@ -238,38 +223,6 @@ def test_types_and_colours_do_not_matter():
 def test_bad_pictures(image, said):
     with pytest.raises(ValueError, match=said):
         detect(image, DOTS)
-
-
-def test_every_window_of_the_code_is_told_from_every_other(rng):
-    """Also turned by a quarter and with blurred sizes; mirrored or random ones are refused."""
-    code = DOTS.code
-    for row in range(0, 4):
-        for column in range(0, 13, 3):
-            size = 2.0 * code[row : row + 6, column : column + 7] - 1
-            size += 0.2 * rng.standard_normal(size.shape)
-            spot = match_code(size, code)
-            assert spot is not None
-            assert np.array_equal(spot[0, 0], [row, column])
-            assert np.array_equal(spot[-1, -1], [row + 5, column + 6])
-            turned = match_code(np.rot90(size), code)
-            assert turned is not None
-            assert np.array_equal(turned[-1, 0], [row, column])
-            assert match_code(size[:, ::-1], code) is None
-    for _ in range(20):
-        assert match_code(rng.choice([-1.0, 1.0], (6, 7)), code) is None
-
-
-def test_a_feature_out_of_place_is_noticed(rng):
-    """One that is 1.5 px off a smoothly curved grid, and none of the others."""
-    row, column = np.indices((8, 12)).astype(float)
-    grid = np.stack([100 + 20 * column + 0.3 * column * row, 50 + 18 * row + 0.2 * column**2], axis=-1)
-    grid += 0.02 * rng.standard_normal(grid.shape)
-    grid[3, 5] += [1.5, 0]
-    fits, cell = fitting(grid, np.zeros((8, 12), int))
-    assert np.argwhere(~fits).tolist() == [[3, 5]]
-    along, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
-    area = along[..., 0] * down[..., 1] - along[..., 1] * down[..., 0]
-    assert np.allclose(cell[6:, 8:], area[6:, 8:], rtol=0.05)
 
 
 def test_the_published_frame_of_the_sheet(data):

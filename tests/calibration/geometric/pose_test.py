@@ -14,20 +14,6 @@ def test_a_vector_comes_back_and_makes_a_rotation(vector):
     assert np.linalg.det(rotation) == pytest.approx(1)
 
 
-def test_points_are_turned_then_shifted():
-    pose = Pose.from_vector([0, 0, np.pi / 2, 1, 2, 30])
-    assert pose.transform([[1.0, 0, 0], [0, 1.0, 0]]) == pytest.approx(np.array([[1, 3, 30], [0, 2, 30]]))
-    assert pose.transform(np.zeros((2, 3, 3))).shape == (2, 3, 3)
-
-
-@pytest.mark.parametrize("degrees", [0, 40])
-def test_tilt_is_the_angle_of_the_turn(degrees):
-    pose = Pose.from_vector([np.radians(degrees), 0, 0, 0, 0, 50])
-    assert pose.tilt == pytest.approx(np.radians(degrees), abs=1e-7)
-    assert pose.normal @ [0, 0, -1] == pytest.approx(np.cos(np.radians(degrees)))  # towards the camera
-    assert Pose.from_vector([0, 0, 1.0, 0, 0, 50]).tilt == pytest.approx(0, abs=1e-7)
-
-
 def test_a_step_turns_about_the_targets_origin(rng):
     pose = Pose.from_vector([0.3, -0.5, 0.2, 1, 2, 30])
     before = pose.vector

@@ -7,12 +7,9 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.calibration.photometric import fit as photometric
 from endolab.calibration.photometric.identifiability import (
     NotIdentifiableError,
     gain_jumps,
-    regress,
-    strengths,
 )
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 
@@ -105,20 +102,6 @@ def test_a_prior_on_gamma_joins_what_the_samples_know():
     np.testing.assert_allclose(fit.photometry.gamma, (free.photometry.gamma + 2.2) / 2, atol=0.1 * own)
 
 
-def test_a_locked_gain_needs_distances_that_differ():
-    samples = video(locked=True, distance=(50.0, 50.0), tilt=0.0, reach=0.0)
-    refused("k", samples, gain="locked", gamma="free", brdf="tabulated")
-    fit = el.calibrate_light(video(locked=True), gain="locked", gamma="free")
-    assert "by the distance under a locked gain" in fit.verdict[0]
-
-
-def test_a_matt_sheet_is_an_assumption_and_said_so():
-    samples = video(light=replace(TRUTH, brdf=el.Lambertian(0.8)))
-    fit = el.calibrate_light(samples, gamma="free", brdf="lambertian")
-    assert abs(fit.photometry.gamma - 2.2) < 0.02
-    assert any("taken to be matt" in sentence and "γ" in sentence for sentence in fit.verdict)
-
-
 def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt_but_one_distance_does():
     samples = video(tilt=0.0)
     refused("k", samples, "tilt the sheet")
@@ -158,37 +141,6 @@ def test_a_light_that_nothing_tells_is_refused():
     refused("light", samples, "centred", light="free", brdf="lambertian")
 
 
-def test_the_expected_errors_are_those_of_the_fit(monkeypatch):
-    """Two independent routes: a regression before the fit, the covariance after it."""
-    seen = {}
-
-    def spy(model, unknowns, sigma):
-        seen.update(strengths(model, unknowns, sigma))
-        return seen
-
-    monkeypatch.setattr(photometric, "strengths", spy)
-    samples = video("vicalib_folded", 300, fold=np.deg2rad(40))
-    given = el.calibrate_light(samples)
-    assert set(seen) == {"k"}
-    np.testing.assert_allclose(seen["k"].sd, given.standard_errors["k"], rtol=0.1)
-    free = el.calibrate_light(samples, gamma="free")
-    expected = seen["gamma"].sd * free.photometry.gamma
-    np.testing.assert_allclose(expected, free.standard_errors["gamma"], rtol=0.2)
-
-
-def test_regression_on_columns_and_group_constants(rng):
-    group = np.sort(rng.integers(0, 7, 90))
-    columns, target, weight = rng.normal(size=(90, 4)), rng.normal(size=90), rng.uniform(0, 2, 90)
-    ridge = np.array([0.0, 3.0, 0.0, 0.5])
-    solved, residual = regress(columns, target, weight, group, ridge)
-    everything = np.column_stack([columns, np.eye(7)[group]])
-    root = np.sqrt(weight)
-    stacked = np.vstack([everything * root[:, None], np.sqrt(np.diag([*ridge, *np.zeros(7)]))])
-    brute = np.linalg.lstsq(stacked, np.concatenate([target * root, np.zeros(11)]))[0]
-    np.testing.assert_allclose(solved, brute[:4], atol=1e-10)
-    np.testing.assert_allclose(residual, target - everything @ brute, atol=1e-10)
-
-
 def test_jumps_stand_out_from_fast_but_smooth_motion():
     frames = np.arange(0, 200, 2)
     gains = np.exp(1.2 * np.sin(frames / 9))
@@ -199,16 +151,3 @@ def test_jumps_stand_out_from_fast_but_smooth_motion():
     assert found[-1][0] == 120
     assert abs(found[-1][1] / 1.9 - 1) < 0.3
     assert gain_jumps(frames[:4], gains[:4]) == []
-
-
-def test_the_verdict_names_ranges_what_was_given_and_noise_that_the_sensor_clips():
-    fit = el.calibrate_light(video())
-    assert "k/γ = " in fit.verdict[0]
-    assert "γ = 2.2 was given, not measured" in fit.verdict[0]
-    degrees = f"{np.rad2deg(fit.alpha_range[1]):.0f}°"
-    assert any(degrees in sentence and "guess beyond" in sentence for sentence in fit.verdict)
-    assert not any("out of the sensor's range" in sentence for sentence in fit.verdict)
-    fit = el.calibrate_light(video(noise=8.0))
-    assert any("out of the sensor's range" in sentence for sentence in fit.verdict)
-    narrow = el.calibrate_light(video(noise=8.0), levels=(32 / 255, 223 / 255))
-    assert not any("out of the sensor's range" in sentence for sentence in narrow.verdict)

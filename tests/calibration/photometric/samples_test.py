@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.calibration.photometric import samples as module
 from endolab.calibration.photometric.samples import Samples, sample_depth, sample_sheet, sample_surface
 from endolab.calibration.simulation.sheet_image import render_sheet
 from endolab.calibration.simulation.trajectory import trajectory
@@ -53,30 +52,6 @@ def test_a_clean_frame_gives_the_models_levels(name):
     assert fair_ones > 100
 
 
-@pytest.mark.parametrize("window", [None, 1, 3, 5])
-def test_all_samples_have_the_noise_of_one_window(window):
-    target = el.TARGETS["vicalib_big"]
-    poses = trajectory(target, CAMERA, 1, distance=(30.0, 30.0), tilt=0.0, reach=0.0)[0]
-    clean, noisy = (render_sheet(target, poses, CAMERA, PAPER, noise=n, bits=16) for n in (0.0, 3.0))
-    how = {"most": 500, "window": window}
-    a, b = (sample_sheet(frame.image, target, poses, CAMERA, **how) for frame in (clean, noisy))
-    inner = a.level < 0.9
-    assert np.count_nonzero(inner) > 100
-    assert np.std(255 * (b.level - a.level)[inner]) == pytest.approx(3 / (window or 1), rel=0.15)
-
-
-def test_most_samples_and_given_places():
-    target = el.TARGETS["vicalib_small"]
-    poses = trajectory(target, CAMERA, 1, distance=(40.0, 40.0), tilt=0.2, reach=0.1)[0]
-    image = render_sheet(target, poses, CAMERA, PAPER, noise=0.0).image
-    few = sample_sheet(image, target, poses, CAMERA, most=17, frame=3)
-    assert len(few) == 17
-    again = sample_sheet(image, target, poses, CAMERA, most=17, frame=3, places=target.white_places())
-    np.testing.assert_array_equal(few.points, again.points)
-    other = sample_sheet(image, target, poses, CAMERA, most=17, frame=4)
-    assert not np.array_equal(few.points, other.points)
-
-
 def test_panels_not_found_and_a_sheet_out_of_the_picture_give_nothing():
     target = el.TARGETS["vicalib_folded"]
     poses = trajectory(target, CAMERA, 1, fold=0.4, distance=(40.0, 40.0), tilt=0.0, reach=0.0)[0]
@@ -91,16 +66,6 @@ def test_panels_not_found_and_a_sheet_out_of_the_picture_give_nothing():
     for shift in ([500.0, 0.0, 0.0], [0.0, 0.0, -80.0]):
         moved = pose.moved([0, 0, 0, *shift])
         assert len(sample_sheet(np.zeros((540, 720)), target, [moved], CAMERA)) == 0
-
-
-def test_places_have_their_reflectance():
-    target = el.TARGETS["vicalib_grey"]
-    places, material = module.sample_places(target)
-    np.testing.assert_array_equal(target.reflectance(places[:, :2]), places[:, 3])
-    np.testing.assert_array_equal(material, places[:, 3] == 0.5)
-    angle = np.linspace(0, 2 * np.pi, 25)
-    ring = places[:, None, :2] + places[:, None, 2:3] * np.stack([np.cos(angle), np.sin(angle)], -1)
-    np.testing.assert_array_equal(target.reflectance(ring), np.repeat(places[:, 3:], 25, axis=1))
 
 
 @pytest.mark.parametrize("albedo", [0.6, (0.75, 0.38, 0.30)], ids=["grey", "colour"])
@@ -120,36 +85,6 @@ def test_a_rendered_scene_gives_the_models_levels(albedo):
         np.testing.assert_allclose(here.level, expected, rtol=1e-9)
         np.testing.assert_allclose(here.distance, np.linalg.norm(here.points, axis=1))
         assert here.cos_theta.min() > 0
-
-
-def test_only_what_faces_the_camera_and_is_known_is_sampled():
-    points = np.tile([0.0, 0.0, 10.0], (4, 5, 1))
-    normals = np.tile([0.0, 0.0, -1.0], (4, 5, 1))
-    mask = np.ones((4, 5), bool)
-    mask[0] = False
-    points[1, 0], normals[2, 0], normals[3, 0] = np.nan, np.nan, [0.0, 0.0, 1.0]
-    samples = sample_surface(np.full((4, 5), 0.5), points, normals, mask)
-    assert len(samples) == 12
-    np.testing.assert_array_equal(samples.cos_alpha, 1)
-    np.testing.assert_array_equal(samples.cos_theta, 1)
-
-
-def test_samples_are_chosen_and_joined_and_angles_are_those_of_the_geometry():
-    one, two = some(50), some(30, seed=1)
-    joined = Samples.concatenate([one, two])
-    assert len(joined) == 80
-    assert np.all(np.diff(joined.frame) >= 0)
-    np.testing.assert_allclose(np.sort(joined.level), np.sort(np.concatenate([one.level, two.level])))
-    chosen = joined[joined.material == 1]
-    assert np.all(chosen.material == 1)
-    np.testing.assert_array_equal(joined[:7].points, joined.points[:7])
-    assert len(Samples.concatenate([])) == 0
-    assert len(Samples.concatenate([Samples.concatenate([]), one])) == 50
-    samples = some(40)
-    alpha = np.arccos(samples.points[:, 2] / np.linalg.norm(samples.points, axis=1))
-    np.testing.assert_allclose(np.arccos(samples.cos_alpha), alpha)
-    to_camera = -samples.points / samples.distance[:, None]
-    np.testing.assert_allclose(samples.cos_theta, np.sum(to_camera * samples.normals, axis=1))
 
 
 def test_columns_of_the_wrong_shape_and_frames_that_do_not_ascend_are_named():
