@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.fit import GeometricFit
 from endolab.calibration.session import Session
 from endolab.calibration.summary import counted, light_errors, mean_distances
 from endolab.calibration.targets import Target
+from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.plots.light import (
     histogram,
@@ -49,22 +49,19 @@ FEW = 40  # frames whose names fit below their bars
 LONGEST = 4.0  # standard deviations that an arrow shows
 
 
-def _picture_axes(ax: Axes | None, title: str, width: int, height: int) -> tuple[Axes, Rectangle]:
-    """Axes of a picture that is not shown: its border, pixels as in an array, a strip for the legend."""
+def _picture_axes(ax: Axes | None, title: str, camera: KannalaBrandt) -> Axes:
+    """Axes of a picture that is not shown, pixels as in an array."""
     ax = new_axes(ax)
-    border = Rectangle((-0.5, -0.5), width, height, fill=False, ec="black", lw=1.2, zorder=1)
-    ax.add_patch(border)
-    margin = 0.02 * width
-    ax.set(xlim=(-margin, width + margin), ylim=(height + margin, -0.12 * height), aspect="equal")
-    decorate(ax, title, "column u [px]", "row v [px]", grid=False)
-    ax.locator_params(nbins=4)
-    return ax, border
+    ax.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect="equal")
+    return decorate(ax, title, "column u [px]", "row v [px]", grid=False)
 
 
-def _rows(target: Target) -> tuple[IntArray, IntArray]:
-    """Row and column of each feature on the target's lattice, (n,)."""
-    place = np.round(target.points[:, :2] / target.spacing).astype(int)
-    return place[:, 1], place[:, 0]
+def _arrows(ax: Axes, at: FloatArray, off: FloatArray, magnify: float, most: float, **look: Any) -> None:
+    """Draw differences of pixels, longer than they are by a factor; they end at `most` px."""
+    length = np.linalg.norm(off, axis=1, keepdims=True)
+    shown = off * np.minimum(1, most / np.maximum(length, 1e-12))
+    how: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / magnify, "width": 0.0025}
+    ax.quiver(*at.T, *shown.T, **how, **look)
 
 
 @house()
@@ -85,33 +82,18 @@ def show_detection(
     detection : Detection
     target : Target
     """
-    ax = show_picture(image, ax, f"{title}: {len(detection.ids)} of {len(target.points)}")
-    if not len(detection.ids):
-        ax.set_title(f"{title}: none ({detection.reason})")
-        return ax
-    row, column = (values[detection.ids] for values in _rows(target))
-    pixels, least = detection.pixels, row.min()
-    for number in range(least, row.max() + 1):
+    ids, pixels = detection.ids, detection.pixels
+    ax = show_picture(image, ax, f"{title}: {len(ids)} of {len(target.points)} {detection.reason}".rstrip())
+    column, row = np.round(target.points[ids, :2] / target.spacing).astype(int).T
+    for number in np.unique(row):
         here = np.flatnonzero(row == number)
         here = here[np.argsort(column[here])]
-        colour = ROWS[number % len(ROWS)]
         # Features that are farther apart than one that was missed are not joined.
         for run in np.split(here, np.flatnonzero(np.diff(column[here]) > 2) + 1):
-            ax.plot(*pixels[run].T, color=colour, lw=1.3, marker="o", ms=2.6, mec="black", mew=0.3)
-    first = int(np.argmin(detection.ids))
-    place, middle = pixels[first], np.array(image.shape[1::-1]) / 2
-    ax.plot(*place, "o", ms=13, mfc="none", mec="white", mew=3.5)
-    ax.plot(*place, "o", ms=13, mfc="none", mec=VERMILION, mew=2)
-    ax.annotate(
-        f"id {detection.ids[first]}",
-        place,
-        xytext=10 * np.sign(middle - place) * [1, -1],  # inwards
-        textcoords="offset points",
-        ha="left" if place[0] < middle[0] else "right",
-        va="top" if place[1] < middle[1] else "bottom",
-        fontweight="bold",
-        bbox={"fc": "white", "ec": "none", "alpha": 0.85, "boxstyle": "round,pad=0.15"},
-    )
+            ax.plot(*pixels[run].T, color=ROWS[number % len(ROWS)], lw=1.3, marker="o", ms=2.6)
+    if len(ids):
+        ax.plot(*pixels[0], "o", ms=13, mfc="none", mec=VERMILION, mew=2, label=f"id {ids[0]}")
+        ax.legend(frameon=True)
     return ax
 
 
@@ -123,11 +105,7 @@ def _points_of(geometry: GeometricFit) -> tuple[FloatArray, FloatArray, BoolArra
 
 @house()
 def show_reprojection(
-    geometry: GeometricFit,
-    ax: Axes | None = None,
-    *,
-    magnify: float | None = None,
-    title: str = "Reprojection",
+    geometry: GeometricFit, ax: Axes | None = None, *, magnify: float | None = None
 ) -> Axes:
     """Show measured less predicted pixels of all views as arrows, where they are in the picture.
 
@@ -145,63 +123,43 @@ def show_reprojection(
     """
     pixels, residuals, inliers = _points_of(geometry)
     camera, sigma = geometry.camera, max(geometry.sigma, 1e-6)
-    if magnify is None:
-        magnify = round_length(0.02 * camera.width / sigma)
-    ax, border = _picture_axes(ax, f"{title}, × {magnify:g}", camera.width, camera.height)
-    length = np.linalg.norm(residuals, axis=1, keepdims=True)
-    shown = residuals * np.minimum(1, LONGEST * sigma / np.maximum(length, 1e-12))
+    magnify = round_length(0.02 * camera.width / sigma) if magnify is None else magnify
+    ax = _picture_axes(ax, f"Reprojection, arrows × {magnify:g}", camera)
     for which, colour, what, order in ((inliers, BLUE, "inlier", 3), (~inliers, VERMILION, "outlier", 2)):
-        drawn = np.flatnonzero(which)
-        if len(drawn) > MOST_ARROWS:
-            drawn = np.random.default_rng(0).choice(drawn, MOST_ARROWS, replace=False)
-        how: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / magnify, "width": 0.0022}
-        label = counted(int(which.sum()), what)
-        arrows = ax.quiver(*pixels[drawn].T, *shown[drawn].T, color=colour, label=label, zorder=order, **how)
-        arrows.set_clip_path(border)
-    key = round_length(0.08 * camera.width / magnify)
-    ax.quiverkey(arrows, 0.06, 0.95, key, f"{key:g} px", labelpos="E", color="black")
-    ax.legend(loc="upper right", ncols=2, handlelength=1.2, columnspacing=1.0)
+        drawn = np.random.default_rng(0).permutation(np.flatnonzero(which))[:MOST_ARROWS]
+        look = {"color": colour, "label": counted(int(which.sum()), what), "zorder": order}
+        _arrows(ax, pixels[drawn], residuals[drawn], magnify, LONGEST * sigma, **look)
+    ax.legend(loc="upper right", ncols=2, frameon=True)
     return ax
 
 
 @house()
-def show_reprojection_histogram(
-    geometry: GeometricFit, ax: Axes | None = None, *, title: str = "Reprojection"
-) -> Axes:
+def show_reprojection_histogram(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     """Show how the coordinates of the inliers' residuals are spread, with a Gaussian as wide."""
     ax = new_axes(ax)
     _, residuals, inliers = _points_of(geometry)
     values = residuals[inliers].ravel()
     histogram(ax, values, 0.0, float(np.std(values)), f"{counted(int(inliers.sum()), 'point')}, u and v")
-    title = f"{title}: RMSE {geometry.rmse:.3f} px"
+    title = f"Reprojection: RMSE {geometry.rmse:.3f} px"
     return decorate(ax, title, "measured - predicted [px]", "density [1/px]")
 
 
 @house()
-def show_coverage(geometry: GeometricFit, ax: Axes | None = None, *, title: str = "Field covered") -> Axes:
+def show_coverage(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     """Show where in the picture features were seen, with circles of equal angle off the axis."""
     pixels, _, inliers = _points_of(geometry)
     camera, seen = geometry.camera, np.rad2deg(geometry.max_angle_seen)
-    ax, border = _picture_axes(ax, f"{title}: to {seen:.0f}° off the axis", camera.width, camera.height)
+    ax = _picture_axes(ax, f"Field covered: to {seen:.0f}° off the axis", camera)
     ax.plot(*pixels[inliers].T, ".", color=BLUE, ms=3, alpha=0.5, mew=0)
-    labelled = np.full(2, -np.inf)
-    angles = [*range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10)]
-    for angle in [*angles, seen]:
+    box = {"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}
+    for angle in range(10, int(min(np.rad2deg(camera.max_angle), 180)) + 1, 10):
         around = ring(camera, np.deg2rad(angle))
-        reached = angle == seen
-        farthest: dict[str, Any] = {"color": VERMILION, "lw": 2.2, "ls": "--", "label": "farthest feature"}
-        (line,) = ax.plot(*around.T, **(farthest if reached else {"color": "0.35", "lw": 0.8}))
-        line.set_clip_path(border)
-        # Along a diagonal, where the picture is widest.
-        turn = np.linspace(0, 2 * np.pi, len(around))
-        place = around[np.argmin(np.abs(turn - np.arctan2(camera.height, camera.width)))]
-        inside = (place > 12).all() and (place < [camera.width - 12, camera.height - 12]).all()
-        apart = np.linalg.norm(place - labelled) > 0.06 * camera.width
-        if not reached and inside and apart:
-            labelled = place
-            box = {"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}
-            ax.text(place[0], place[1], f"{angle}°", ha="center", va="center", size="small", bbox=box)
-    ax.legend(loc="upper right")
+        ax.plot(*around.T, color="0.35", lw=0.8)
+        u, v = around[30]
+        ax.text(u, v, f"{angle}°", ha="center", va="center", size="small", bbox=box, clip_on=True)
+    label = "farthest feature"
+    ax.plot(*ring(camera, geometry.max_angle_seen).T, "--", color=VERMILION, lw=2.2, label=label)
+    ax.legend(loc="upper right", frameon=True)
     return ax
 
 
@@ -240,7 +198,6 @@ def show_frame_errors(
     ax: Axes | None = None,
     *,
     unit: str = "px",
-    title: str = "Error of every frame",
 ) -> Axes:
     """Show the errors of frames, by their names, as bars; those that are `marked` in red."""
     ax = new_axes(ax)
@@ -250,13 +207,11 @@ def show_frame_errors(
     labelled = [i for i in place if names[i] in marked or len(names) <= FEW]
     ax.set_xticks(labelled, [names[i] for i in labelled], rotation=90, size="small")
     ax.set_xlim(-0.6, len(names) - 0.4)
-    return decorate(ax, title, "", f"root mean square [{unit}]")
+    return decorate(ax, "Error of every frame", "", f"root mean square [{unit}]")
 
 
 @house()
-def show_found(
-    image: FloatArray, session: Session, name: str, ax: Axes | None = None, *, title: str | None = None
-) -> Axes:
+def show_found(image: FloatArray, session: Session, name: str, ax: Axes | None = None) -> Axes:
     """Show the part of a located frame with its features: where they are expected and where they were found.
 
     Parameters
@@ -268,17 +223,13 @@ def show_found(
         Of the frame.
     """
     expected, found = session.expected(name), session.detections[name].pixels
-    off, error = found - expected, session.errors[name]
-    low, high = found.min(axis=0), found.max(axis=0)
+    error, low, high = max(session.errors[name], 1e-6), found.min(axis=0), found.max(axis=0)
     room = 0.1 * float(np.max(high - low)) + 10
-    magnify = round_length(0.2 * room / max(error, 1e-6))
-    ax = show_picture(image, ax, title or f"{name}: {error:.3f} px, arrows × {magnify:g}")
+    magnify = round_length(0.2 * room / error)
+    ax = show_picture(image, ax, f"{name}: {error:.3f} px, arrows × {magnify:g}")
     ax.plot(*expected.T, "o", ms=8, mfc="none", mec=ORANGE, mew=1.4, label="expected")
     ax.plot(*found.T, "o", ms=3, color=SKY, label="found")
-    how: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / magnify, "width": 0.003}
-    length = np.linalg.norm(off, axis=1, keepdims=True)
-    shown = off * np.minimum(1, LONGEST * error / np.maximum(length, 1e-12))
-    ax.quiver(*expected.T, *shown.T, color=VERMILION, **how)
+    _arrows(ax, expected, found - expected, magnify, LONGEST * error, color=VERMILION)
     (left, top), (right, bottom) = low - room, high + room
     ax.set(xlim=(left, right), ylim=(bottom, top))
     ax.legend(loc="upper right", frameon=True)
@@ -294,32 +245,29 @@ def frames_figure(session: Session, pictures: Mapping[str, FloatArray]) -> Figur
     pictures : mapping of str to (H, W) or (H, W, 3) float array
         Frames to show, as `worst_frames` names them; stored values in [0, 1].
     """
-    rows = [("px", session.errors), ("grey levels", light_errors(session))]
-    rows = [row for row in rows if row[1]]
+    rows = {"px": session.errors, "grey levels": light_errors(session)}
+    rows = {unit: errors for unit, errors in rows.items() if errors}
+    shown = [*pictures, ".", ".", "."]
+    mosaic: Any = [[unit, unit] for unit in rows] + [shown[:2], shown[2:4]]
+    heights = [4] * len(rows) + [5.5, 5.5]
     with house(PAGE_SIZE):
-        figure = Figure(figsize=(16, 4 * len(rows) + 11), dpi=100, layout="constrained")
-        parts: Any = figure.subfigures(2, 1, height_ratios=(4 * len(rows), 11))
-        upper, lower = parts
-        for ax, (unit, errors) in zip(upper.subplots(len(rows), squeeze=False).flat, rows, strict=True):
-            show_frame_errors(errors, pictures, ax, unit=unit, title=f"Error of every frame [{unit}]")
-        axes = lower.subplots(2, 2).flat
-        for ax, (name, picture) in zip(axes, pictures.items(), strict=False):
-            show_found(picture, session, name, ax)
-        for ax in list(lower.axes)[len(pictures) :]:
-            ax.set_axis_off()
+        figure = Figure(figsize=(16, sum(heights)), dpi=100, layout="constrained")
+        axes = figure.subplot_mosaic(mosaic, height_ratios=heights)
+        for unit, errors in rows.items():
+            show_frame_errors(errors, pictures, axes[unit], unit=unit)
+        for name, picture in pictures.items():
+            show_found(picture, session, name, axes[name])
     return figure
 
 
-def geometry_figure(session: Session, image: FloatArray, name: str | None = None) -> Figure:
+def geometry_figure(session: Session, image: FloatArray) -> Figure:
     """Draw the evidence for a camera on one page, of 1600 x 1120 px when saved.
 
     Parameters
     ----------
     session : Session
     image : (H, W) or (H, W, 3) float array
-        A frame, stored values in [0, 1].
-    name : str, optional
-        Which; `best_frame` by default.
+        The `best_frame`, stored values in [0, 1].
 
     Raises
     ------
@@ -328,18 +276,17 @@ def geometry_figure(session: Session, image: FloatArray, name: str | None = None
     """
     if session.geometry is None:
         raise ValueError("session has no geometry to draw: its camera was given")
-    name = best_frame(session) if name is None else name
     with house(PAGE_SIZE):
         figure = Figure(figsize=(16, 11.2), dpi=100, layout="constrained")
         ((found, arrows), (covered, spread)) = figure.subplots(2, 2)
-        show_detection(image, session.detections[name], session.target, found)
+        show_detection(image, session.detections[best_frame(session)], session.target, found)
         show_reprojection(session.geometry, arrows)
         show_coverage(session.geometry, covered)
         show_reprojection_histogram(session.geometry, spread)
     return figure
 
 
-def light_figure(session: Session, image: FloatArray, name: str | None = None) -> Figure:
+def light_figure(session: Session, image: FloatArray) -> Figure:
     """Draw the evidence for a light on one page: the paper's five panels, and the frames held out.
 
     Parameters as of `geometry_figure`; 1800 x 1000 px when saved; ValueError if the light was refused.
@@ -347,7 +294,7 @@ def light_figure(session: Session, image: FloatArray, name: str | None = None) -
     light, samples = session.light, session.samples
     if light is None:
         raise ValueError(f"session has no light to draw: {session.refused}")
-    here = samples_of(session, best_frame(session) if name is None else name)
+    here = samples_of(session, best_frame(session))
     with house(PAGE_SIZE):
         figure = Figure(figsize=(18, 10), dpi=100, layout="constrained")
         ((sampling, residuals, fall_off), (gains, brdf, scores)) = figure.subplots(2, 3)

@@ -4,32 +4,26 @@ As in `maps`, every function draws into the axes ``ax`` it is given, or into new
 ``title``, and returns the axes.
 """
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
 
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.summary import LEAST_SCORED, brdf_of, counted
-from endolab.model.brdf import TabulatedBRDF
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.plots.maps import show_picture
-from endolab.plots.style import BLUE, PAPER, SKY, VERMILION, decorate, house, new_axes
-
-UNSEEN = "0.88"
+from endolab.plots.style import BLUE, SKY, VERMILION, decorate, house, new_axes
 
 
 def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: str) -> None:
     """Draw a histogram as a density, and the normal distribution of `mean` and `sigma` over it."""
-    reach = max(4 * sigma, 1e-9)
-    bins = np.linspace(mean - reach, mean + reach, 61)
+    sigma = max(sigma, 1e-9)
+    bins = np.linspace(mean - 4 * sigma, mean + 4 * sigma, 61)
     share = np.histogram(values, bins)[0] / max(len(values), 1) / np.diff(bins)
     ax.stairs(share, bins, fill=True, color=SKY, label=label)
     x = np.linspace(bins[0], bins[-1], 301)
-    curve = np.exp(-0.5 * ((x - mean) / (reach / 4)) ** 2) / (np.sqrt(2 * np.pi) * reach / 4)
+    curve = np.exp(-0.5 * ((x - mean) / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma)
     ax.plot(x, curve, color="black", lw=1.8, ls="--", label="Gaussian")
     ax.set(xlim=(bins[0], bins[-1]), ylim=(0, 1.3 * max(curve.max(), share.max())))
     ax.locator_params(axis="x", nbins=5)
@@ -48,8 +42,8 @@ def _other_axis(ax: Axes, label: str) -> Axes:
 
 def _shade_unseen(ax: Axes, low: float, high: float) -> None:
     """Shade the angles of 0 to 90° that are not between two."""
-    ax.axvspan(0, low, color=UNSEEN, lw=0, zorder=0)
-    ax.axvspan(high, 90, color=UNSEEN, lw=0, zorder=0, label="not sampled")
+    for start, end in ((0, low), (high, 90)):
+        ax.axvspan(start, end, color="0.88", lw=0, zorder=0)
     ax.set(xlim=(0, 90), xticks=range(0, 91, 15))
 
 
@@ -77,36 +71,31 @@ def show_sampling(
     """
     used = np.ones(len(samples), bool) if used is None else used
     ax = show_picture(image, ax, f"{title}: {len(samples)} in this frame")
-    pixels = camera.project(samples.points)
-    paper = samples.material == 0
-    for which, face, marker, label in (
-        (used & paper, VERMILION, "o", "bare paper"),
-        (used & ~paper, BLUE, "s", "grey patch"),
-        (~used, "none", "o", "left out"),
+    pixels, paper = camera.project(samples.points), samples.material == 0
+    for which, look, label in (
+        (used & paper, {"mfc": VERMILION, "mec": "white"}, "bare paper"),
+        (used & ~paper, {"mfc": BLUE, "mec": "white"}, "grey patch"),
+        (~used, {"mfc": "none", "mec": "black"}, "left out"),
     ):
         if which.any():
-            edge = "black" if face == "none" else "white"
-            ax.plot(*pixels[which].T, marker, mfc=face, mec=edge, ms=5, mew=0.8, ls="none", label=label)
+            ax.plot(*pixels[which].T, "o", ms=5, mew=0.8, label=label, **look)  # type: ignore[arg-type]
     if len(samples):
-        ax.legend(frameon=True, loc="best", handletextpad=0.2)
+        ax.legend(frameon=True)
     return ax
 
 
 @house()
-def show_light_residuals(light: PhotometricFit, ax: Axes | None = None, *, title: str | None = None) -> Axes:
+def show_light_residuals(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     """Show how the residuals of the samples that counted are spread, with a Gaussian."""
     ax = new_axes(ax)
-    values = light.residuals[light.used]
-    if title is None:
-        title = f"Residuals: {round(light.mean, 2) + 0.0:.2f} ± {light.sigma:.2f} grey levels"  # never -0
-    left_out = len(light.used) - len(values)
+    values, left_out = light.residuals[light.used], np.count_nonzero(~light.used)
     histogram(ax, values, light.mean, light.sigma, counted(len(values), "sample"))
-    ax.text(0.02, 0.78, f"{left_out} left out", transform=ax.transAxes, color="0.3", va="top")
+    title = f"Residuals: ± {light.sigma:.2f} grey levels; {left_out} left out"
     return decorate(ax, title, "measured - predicted [grey levels of 255]", "density [1/grey level]")
 
 
 @house()
-def show_fall_off(light: PhotometricFit, ax: Axes | None = None, *, title: str = "Light's fall-off") -> Axes:
+def show_fall_off(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     """Show the joint vignetting and light spread cosᵏα with its standard error, beside cos⁴α.
 
     Angles at which there were no samples are shaded. If the light's place was fitted, α is the
@@ -116,19 +105,14 @@ def show_fall_off(light: PhotometricFit, ax: Axes | None = None, *, title: str =
     k, error = light.k, light.standard_errors["k"]
     alpha = np.linspace(0, 90, 361)
     cosine = np.cos(np.deg2rad(alpha)).clip(1e-9)
-    low, high = np.rad2deg(light.alpha_range)
-    _shade_unseen(ax, low, high)
+    _shade_unseen(ax, *np.rad2deg(light.alpha_range))
     ax.plot(alpha, cosine**4, color="black", lw=1.5, ls=":", label="cos⁴ α")
-    above, below = cosine ** (k - error), cosine ** (k + error)
-    ax.fill_between(alpha, above, below, color=VERMILION, alpha=0.35, lw=0, label="± 1 s.e.")
-    ax.plot(alpha, cosine**k, color=VERMILION, lw=2.2, label=f"cosᵏ α, k = {k:.3f} ± {error:.3f}")
+    ax.plot(alpha, cosine**k, color=VERMILION, label=f"cosᵏ α, k = {k:.3f} ± {error:.3f}")
+    ax.fill_between(alpha, cosine ** (k - error), cosine ** (k + error), color=VERMILION, alpha=0.35, lw=0)
     ax.set_ylim(0, 1.05)
-    # The fitted curve first.
-    handles, labels = ax.get_legend_handles_labels()
-    order = sorted(range(len(labels)), key=lambda i: ("cosᵏ" not in labels[i], "s.e." not in labels[i]))
-    ax.legend([handles[i] for i in order], [labels[i] for i in order], loc="upper right")
+    ax.legend(loc="upper right")
     what = "ψ off the light's direction" if light.photometry.lights else "α off the axis"
-    return decorate(ax, title, f"angle {what} [°]", "share of the light on the axis")
+    return decorate(ax, "Light's fall-off", f"angle {what} [°]", "share of the light on the axis")
 
 
 @house()
@@ -138,7 +122,6 @@ def show_gains(
     *,
     frames: IntArray | None = None,
     distance: FloatArray | None = None,
-    title: str = "Gain of each frame",
 ) -> Axes:
     """Show the gains, and how far away the sheet was.
 
@@ -155,19 +138,14 @@ def show_gains(
     known = np.isfinite(light.gain_errors)
     gains, errors = np.where(known, light.gains, np.nan), np.where(known, light.gain_errors, np.nan)
     ax.fill_between(frames, gains - errors, gains + errors, color=VERMILION, alpha=0.35, lw=0)
-    marker = {"marker": "o", "ms": 4} if len(frames) <= 60 else {}
-    (line,) = ax.plot(frames, gains, color=VERMILION, lw=1.8, label="gain ± 1 s.e.", **marker)  # type: ignore[arg-type]
-    handles = [line]
+    handles = ax.plot(frames, gains, color=VERMILION, marker=".", label="gain ± 1 s.e.")
     ax.set_ylim(0, 1.25 * float(np.nanmax(gains + errors, initial=1e-9)))
-    decorate(ax, title, "frame", "gain g [mm²]")
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3), useMathText=True)
     if distance is not None:
         other = _other_axis(ax, "mean distance of the sheet [mm]")
         handles += other.plot(frames, distance, color=BLUE, lw=1.5, ls="--", label="distance")
         other.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
     ax.legend(handles=handles, loc="upper right", ncols=2)
-    return ax
+    return decorate(ax, "Gain of each frame", "frame", "gain g [mm²]")
 
 
 @house()
@@ -188,13 +166,10 @@ def show_brdf(
     """
     ax = new_axes(ax)
     theta, relative, errors = brdf_of(light)
-    tabulated = isinstance(light.photometry.brdf, TabulatedBRDF)
-    low, high = np.rad2deg(theta[[0, -1]])
-    _shade_unseen(ax, low, high)
-    ax.axhline(1, color="black", lw=1.5, ls=":", label="Lambertian" if tabulated else None)
-    label, marker = ("fitted ± 1 s.e.", "o") if tabulated else ("taken to be Lambertian", "")
-    how: dict[str, Any] = {"color": VERMILION, "lw": 1.8, "ms": 5, "capsize": 3}
-    ax.errorbar(np.rad2deg(theta), relative, errors, marker=marker, label=label, **how)
+    degrees = np.rad2deg(theta)
+    _shade_unseen(ax, degrees[0], degrees[-1])
+    ax.axhline(1, color="black", lw=1.5, ls=":", label="Lambertian")
+    ax.errorbar(degrees, relative, errors, color=VERMILION, marker="o", capsize=3, label="fitted ± 1 s.e.")
     bottom, top = (relative - errors).min(), (relative + errors).max()
     room = max(top - bottom, 0.2)
     ax.set_ylim(bottom - 0.35 * room, top + 0.15 * room)
@@ -202,8 +177,7 @@ def show_brdf(
         bins = np.arange(0, 91, 3)
         count = np.histogram(np.rad2deg(np.arccos(np.minimum(samples.cos_theta[light.used], 1))), bins)[0]
         heights, below = 0.2 * count / max(count.max(), 1), ax.get_xaxis_transform()
-        how = {"color": SKY, "alpha": 0.8, "label": "samples"}
-        ax.bar(bins[:-1] + 1.5, heights, width=2.6, transform=below, **how)
+        ax.bar(bins[:-1] + 1.5, heights, width=2.6, transform=below, color=SKY, alpha=0.8, label="samples")
     ax.legend(loc="upper right")
     return decorate(ax, title, "incidence θ [°]", "f_r relative to the pinned node")
 
@@ -212,28 +186,21 @@ def show_brdf(
 def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames held out") -> Axes:
     """Show by how much the light of frames that the fit has not seen differs from the model's."""
     ax = new_axes(ax)
-    known = scores.count > 0
     edges = np.rad2deg(scores.edges)
     middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+    error, spread = 100 * scores.error, 100 * scores.standard_error
+    known = scores.count > 0
     ax.axhline(0, color="black", lw=1.2)
-    columns = middle, 100 * scores.error, 100 * scores.standard_error, half
-    x, y, dy, dx = (values[known] for values in columns)
-    look: dict[str, Any] = {"color": VERMILION, "ls": "none", "marker": "o", "ms": 5, "lw": 1.8, "capsize": 3}
-    ax.errorbar(x, y, dy, dx, **look)
-    # A bin of a few samples must not make the others small.
-    sure = known & (scores.count >= min(LEAST_SCORED, scores.count.max(initial=0)))
-    size = 100 * np.abs(scores.error[sure])
-    ends = size + 100 * scores.standard_error[sure]
-    usual = 4 * float(np.quantile(ends, 0.25)) if len(ends) else 0.0
-    reach = max(size.max(initial=0.1), min(ends.max(initial=0.1), usual))
-    ax.set(xlim=(0, edges[-1]), ylim=(-1.25 * reach, 1.25 * reach), xticks=range(0, int(edges[-1]) + 1, 15))
+    x, y, dy, dx = (values[known] for values in (middle, error, spread, half))
+    ax.errorbar(x, y, dy, dx, color=VERMILION, ls="none", marker="o", capsize=3)
+    sure = scores.count >= LEAST_SCORED  # a bin of a few samples must not make the others small
+    reach = 1.25 * np.max(np.abs(error[sure]) + spread[sure], initial=0.1)
+    ax.set(xlim=(0, edges[-1]), ylim=(-reach, reach), xticks=range(0, int(edges[-1]) + 1, 15))
     below = ax.get_xaxis_transform()
-    box = {"fc": PAPER, "ec": "none", "pad": 1.0}
-    how: dict[str, Any] = {"va": "bottom", "color": "0.3", "size": "small", "transform": below, "bbox": box}
-    for at, count in zip(x, scores.count[known], strict=True):
-        ax.text(at, 0.02, f"{count}", ha="center", **how)
-    ax.text(edges[-1] * 0.99, 0.09, "samples", ha="right", **how)
-    return decorate(ax, title, "angle α off the axis [°]", "measured/modelled light - 1 [%]")
+    for at, count in zip(middle[known], scores.count[known], strict=True):
+        ax.text(at, 0.02, f"{count}", ha="center", color="0.3", size="small", transform=below)
+    what = "measured/modelled light - 1 [%]"
+    return decorate(ax, f"{title}, with samples", "angle α off the axis [°]", what)
 
 
 @house()
@@ -257,9 +224,8 @@ def show_ridge(
         The k that was found.
     """
     ax = new_axes(ax)
-    handles = ax.plot(gammas, sigmas, color=VERMILION, lw=2, marker="o", ms=4, label="residuals")
+    handles = ax.plot(gammas, sigmas, color=VERMILION, marker="o", ms=4, label="residuals")
     ax.set_ylim(0, 1.2 * float(np.max(sigmas)))
-    decorate(ax, title, "γ", "standard deviation [grey levels]")
     handles += _other_axis(ax, "k").plot(gammas, ks, color=BLUE, lw=1.5, ls="--", label="k")
     ax.legend(handles=handles, loc="lower right")
-    return ax
+    return decorate(ax, title, "γ", "standard deviation [grey levels]")

@@ -119,12 +119,12 @@ def write_report(
                 show_detection(image, session.detections[name], session.target, figure.subplots())
             write_figure(staging / "detection.png", figure)
         else:
-            write_figure(staging / "camera.png", geometry_figure(session, image, name))
+            write_figure(staging / "camera.png", geometry_figure(session, image))
         if worst:
             shown = {one: pictures[one] for one in worst}
             write_figure(staging / "frames.png", frames_figure(session, shown))
         if session.light is not None:
-            write_figure(staging / "light.png", light_figure(session, image, name))
+            write_figure(staging / "light.png", light_figure(session, image))
         if session.geometry is not None or session.light is not None:
             write_figure(staging / "uncertainty.png", uncertainty_figure(session))
         if not lacking("jinja2"):
