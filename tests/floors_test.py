@@ -31,7 +31,6 @@ FILE_CALLS = {
 }
 BORROWED = {
     "metrics.mesh_distance": {"imports open3d"},  # what a library measures, ours need not
-    "numerics.threads": {"calls open"},  # Linux tells a container's share of the cores in a file
 }
 SLOW_TO_IMPORT = ["numpy", "rerun", "open3d", "matplotlib", "ipywidgets", "numba", "cv2"]
 

@@ -15,7 +15,6 @@ from endolab.model.surface import check_xi, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import mask_array, number, owned, real_array, told
 from endolab.numerics.derivatives import REFERENCE_WIDTH, forward_gradient
-from endolab.numerics.ranks import median
 
 REGULARISERS = ("first", "second", "curvature")
 FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
@@ -146,7 +145,7 @@ class Problem:
     def xi_median(self) -> float:
         """ξ̃, the median of ξ at the start d₀."""
         inside = self.mask
-        return median(to_xi(self.log_facing[inside], self.xi, self.field.cos_alpha[inside]))
+        return float(np.median(to_xi(self.log_facing[inside], self.xi, self.field.cos_alpha[inside])))
 
 
 def check_maps(mask: BoolArray, start: FloatArray | None = None, inflow: FloatArray | None = None) -> None:

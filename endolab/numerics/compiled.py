@@ -1,68 +1,27 @@
 """Compiled loops: how they are compiled and kept, and the padding that spares them their borders.
 
 Numba keeps what it has compiled for the next run: beside the sources, in the user's folder for such things,
-or where `NUMBA_CACHE_DIR` says. Where none of them can be written, a private one among the temporary files
-does, and without that each run compiles.
+or where `NUMBA_CACHE_DIR` says. Where none of them can be written, each run compiles.
 """
 
-import os
-import stat
-import tempfile
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any
 
-import numba
 import numpy as np
 from numba import njit
 
 from endolab.numerics.arrays import FloatArray
 
 
-def _private_folder() -> str:
-    """Make a folder among the temporary files that is nobody else's; OSError if there is none."""
-    own = os.getuid() if hasattr(os, "getuid") else 0  # elsewhere each user has temporary files of his own
-    folder = os.path.join(tempfile.gettempdir(), f"endolab-{own}")
-    with suppress(FileExistsError):
-        os.mkdir(folder, 0o700)
-    found = os.lstat(folder)
-    mine = stat.S_ISDIR(found.st_mode) and (found.st_uid, found.st_mode & 0o077) == (own, 0)
-    if hasattr(os, "getuid") and not mine:  # who else can write there, can have anything executed
-        raise PermissionError(f"{folder} belongs to somebody else")
-    return folder
-
-
 def _kept() -> bool:
-    """Whether what is compiled can be kept for the next run; finds a place for it if need be."""
-    with suppress(RuntimeError):
-        njit(cache=True)(_private_folder)  # which is not compiled by that
-        return True
-    with suppress(RuntimeError, OSError):
-        numba.config.CACHE_DIR = _private_folder()  # type: ignore[attr-defined]
-        njit(cache=True)(_private_folder)
-        return True
-    return False
-
-
-def _without_blas() -> None:
-    """Load what Numba knows of arrays without SciPy's BLAS, which takes as long as all the rest of it.
-
-    Numba does so before the first loop runs, for loops that multiply matrices; none here does. Those of
-    others find it all the same, for what needs it looks for it again.
-    """
-    from numba.np import linalg
-
-    look = getattr(linalg, "ensure_blas", None)
-    if look is None:  # another Numba's affair
-        return
-    linalg.ensure_blas = lambda: None
+    """Whether there is a place where what is compiled can be kept for the next run."""
     try:
-        import numba.np.arraymath  # noqa: F401
-    finally:
-        linalg.ensure_blas = look
+        njit(cache=True)(_kept)  # which is not compiled by that
+    except RuntimeError:
+        return False
+    return True
 
 
-_without_blas()
 COMPILED: dict[str, Any] = {"cache": _kept(), "nogil": True, "error_model": "numpy"}
 kernel: Callable[..., Any] = njit(**COMPILED)
 PAD = 2

@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 from endolab.numerics.checks import told
 
 Step = TypeVar("Step")
-Value = TypeVar("Value")
 
 
 class Status(Enum):
@@ -77,13 +76,3 @@ def closing(observers: Iterable[object]) -> Iterator[None]:
             if hasattr(observer, "close"):
                 ending.callback(observer.close)
         yield
-
-
-def finish(steps: Generator[object, None, Value]) -> Value:
-    """Run a generator to its end, unwatched, and return what it returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            value: Value = end.value
-            return value

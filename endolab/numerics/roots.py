@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike
 from endolab.numerics.arrays import FloatArray
 
 NEGLIGIBLE = 1e-20  # share of the largest term below which a polynomial's highest terms are none
+TABLE = 4096  # places at which an increasing function is looked up
+STEPS = 12  # of Newton: two are enough where the slope is not 0
 
 
 def smallest_positive_root(coefficients: ArrayLike, limit: float) -> float:
@@ -27,30 +29,17 @@ def invert_increasing(
     low: float,
     high: float,
 ) -> FloatArray:
-    """Solve f(x) = target, of any shape, by Newton steps kept inside a shrinking bracket; to rounding.
+    """Solve f(x) = target, of any shape, by Newton's steps from a table.
 
-    A step is Newton's where that stays inside the bracket and halves it elsewhere. The function returns f
-    and its derivative; f increases on [low, high] and is of the order of one there, and the targets lie
-    between f(low) and f(high).
+    The function returns f and its derivative; f increases on [low, high], and the targets lie between f(low)
+    and f(high). To rounding where f has a slope.
     """
-    wanted = np.asarray(target, dtype=np.float64).ravel()
-    x = np.clip(wanted, low, high)
-    lower, upper = np.full(wanted.shape, low), np.full(wanted.shape, high)
-    busy = np.arange(wanted.size)
-    for _ in range(100):
-        value, slope = function(x[busy])
-        excess = value - wanted[busy]
-        going = np.abs(excess) > 2e-16 * np.maximum(1.0, wanted[busy])
-        busy, excess, slope = busy[going], excess[going], slope[going]
-        if busy.size == 0:
-            break
-        lower[busy] = np.where(excess < 0, x[busy], lower[busy])
-        upper[busy] = np.where(excess > 0, x[busy], upper[busy])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            new = x[busy] - excess / slope
-        outside = ~((new >= lower[busy]) & (new <= upper[busy]))
-        new[outside] = 0.5 * (lower[busy] + upper[busy])[outside]
-        moved = new != x[busy]
-        x[busy] = new
-        busy = busy[moved]
-    return x.reshape(np.shape(target))
+    places = np.linspace(low, high, TABLE)
+    values = function(places)[0]
+    cell = np.clip(np.searchsorted(values, target), 1, TABLE - 1)
+    x = np.interp(target, values, places)
+    for _ in range(STEPS):
+        value, slope = function(x)
+        step = (value - target) / np.where(slope > 0, slope, np.inf)
+        x = np.clip(x - step, places[cell - 1], places[cell])
+    return np.asarray(x)

@@ -11,11 +11,10 @@ process.
 
 from __future__ import annotations
 
-import math
 import os
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, update_wrapper
 from types import FunctionType
@@ -29,8 +28,6 @@ from endolab.numerics.compiled import COMPILED, kernel
 VARIABLE = "ENDOLAB_THREADS"
 ENOUGH = 12_000  # pixels; with fewer, waking other cores takes longer than what they would do
 ROWS = 16  # of a band
-V1 = "/sys/fs/cgroup/cpu/cpu.cfs_"
-SHARES = ("/sys/fs/cgroup/cpu.max",), (f"{V1}quota_us", f"{V1}period_us")  # µs of work, in so many µs
 
 # Turns, some microseconds, that a thread waits for the next loop before it sleeps. OpenMP's own choice,
 # milliseconds, takes the cores from other programs, and from the very threads that are waited for.
@@ -56,27 +53,10 @@ if hasattr(os, "register_at_fork"):
 
 @cache
 def cores() -> int:
-    """How many cores this process may keep busy, by its affinity and its container's share of time.
+    """How many cores this process may keep busy, by its affinity and its container's share of time."""
+    import joblib  # a twentieth of a second, which small frames do without
 
-    As many as `joblib.cpu_count` finds, which takes as long to load as a small frame to solve.
-    """
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    told = os.environ.get("LOKY_MAX_CPU_COUNT", "")
-    return max(1, int(min(count, _share(), int(told) if told.isdecimal() else count)))
-
-
-def _share() -> float:
-    """Cores that the container's share of time comes to; infinite if it has no limit, or elsewhere."""
-    for paths in SHARES:
-        found = ""
-        with suppress(OSError):
-            for path in paths:
-                with open(path, encoding="ascii") as file:
-                    found += file.read()
-        quota, period = (*found.split(), "", "")[:2]
-        if quota.isdecimal() and period.isdecimal():  # "max" or -1: no limit
-            return math.ceil(int(quota) / int(period))
-    return math.inf
+    return int(joblib.cpu_count())
 
 
 def threads() -> int:

@@ -19,14 +19,11 @@ import numpy as np
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import kernel
 from endolab.numerics.derivatives import REFERENCE_WIDTH
-from endolab.numerics.ranks import medians, sorted_places
 from endolab.numerics.side_by_side import side_by_side
 
 BLUR = 1.5  # of log d₀, in 1/320 of the picture's width
 SHALLOW = 0.005  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the width
-SHARE = (
-    0.25  # of the way from a strip's lightest neighbour to its own log d₀: who is nearer than this is light
-)
+SHARE = 0.25  # of the way from a strip's lightest neighbour to its own log d₀: who is nearer is light
 LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the width
 
 
@@ -74,14 +71,26 @@ def _flood(order: Any, slope: FloatArray, steps: Any, shallow: float, region: An
     return basins
 
 
-def _basins(slope: FloatArray, mask: BoolArray) -> tuple[Any, int]:
+def basins(slope: FloatArray, mask: BoolArray) -> tuple[Any, int]:
     """Number of the basin that each pixel of the mask is in, from 0; -1 outside. And how many there are."""
     rimmed = np.pad(np.where(mask, slope, np.inf), 1, constant_values=np.inf)
     flat, steps = rimmed.ravel(), np.array([1, -1, rimmed.shape[1], -rimmed.shape[1]])
     inside = np.flatnonzero(np.isfinite(flat))
     region = np.full(flat.size, -1, np.int32)
-    count = _flood(inside[sorted_places(flat[inside])], flat, steps, SHALLOW, region)
+    count = _flood(inside[np.argsort(flat[inside], kind="stable")], flat, steps, SHALLOW, region)
     return region.reshape(rimmed.shape)[1:-1, 1:-1], count
+
+
+def _medians(values: FloatArray, labels: Any, count: int) -> FloatArray:
+    """Median of the values (n,) of each label from 0 to before `count`, of which none is without a value.
+
+    `scipy.ndimage.median` takes ten times as long.
+    """
+    order = np.argsort(values)
+    order = order[np.argsort(labels[order].astype(np.min_scalar_type(count)), kind="stable")]
+    size = np.bincount(labels, minlength=count)
+    first, grouped = np.cumsum(size) - size, values[order]
+    return (grouped[first + (size - 1) // 2] + grouped[first + size // 2]) / 2
 
 
 def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
@@ -98,7 +107,7 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     light, share = side_by_side(lambda a: cv2.GaussianBlur(a, (0, 0), blur), maps, mask.size)
     smooth = light / np.maximum(share, 1e-6)
     slope = np.asarray(np.hypot(*np.gradient(smooth)) * unit) if min(mask.shape) > 1 else np.zeros(mask.shape)
-    region, count = _basins(slope, mask)
+    region, count = basins(slope, mask)
     places, pairs = [], []
     for axis in (1, 0):
         here, there = (np.s_[:-1], np.s_[1:]) if axis == 0 else (np.s_[:, :-1], np.s_[:, 1:])
@@ -111,7 +120,7 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     both, line = np.unique(pair[0] * count + pair[1], return_inverse=True)
     both = np.stack(np.divmod(both, count))
     along = np.concatenate([slope[where] for where in places])
-    steep = medians(along, line, both.shape[1])
+    steep = _medians(along, line, both.shape[1])
     steep[_joins_a_limb(both, region, count, log_facing, LIMB * unit)] = 0.0
     for found, where, those in zip(
         steepness, places, np.split(steep[line], [places[0][0].size]), strict=True
@@ -130,7 +139,7 @@ def _joins_a_limb(both: Any, region: Any, count: int, log_facing: FloatArray, th
     known = region >= 0
     np.maximum.at(deepest, region[known], depth[known])
     is_thin = 2 * deepest + 1 < thin
-    far = medians(log_facing.ravel(), region.ravel(), count)
+    far = _medians(log_facing[known], region[known], count)
     lightest = far.copy()
     for one, other in (both, both[::-1]):
         np.minimum.at(lightest, one, far[other])

@@ -13,7 +13,6 @@ from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import mask_array, owned, real_array
-from endolab.numerics.ranks import nth_lowest
 from endolab.numerics.side_by_side import by_rows
 
 DARK = 4 / 255  # below this rounding and noise say more than the surface does
@@ -58,36 +57,25 @@ class Frame:
 
     def __post_init__(self) -> None:
         image = real_array(f"{self.name}: the image", self.image)
-        mask = mask_array(f"{self.name}: the mask", self.mask)
-        if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or 0 in image.shape:
+        if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)) or 0 in image.shape:
             raise ValueError(
                 f"{self.name}: expected a grey or RGB picture, found an array of shape {image.shape}"
             )
-        if mask.ndim != 2:
-            raise ValueError(f"{self.name}: expected a mask of rows and columns, found shape {mask.shape}")
-        if mask.shape != image.shape[:2]:
-            raise ValueError(
-                f"{self.name}: the mask is {mask.shape[1]}x{mask.shape[0]} px, "
-                f"the frame {image.shape[1]}x{image.shape[0]} px"
-            )
-        if self.silent is not None:
-            silent = mask_array(f"{self.name}: silent", self.silent)
-            if silent.shape != mask.shape:
-                raise ValueError(f"{self.name}: silent has shape {silent.shape}, the mask {mask.shape}")
-            object.__setattr__(self, "silent", owned(silent))
-        if not mask.any():
+        for what in ("mask", "silent") if self.silent is not None else ("mask",):
+            mask = mask_array(f"{self.name}: the {what}", getattr(self, what))
+            if mask.shape != image.shape[:2]:
+                sizes = ("x".join(map(str, shape[::-1])) for shape in (mask.shape, image.shape[:2]))
+                raise ValueError("{}: the {} is {} px, the frame {} px".format(self.name, what, *sizes))
+            object.__setattr__(self, what, owned(mask))  # the caller's buffer may be the next frame's soon
+        if not self.mask.any():
             raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
-        used = image if mask.all() else image[mask]
+        used = image if self.mask.all() else image[self.mask]
         low, high = used.min(), used.max()
-        if not (np.isfinite(low) and np.isfinite(high)):  # either is nan where any value is
-            raise ValueError(f"{self.name}: the picture holds values that are not finite")
-        if low < 0 or high > 1:
-            found = f"{low:.4g} to {high:.4g}"
-            bytes_said = "; divide bytes by 255" if np.asarray(self.image).dtype == np.uint8 else ""
-            raise ValueError(f"{self.name}: values must lie in [0, 1], found {found}{bytes_said}")
-        # The caller's buffer may be that of the next frame soon.
+        if not (low >= 0 and high <= 1):  # either is nan where any value is
+            found = f"found {low:.4g} to {high:.4g}"
+            remedy = "; divide bytes by 255" if np.asarray(self.image).dtype == np.uint8 else ""
+            raise ValueError(f"{self.name}: values must be finite and lie in [0, 1], {found}{remedy}")
         object.__setattr__(self, "image", owned(image))
-        object.__setattr__(self, "mask", owned(mask))
 
     @property
     def width(self) -> int:
@@ -128,10 +116,9 @@ class Frame:
         """
         key = (width, height, gamma)
         if key not in self._resized:
-            made = self._shrunk(width, height, gamma)
             for old in list(self._resized)[: 1 - REMEMBERED]:
                 self._resized.pop(old, None)
-            self._resized[key] = made
+            self._resized[key] = self._shrunk(width, height, gamma)
         return self._resized[key]
 
     def _shrunk(self, width: int, height: int, gamma: float) -> Frame:
@@ -155,10 +142,10 @@ class Frame:
             return np.clip(np.where(kept, light / part, plain), 0.0, 1.0) ** (1 / gamma)
 
         # One by one: of twelve million pixels, 0.1 GB each.
-        grey = self.image.ndim == 2
-        channels = [averaged(one) for one in ([self.image] if grey else np.moveaxis(self.image, -1, 0))]
+        channels = [averaged(one) for one in np.moveaxis(np.atleast_3d(self.image), -1, 0)]
         silent = None if self.silent is None else shrunk(self.silent) > 0
-        return Frame(channels[0] if grey else np.stack(channels, axis=-1), kept, self.name, silent)
+        image = np.stack(channels, axis=-1).reshape(height, width, *self.image.shape[2:])
+        return Frame(image, kept, self.name, silent)
 
 
 def shrunk_bytes(stored: NDArray[np.uint8], width: int, height: int, gamma: float) -> FloatArray:
@@ -206,21 +193,23 @@ def field_of_view(image: FloatArray) -> BoolArray:
     All True if there is no such frame. Else two pixels narrower than the bright part, since lenses and
     codecs blur its edge, and without bright islands (text) in the frame.
     """
-    dark = image < FRAME
-    if not any(side.any() for side in (dark[0], dark[-1], dark[:, 0], dark[:, -1])):
-        return np.ones(image.shape, dtype=bool)
-    rim = np.pad(dark, 1, constant_values=True)
-    labels = cv2.connectedComponents(rim.astype(np.uint8), connectivity=4)[1]
-    frame = (labels == labels[0, 0])[1:-1, 1:-1]
-    if not frame.any() or frame.all():
+    rim = np.pad((image < FRAME).astype(np.uint8), 1, constant_values=1)
+    cv2.floodFill(rim, None, (0, 0), 2)
+    shown = (rim != 2)[1:-1, 1:-1]
+    if shown.all() or not shown.any():
         return np.ones(image.shape, dtype=bool)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
     # Beyond the picture's own border nothing is known, so nothing is taken away there.
-    shown = cv2.erode((~frame).astype(np.uint8), disc, borderValue=1)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(shown, connectivity=4)
-    areas = stats[:, cv2.CC_STAT_AREA]
-    large = [label for label in range(1, count) if areas[label] >= 0.02 * areas[1:].max()]
-    return np.isin(labels, large)
+    shown = cv2.erode(shown.astype(np.uint8), disc, borderValue=1) > 0
+    return large_parts(shown, 0.02 * shown.sum())
+
+
+def large_parts(region: BoolArray, least: float) -> BoolArray:
+    """Return the connected parts of a region that have at least so many pixels."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(region.astype(np.uint8), connectivity=4)
+    large = stats[:, cv2.CC_STAT_AREA] >= least
+    large[0] = False
+    return large[labels]
 
 
 def noise_level(image: FloatArray, mask: BoolArray) -> float:
@@ -236,7 +225,8 @@ def noise_level(image: FloatArray, mask: BoolArray) -> float:
     if not inside.any():
         return 0.0
     size = np.abs(cv2.filter2D(np.where(mask, image, 0.0), -1, kernel)[inside])
-    return float(size[size <= nth_lowest(size, int(0.8 * (size.size - 1)))].mean() / 0.5586)
+    nth = int(0.8 * (size.size - 1))
+    return float(size[size <= np.partition(size, nth)[nth]].mean() / 0.5586)
 
 
 def looks_like_depth(image: FloatArray) -> bool:

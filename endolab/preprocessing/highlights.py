@@ -12,17 +12,18 @@ from typing import Any
 
 import cv2
 import numpy as np
-import scipy
+from scipy import ndimage, sparse
+from scipy.sparse.linalg import splu
 
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.compiled import kernel
-from endolab.numerics.ranks import median, window_percentile
 from endolab.preprocessing.frame import QUIET, noise_level, power
 
 # Sizes are shares of the width of what the endoscope shows, amounts are mirrored light over the tissue's.
 SMALL, LARGE = 1 / 100, 1 / 30  # half the width of highlights: most, and the largest
 AROUND = 1 / 8  # half the neighbourhood whose palest quarter is the tissue's colour
+COARSE = 80  # pixels across what the endoscope shows, at which that colour is sought
+STEPS = 200  # of a colour over red, in one
 SKIRT_WIDTH = 1 / 320  # a highlight's faint rim
 SEED, SKIRT = 0.3, 0.12  # where a small highlight begins and ends
 LARGE_SEED, LARGE_SKIRT = 1.5, 0.75  # the same of large ones, as folds bulge at that scale
@@ -62,79 +63,46 @@ def extended(image: FloatArray, mask: BoolArray) -> FloatArray:
 
 def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
     """Colour of the palest quarter of the tissue around each pixel, over its red, (H, W, 3)."""
+    from skimage.filters import rank
+
     high, across = light.shape[:2]
-    step = max(1.0, wide / 80)
+    step = max(1.0, wide / COARSE)
     size = (max(1, round(across / step)), max(1, round(high / step)))
     small = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
     ratio = small / np.maximum(small[..., :1], 1e-4)
     width = _odd(AROUND * wide / step)
-    pale = np.stack([window_percentile(ratio[..., c], 75, width) for c in range(3)], axis=-1)
+    window, reach = np.ones((width, width), np.uint8), width // 2
+    levels = np.clip(STEPS * ratio + 0.5, 0, 255).astype(np.uint8)
+    framed = cv2.copyMakeBorder(levels, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
+    pale = np.stack([rank.percentile(one, window, p0=0.75) for one in cv2.split(framed)], axis=-1)
+    pale = pale[reach:-reach, reach:-reach] / STEPS
     return np.asarray(cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR), dtype=np.float64)
 
 
-@kernel
-def _split(
-    white: FloatArray, doubt: FloatArray, light: FloatArray, colour: FloatArray, spread: FloatArray
-) -> None:
+def _white_part(light: FloatArray, colour: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Split light into tissue's and white by least squares; the white part and its standard deviation."""
-    rows, columns = white.shape
-    for i in range(rows):
-        for j in range(columns):
-            aa = ab = bb = a = b = 0.0
-            for c in range(3):
-                one, weight = colour[i, j, c], 1 / spread[i, j, c] ** 2
-                aa, ab, bb = aa + weight * one**2, ab + weight * one, bb + weight
-                a, b = a + weight * one * light[i, j, c], b + weight * light[i, j, c]
-            aa += 1e-12 * bb  # a picture may be all black
-            determinant = max(aa * bb - ab**2, 1e-9 * aa * bb)  # 0 where the tissue itself is white
-            white[i, j], doubt[i, j] = (aa * b - ab * a) / determinant, np.sqrt(aa / determinant)
-
-
-@kernel
-def _best_slopes(best: Any, padded: Any, near: Any, far: Any, edge: int, steepest: Any) -> None:
-    """Raise `best` to the values to which slopes lead that are met at `near` and `far` steps, (8, 2) each."""
-    rows, columns = best.shape
-    for i in range(rows):
-        out = best[i]
-        for side in range(len(near)):
-            one = padded[edge + i + near[side, 1]][edge + near[side, 0] :]
-            other = padded[edge + i + far[side, 1]][edge + far[side, 0] :]
-            for j in range(columns):
-                out[j] = max(out[j], one[j] + min(max(one[j] - other[j], -steepest), steepest))
+    weight = 1 / spread**2
+    aa, ab, bb = (np.sum(weight * power, axis=-1) for power in (colour**2, colour, np.ones(3)))
+    a, b = np.sum(weight * colour * light, axis=-1), np.sum(weight * light, axis=-1)
+    aa += 1e-12 * bb  # a picture may be all black
+    determinant = np.maximum(aa * bb - ab**2, 1e-9 * aa * bb)  # 0 where the tissue itself is white
+    return (aa * b - ab * a) / determinant, np.sqrt(aa / determinant)
 
 
 def _led_to(tissue: FloatArray, step: int) -> FloatArray:
     """Brightest value to which the tissue's slopes lead from eight sides."""
     best = np.log(np.maximum(tissue, 1e-4)).astype(np.float32)
-    edge = 2 * step
+    edge, (rows, columns) = 2 * step, best.shape
     padded = cv2.copyMakeBorder(best, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
-    turns = np.arange(8) * np.pi / 4
-    aside = np.column_stack([np.cos(turns), np.sin(turns)])
-    near, far = (np.rint(reach * aside).astype(np.int64) for reach in (step, edge))
-    _best_slopes(best, padded, near, far, edge, np.float32(STEEPEST))
+
+    def moved(reach: int, turn: float) -> Any:
+        down, across = edge + round(reach * np.sin(turn)), edge + round(reach * np.cos(turn))
+        return padded[down : down + rows, across : across + columns]
+
+    for turn in np.arange(8) * np.pi / 4:
+        one, other = moved(step, turn), moved(edge, turn)
+        np.maximum(best, one + np.clip(one - other, -STEEPEST, STEEPEST), out=best)
     return np.exp(best.astype(np.float64))
-
-
-@kernel
-def _stands_out(
-    found: BoolArray,
-    mask: BoolArray,
-    light: FloatArray,
-    base: FloatArray,
-    spread: FloatArray,
-    white: FloatArray,
-    doubt: FloatArray,
-    over: float,
-    sigmas: float,
-) -> None:
-    """Where light exceeds a base, and its white part does, by a share of the base and by their doubts."""
-    rows, columns = found.shape
-    for i in range(rows):
-        for j in range(columns):
-            excess = light[i, j] - base[i, j]
-            much = min(excess, white[i, j]) > over * (base[i, j] + STRAY)
-            sure = min(excess / spread[i, j], white[i, j] / doubt[i, j]) > sigmas
-            found[i, j] = mask[i, j] and much and sure
 
 
 def grown(region: BoolArray, reach: float) -> BoolArray:
@@ -142,15 +110,9 @@ def grown(region: BoolArray, reach: float) -> BoolArray:
     return cv2.dilate(region.astype(np.uint8), np.ones((_odd(reach),) * 2, np.uint8)) > 0
 
 
-def _with_seeds(seed: BoolArray, skirt: BoolArray) -> BoolArray:
+def _holding(seed: BoolArray, skirt: BoolArray) -> BoolArray:
     """Return the connected parts of the skirt that hold a seed."""
-    if not (seed & skirt).any():
-        return np.zeros(seed.shape, dtype=bool)
-    labels = cv2.connectedComponents(skirt.astype(np.uint8), connectivity=8)[1]
-    kept = np.zeros(labels.max() + 1, dtype=bool)
-    kept[labels[seed & skirt]] = True
-    kept[0] = False
-    return kept[labels]
+    return ndimage.binary_propagation(seed & skirt, np.ones((3, 3)), skirt)
 
 
 def check_highlights(treatment: str | None) -> str:
@@ -184,22 +146,20 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
     calm = cv2.medianBlur(light.astype(np.float32), 3)
     noise = max(noise_level(filled if filled.ndim == 2 else filled[..., 1], mask), QUIET)
     spread = gamma * power(np.maximum(filled, 0.05), gamma - 1) * noise
-    white, doubt = np.full(mask.shape, np.inf), np.ones(mask.shape)
-    coloured = False
+    white, doubt, coloured = np.full(mask.shape, np.inf), np.ones(mask.shape), False
     if image.ndim == 3:
         colour = _palest_colour(calm.astype(np.float64), wide)
-        least = np.minimum(np.minimum(colour[..., 0], colour[..., 1]), colour[..., 2])
-        coloured = median(least[mask]) < COLOURLESS
+        coloured = np.median(colour.min(axis=-1)[mask]) < COLOURLESS
         if coloured:
-            _split(white, doubt, light, colour, spread)
+            white, doubt = _white_part(light, colour, spread)
         # Blue and green differ most between lamp and tissue; red may be saturated.
         light, calm = ((a[..., 1] + a[..., 2]) / 2 for a in (light, calm))
         spread = np.sqrt((spread[..., 1] ** 2 + spread[..., 2] ** 2) / 2 / 2)
 
     def evidence(base: FloatArray, over: float, sigmas: float) -> BoolArray:
-        out = np.empty(mask.shape, dtype=bool)
-        _stands_out(out, mask, light, base, spread, white, doubt, over, sigmas)
-        return out
+        excess = light - base
+        much = np.minimum(excess, white) > over * (base + STRAY)
+        return mask & much & (np.minimum(excess / spread, white / doubt) > sigmas)
 
     found = np.zeros(mask.shape, dtype=bool)
     demand = 1.0 if coloured else GREY
@@ -209,10 +169,10 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
         opened = np.asarray(lowest, dtype=np.float64)
         base = _led_to(opened, 2 * max(1, round(reach * wide)))
         certain = evidence(base, demand * seed, SURE)
-        found |= _with_seeds(certain, evidence(base, demand * skirt, LIKELY))
+        found |= _holding(certain, evidence(base, demand * skirt, LIKELY))
         if reach == SMALL:
             near = grown(certain, SKIRT_WIDTH * wide)
-            found |= _with_seeds(certain, near & evidence(opened, demand * skirt, LIKELY))
+            found |= _holding(certain, near & evidence(opened, demand * skirt, LIKELY))
     # Small holes are the highlights' own tops, where even white is clipped.
     closed = cv2.morphologyEx(found.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
     return closed & mask
@@ -236,31 +196,22 @@ def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray | None = None) 
     if not known.any():
         raise ValueError("the whole picture is a hole, there is nothing to fill it from")
     log = np.log(np.maximum(extended(np.where(np.isfinite(image), image, 0.0), known), ROUNDING))
-    log = log.reshape(*holes.shape, -1)
-    count = int(holes.sum())
-    number = np.full(holes.shape, -1)
-    number[holes] = np.arange(count)
+    number, shown, wanted = np.arange(holes.size).reshape(holes.shape), shown.ravel(), holes.ravel()
+    sides = (number[:, :-1], number[:, 1:]), (number[:-1], number[1:])
+    one, other = np.concatenate([np.stack([a.ravel(), b.ravel()]) for a, b in sides], axis=1)
+    pairs = shown[one] & shown[other] & (wanted[one] | wanted[other])
+    one, other = one[pairs], other[pairs]
+    step = np.arange(one.size)
+    differences = sparse.coo_array(
+        (np.repeat([1.0, -1.0], one.size), (np.tile(step, 2), np.concatenate([one, other]))),
+        shape=(one.size, holes.size),
+    ).tocsc()
     # A hint of the nearest value keeps a hole definite that the mask's rim cuts off on all sides.
-    hint = 1e-6
-    diagonal, right = np.full(count, hint), hint * log[holes]
-    rows, columns = [], []
-    row, column = np.nonzero(holes)
-    for down, across in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-        y, x = row + down, column + across
-        inside = (y >= 0) & (y < holes.shape[0]) & (x >= 0) & (x < holes.shape[1])
-        index, y, x = np.nonzero(inside)[0], y[inside], x[inside]
-        index, y, x = (values[shown[y, x]] for values in (index, y, x))
-        diagonal[index] += 1
-        given = known[y, x]
-        right[index[given]] += log[y[given], x[given]]
-        rows.append(index[~given])
-        columns.append(number[y[~given], x[~given]])
-    rows_, columns_ = np.concatenate([*rows, np.arange(count)]), np.concatenate([*columns, np.arange(count)])
-    values = np.concatenate([np.full(rows_.size - count, -1.0), diagonal])
+    hint, inner, log = 1e-6, differences[:, wanted], log.reshape(holes.size, -1)
+    matrix = inner.T @ inner + hint * sparse.eye_array(inner.shape[1], format="csc")
+    right = hint * log[wanted] - inner.T @ (differences @ np.where(wanted[:, None], 0.0, log))
     # The matrix is symmetric: ordered for that, its factors stay thin.
-    factors = scipy.sparse.linalg.splu(
-        scipy.sparse.coo_array((values, (rows_, columns_)), shape=(count, count)).tocsc(), "MMD_AT_PLUS_A"
-    )
-    filled = image.copy().reshape(*holes.shape, -1)
-    filled[holes] = np.clip(np.exp(factors.solve(right)), 0.0, 1.0)
+    factors = splu(matrix.tocsc(), "MMD_AT_PLUS_A")
+    filled = image.copy().reshape(holes.size, -1)
+    filled[wanted] = np.clip(np.exp(factors.solve(right)), 0.0, 1.0)
     return filled.reshape(image.shape)

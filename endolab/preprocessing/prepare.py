@@ -9,7 +9,15 @@ import numpy as np
 from endolab.model.cameras import Camera, Pinhole
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.preprocessing.frame import DARK, FRAME, MAX_ALPHA, Frame, check_size, noise_level
+from endolab.preprocessing.frame import (
+    DARK,
+    FRAME,
+    MAX_ALPHA,
+    Frame,
+    check_size,
+    large_parts,
+    noise_level,
+)
 from endolab.preprocessing.highlights import check_highlights, find_highlights, grown, inpaint
 
 FEW = 5.0  # signal over noise below which noise alone moves a distance by γ/10, about a fifth
@@ -55,11 +63,7 @@ def dark_lumen(image: FloatArray, mask: BoolArray) -> BoolArray:
     limit = max(DARK, FEW * noise_level(green, mask))
     share = cv2.blur(mask.astype(np.float64), (5, 5), borderType=cv2.BORDER_CONSTANT)
     calm = cv2.blur(green, (5, 5), borderType=cv2.BORDER_CONSTANT) / np.where(mask, share, 1.0)
-    dark = (mask & (calm < limit)).astype(np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=4)
-    least = max(9, 2e-4 * mask.sum())
-    kept = [label for label in range(1, count) if stats[label, cv2.CC_STAT_AREA] >= least]
-    return np.isin(labels, kept)
+    return large_parts(mask & (calm < limit), max(9, 2e-4 * mask.sum()))
 
 
 def _rows_of_letters(boxes: list[tuple[int, int, int, int, float]]) -> list[list[int]]:
@@ -111,83 +115,71 @@ def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
     return found
 
 
-def combing(image: FloatArray, mask: BoolArray) -> float:
-    """Tell how much odd and even rows differ, as they do where two fields show a moving scene.
+def interlaced(image: FloatArray, mask: BoolArray) -> bool:
+    """Tell whether a frame is made of two fields that show a moving scene, as its odd and even rows differ.
 
-    Share of the picture in which neighbouring rows of green differ more than every second, less the
-    share in which columns do: about 0 in a picture that was taken at once, since nothing in a
-    scene, nor noise, makes near rows less alike than far ones; above 0.05 in an interlaced one.
+    By the share of the picture in which neighbouring rows of green differ more than every second, less the
+    share in which columns do: about 0 in a picture that was taken at once, since nothing in a scene, nor
+    noise, makes near rows less alike than far ones.
     """
     green = np.where(mask, np.nan_to_num(_green(image)), 0.0)
     inside = cv2.erode(mask.astype(np.uint8), np.ones((7, 7), np.uint8), borderValue=0) > 0
     shares = []
     for rows, known in ((green, inside), (green.T, inside.T)):
         if len(rows) < 3 or not known[1:-1].any():
-            return 0.0
+            return False
         one = cv2.blur((rows[1:-1] - rows[:-2]) ** 2, (15, 15))
         two = cv2.blur((rows[2:] - rows[:-2]) ** 2, (15, 15))
         shares.append(float((one > 1.2 * two + (1 / 255) ** 2)[known[1:-1]].mean()))
-    return shares[0] - shares[1]
-
-
-def interlaced(image: FloatArray, mask: BoolArray) -> bool:
-    """Tell whether a frame is made of two fields; see `combing`."""
-    return combing(image, mask) >= COMBED
+    return shares[0] - shares[1] >= COMBED
 
 
 def deinterlace(image: FloatArray) -> FloatArray:
     """Keep the field of the even rows (0, 2, …) and interpolate the other."""
-    image = np.asarray(image, dtype=np.float64).copy()
-    above = image[0 : len(image) - 1 : 2]
-    below = image[2::2]
-    odd = image[1::2]
-    odd[: len(below)] = (above[: len(below)] + below) / 2
-    odd[len(below) :] = image[-2 : len(image) - 1] if len(odd) > len(below) else odd[len(below) :]
+    image = np.array(image, dtype=np.float64)
+    odd = np.arange(1, len(image), 2)
+    last = (len(image) - 1) // 2 * 2
+    image[odd] = (image[odd - 1] + image[np.minimum(odd + 1, last)]) / 2
     return image
 
 
 def undistorted(
-    frame: Frame,
-    camera: Camera,
-    fov: float = 90.0,
-    size: tuple[int, int] | None = None,
-    *,
-    crop: bool = False,
+    frame: Frame, camera: Camera, fov: float = 90.0, *, crop: bool = False
 ) -> tuple[Frame, Pinhole]:
     """Show a frame as a pinhole camera in its place would; returns the new frame and its camera.
 
-    `fov` is the angle that the new width spans, degrees, below 170; `size` its width and height, px, by
-    default as fine as the frame is at its centre, with its proportions. `crop` cuts off rows and columns in
-    which nothing is seen. The mask leaves out what the old one left out or did not reach.
+    `fov` is the angle that the new width spans, degrees, below 170; the new picture is as fine as the frame
+    is at its centre, with its proportions. `crop` cuts off rows and columns in which nothing is seen. The
+    mask leaves out what the old one left out or did not reach.
     """
     if not 0 < fov < 170:
         raise ValueError(f"fov must be between 0 and 170 degrees, got {fov}")
     check_size(frame.name, (frame.width, frame.height), camera, "camera")
     half = np.tan(np.deg2rad(fov) / 2)
-    if size is None:
-        axis = np.array([[0.0, 0.0, 1.0], [1e-4, 0.0, 1.0]])
-        finest = float(np.linalg.norm(np.diff(camera.project(axis), axis=0)) / 1e-4)
-        width = max(1, round(2 * half * finest))
-        size = (width, max(1, round(width * frame.height / frame.width)))
-    width, height = size
+    axis = np.array([[0.0, 0.0, 1.0], [1e-4, 0.0, 1.0]])
+    finest = float(np.linalg.norm(np.diff(camera.project(axis), axis=0)) / 1e-4)
+    width = max(1, round(2 * half * finest))
+    height = max(1, round(width * frame.height / frame.width))
     focal = width / (2 * half)
     new = Pinhole(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
     columns, rows = np.moveaxis(np.nan_to_num(camera.project(new.field.rays), nan=-9.0), -1, 0)
     maps = columns.astype(np.float32), rows.astype(np.float32)
-    image = cv2.remap(np.nan_to_num(frame.image), *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    seen = cv2.remap(frame.mask.astype(np.float32), *maps, cv2.INTER_LINEAR, borderValue=0) > 0.999
-    if not seen.any():
+
+    def seen(a: FloatArray | BoolArray, border: int = cv2.BORDER_CONSTANT) -> FloatArray:
+        remapped = cv2.remap(a.astype(np.float64), *maps, cv2.INTER_LINEAR, borderMode=border)
+        return np.asarray(remapped, dtype=np.float64)
+
+    image = np.clip(seen(np.nan_to_num(frame.image), cv2.BORDER_REPLICATE), 0.0, 1.0)
+    mask = seen(frame.mask) > 0.999
+    if not mask.any():
         raise ValueError(f"{frame.name}: the pinhole camera sees none of the frame's mask")
-    silent = None
-    if frame.silent is not None:
-        silent = cv2.remap(frame.silent.astype(np.float32), *maps, cv2.INTER_LINEAR, borderValue=0) > 0
-    made = Frame(np.clip(image, 0.0, 1.0), seen, frame.name, silent)
+    silent = None if frame.silent is None else seen(frame.silent) > 0
     if not crop:
-        return made, new
-    left, top, wide, high = cv2.boundingRect(seen.astype(np.uint8))
+        return Frame(image, mask, frame.name, silent), new
+    left, top, wide, high = cv2.boundingRect(mask.astype(np.uint8))
     window = (slice(top, top + high), slice(left, left + wide))
     silent = None if silent is None else silent[window]
-    return Frame(made.image[window], seen[window], frame.name, silent), new.crop(left, top, wide, high)
+    return Frame(image[window], mask[window], frame.name, silent), new.crop(left, top, wide, high)
 
 
 def canonical_picture(frame: Frame, calibration: Endoscope) -> FloatArray:

@@ -16,7 +16,6 @@ from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, whole
 from endolab.numerics.memory import check_memory
-from endolab.numerics.ranks import median
 from endolab.numerics.side_by_side import side_by_side
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
 from endolab.preprocessing.highlights import check_highlights, find_highlights, inpaint
@@ -156,7 +155,7 @@ def in_units(problem: Problem) -> Problem:
     """Choose the gain, if it is not known, that makes the median of d₀ one unit."""
     if problem.metric:
         return problem
-    factor = 1 / median(np.exp(problem.log_facing[problem.mask]))
+    factor = 1 / float(np.median(np.exp(problem.log_facing[problem.mask])))
     gain = (problem.photometry.gain or 1.0) * factor**2
     return replace(problem, photometry=replace(problem.photometry, gain=gain))
 

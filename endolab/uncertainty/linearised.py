@@ -24,7 +24,6 @@ from endolab.depth.problem import CURVATURE, FIRST, REGULARISERS, Problem
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import inner, padded
 from endolab.numerics.derivatives import hessian_stencils, shifted
-from endolab.numerics.ranks import median
 
 PRECISION, MOST = 3e-2, 15  # of a solve: residual left, a tenth of what draws scatter by; steps
 DAMPING = 1e-3  # share of the data's diagonal that is added to H, for pixels that hang by nothing
@@ -110,7 +109,7 @@ class Linearised:
 
         What is common to all pixels moves all of them alike, as ξ̃ goes with it.
         """
-        common = median(change[self.problem.mask])
+        common = np.median(change[self.problem.mask])
         per_share = self.model / self.problem.photometry.gamma
         return self.to_picture(per_share * (change - common)) - 0.5 * common * self.problem.mask
 

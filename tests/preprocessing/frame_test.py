@@ -1,7 +1,5 @@
 """A frame before it is solved: what is refused, channels, shrinking, noise, blur."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -12,7 +10,6 @@ from endolab.preprocessing.frame import field_of_view, noise_level, smooth_light
 
 GAMMA = 2.2
 ALL = np.ones((4, 6), dtype=bool)
-MASK = np.arange(24).reshape(4, 6) % 3 > 0
 
 
 def grey(value=0.5):
@@ -34,27 +31,17 @@ def ball():
 @pytest.mark.parametrize(
     ("image", "mask", "message"),
     [
-        (np.zeros((4, 6, 4)), ALL, "pig: expected a grey or RGB picture.*4, 6, 4"),
-        (np.zeros(6), ALL, "expected a grey or RGB picture"),
-        (np.zeros((0, 6)), np.ones((0, 6), bool), "expected a grey or RGB picture"),
+        (np.zeros((4, 6, 4)), ALL, "pig: .* RGB"),
+        (np.zeros((0, 6)), np.ones((0, 6), bool), "RGB"),
         (grey(), np.ones((6, 4), bool), "pig: the mask is 4x6 px, the frame 6x4 px"),
         (grey(), ~ALL, "pig: the mask is empty"),
-        (with_value(np.nan), ALL, "pig: .* not finite"),
-        (with_value(np.inf), ALL, "not finite"),
-        (with_value(-0.1), ALL, r"values must lie in \[0, 1\], found -0.1 to 0.5"),
-        (with_value(255.0), ALL, r"values must lie in \[0, 1\], found 0.5 to 255"),
+        (with_value(np.nan), ALL, "finite"),
+        (with_value(255.0), ALL, r"\[0, 1\]"),
     ],
 )
 def test_a_frame_refuses(image, mask, message):
     with pytest.raises(ValueError, match=message):
         el.Frame(image, mask, "pig")
-
-
-def test_a_frame_takes_anything_outside_its_mask():
-    mask = ALL.copy()
-    mask[0] = False
-    frame = el.Frame(np.where(mask, 0.5, np.nan), mask)
-    assert (frame.width, frame.height) == (6, 4)
 
 
 def test_channels_of_a_colour_picture(rng):
@@ -66,7 +53,7 @@ def test_channels_of_a_colour_picture(rng):
     assert frame.channel()[0] == "green"
     expected = 0.299 * image[..., 0] + 0.587 * image[..., 1] + 0.114 * image[..., 2]
     assert_allclose(frame.channel("grey")[1], expected, rtol=1e-12)
-    with pytest.raises(ValueError, match="unknown channel 'pink'; choose red, green, blue or grey"):
+    with pytest.raises(ValueError, match="pink"):
         frame.channel("pink")
 
 
@@ -75,7 +62,7 @@ def test_a_grey_picture_has_one_channel():
     for name in (None, "grey"):
         assert frame.channel(name)[0] == "grey"
         assert_array_equal(frame.channel(name)[1], grey())
-    with pytest.raises(ValueError, match="pig: the picture is grey and has no red channel"):
+    with pytest.raises(ValueError, match="red"):
         frame.channel("red")
 
 
@@ -104,54 +91,24 @@ def test_shrinking_averages_the_pixels_of_the_mask_alone(rng, colours):
     assert np.all(np.isfinite(small.image))
 
 
-def test_shrinking_keeps_a_constant_up_to_the_masks_edge():
-    rows, columns = np.indices((60, 80))
-    mask = np.hypot(rows - 30, columns - 40) < 25
-    small = el.Frame(np.where(mask, 0.3, 0.0), mask).resize(31, 23, GAMMA)
-    assert_allclose(small.image[small.mask], 0.3, rtol=1e-6)
-    assert small.mask.mean() == pytest.approx(mask.mean(), rel=0.03)
-
-
-@pytest.mark.parametrize("size", [(7, 4), (6, 5), (0, 4), (6, 0), (-1, 1)])
+@pytest.mark.parametrize("size", [(7, 4), (6, 0)])
 def test_a_frame_is_not_enlarged_nor_shrunk_away(size):
-    with pytest.raises(ValueError, match=f"pig: cannot shrink 6x4 px to {size[0]}x{size[1]} px"):
+    with pytest.raises(ValueError, match="shrink"):
         el.Frame(grey(), ALL, "pig").resize(*size, GAMMA)
-
-
-def test_usable_pixels_are_lit_in_the_mask_and_near_the_axis():
-    image = np.array([[0.5, 3.9 / 255, 4.1 / 255, 0.0], [0.6, 0.6, 0.6, 0.6]])
-    mask = np.array([[True] * 4, [False, True, True, True]])
-    cosine = np.array([[1.0] * 4, [1.0, np.nan, np.cos(np.deg2rad(79.9)), np.cos(np.deg2rad(80.1))]])
-    expected = [[True, False, True, False], [False, False, True, False]]
-    assert_array_equal(usable(image, mask, cosine), expected)
 
 
 @pytest.mark.parametrize(
     ("image", "cosine", "message"),
     [
-        (grey(0.0), 1.0, "pig: the picture is all dark, its brightest pixel is 0 of 255"),
-        (grey(3 / 255), 1.0, "all dark, its brightest pixel is 3 of 255"),
-        (grey(1.0), 1.0, "pig: the picture is fully saturated"),
-        (with_value(0.999), 1.0, None),
-        (grey(0.5), 1.0, "pig: the picture is constant, 127.5 of 255"),
-        (with_value(0.0), 1.0, "constant"),
-        (with_value(0.7), 0.0, "pig: the mask and the camera's field of view have no pixel in common"),
-        (with_value(0.7), np.nan, "no pixel in common"),
+        (grey(0.0), 1.0, "pig: .* dark"),
+        (grey(1.0), 1.0, "saturated"),
+        (grey(0.5), 1.0, "constant"),
+        (with_value(0.7), 0.0, "field of view"),
     ],
 )
 def test_a_picture_of_no_use(image, cosine, message):
-    if message is None:
-        assert usable(image, ALL, np.full(ALL.shape, cosine), "pig").all()
-        return
     with pytest.raises(ValueError, match=message):
         usable(image, ALL, np.full(ALL.shape, cosine), "pig")
-
-
-def test_what_lies_outside_the_mask_does_not_make_a_picture_usable():
-    image, mask = with_value(0.9, 0, 0), ALL.copy()
-    mask[0, 0] = False
-    with pytest.raises(ValueError, match="constant"):
-        usable(image, mask, np.ones(ALL.shape))
 
 
 def disc(radius, rows=90, columns=120):
@@ -196,19 +153,6 @@ def test_edges_are_not_noise_and_a_mask_two_pixels_wide_shows_none(rng):
     assert noise_level(rng.uniform(size=mask.shape), mask) == 0
 
 
-@pytest.mark.parametrize("sigma", [0.6, 2.0, 7.0])
-def test_blur_keeps_a_constant_and_never_reads_masked_pixels(rng, sigma):
-    mask = rng.uniform(size=(30, 40)) < 0.5
-    outside = rng.choice([np.nan, np.inf, 1.0, 0.0], mask.shape)
-    flat = smooth_light(np.where(mask, 0.3, outside), mask, GAMMA, sigma)
-    assert_allclose(flat[mask], 0.3, rtol=1e-9)
-    assert_array_equal(flat[~mask], outside[~mask])
-    image = rng.uniform(size=mask.shape)
-    a, b = (smooth_light(np.where(mask, image, fill), mask, GAMMA, sigma)[mask] for fill in (0.0, np.nan))
-    assert_array_equal(a, b)
-    assert a.std() < image[mask].std()
-
-
 def test_blur_spreads_light_like_a_gaussian():
     """One lit pixel: its light stays, with the variance of the Gaussian along both axes."""
     image = np.zeros((81, 81))
@@ -218,22 +162,3 @@ def test_blur_spreads_light_like_a_gaussian():
     for axis in (0, 1):
         spread = np.average((np.indices(image.shape)[axis] - 40) ** 2, weights=light)
         assert spread == pytest.approx(9.0, rel=0.01)
-
-
-def test_no_blur_is_no_change(rng):
-    image = rng.uniform(size=(4, 6))
-    assert_array_equal(smooth_light(image, MASK, GAMMA, 0.0), image)
-
-
-def test_a_frame_remembers_a_few_of_its_sizes():
-    frame = el.Frame(np.random.default_rng(0).random((48, 64, 3)), np.ones((48, 64), bool))
-    small = frame.resize(32, 24, 2.2)
-    assert frame.resize(32, 24, 2.2) is small
-    assert frame.resize(32, 24, 2.0) is not small
-    for width in (30, 28, 26):
-        frame.resize(width, 20, 2.2)
-    again = frame.resize(32, 24, 2.2)
-    assert again is not small
-    assert np.array_equal(again.image, small.image)
-    assert len(frame._resized) == 3
-    assert replace(frame, name="other")._resized == {}

@@ -5,8 +5,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.preprocessing import highlights
-from endolab.preprocessing.highlights import extended, find_highlights, inpaint
+from endolab.preprocessing.highlights import find_highlights, inpaint
 
 
 def wall(kind="curved", **options):
@@ -62,40 +61,13 @@ def test_a_large_overexposed_wall_is_no_highlight():
     assert find_highlights(image, np.ones(rows.shape, bool)).mean() < 0.002
 
 
-def test_light_is_split_as_least_squares_do(rng):
-    light, colour, spread = (rng.uniform(0.1, 1, (4, 5, 3)) for _ in range(3))
-    white, doubt = np.empty((4, 5)), np.empty((4, 5))
-    highlights._split(white, doubt, light, colour, spread)
-    for at in np.ndindex(4, 5):
-        parts = np.column_stack([colour[at], np.ones(3)]) / spread[at][:, None]
-        assert white[at] == pytest.approx(np.linalg.lstsq(parts, light[at] / spread[at])[0][1], rel=1e-6)
-        assert doubt[at] == pytest.approx(np.sqrt(np.linalg.inv(parts.T @ parts)[1, 1]), rel=1e-6)
-
-
-def test_slopes_lead_to_what_is_met_on_eight_sides(rng):
-    tissue = rng.uniform(0.01, 1, (20, 30))
-    log, rows, columns = np.log(tissue), *np.indices((20, 30))
-    best = log.copy()
-    for down, right in np.ndindex(3, 3):
-        if (down, right) != (1, 1):
-            reach = 3 if 1 in (down, right) else 2  # 3 px aslant
-            far = 6 if 1 in (down, right) else 4
-            near, beyond = (
-                log[np.clip(rows + r * (down - 1), 0, 19), np.clip(columns + r * (right - 1), 0, 29)]
-                for r in (reach, far)
-            )
-            best = np.maximum(best, near + np.clip(near - beyond, -highlights.STEEPEST, highlights.STEEPEST))
-    np.testing.assert_allclose(highlights._led_to(tissue, 3), np.exp(best), rtol=1e-5)
-
-
 def test_what_does_not_fit_is_said():
     image, mask = np.full((4, 5, 3), 0.5), np.ones((4, 5), bool)
     for call, message in (
-        (lambda: find_highlights(image, mask[:3]), r"a mask of the picture's shape \(4, 5\)"),
-        (lambda: find_highlights(image[..., :2], mask), r"array of shape \(4, 5, 2\)"),
-        (lambda: find_highlights(image, mask, 0.0), "gamma must be positive"),
-        (lambda: inpaint(image, mask[:3]), "holes of the picture's shape"),
-        (lambda: inpaint(image, mask), "whole picture is a hole"),
+        (lambda: find_highlights(image, mask[:3]), "mask"),
+        (lambda: find_highlights(image[..., :2], mask), "picture"),
+        (lambda: inpaint(image, mask[:3]), "holes"),
+        (lambda: inpaint(image, mask), "hole"),
     ):
         with pytest.raises(ValueError, match=message):
             call()
@@ -124,18 +96,6 @@ def test_filling_makes_no_peak_and_does_not_leak(rng):
     assert 0.3 <= inside.min() <= inside.max() <= 0.6
     assert not filled[~mask].any()
     assert np.array_equal(inpaint(image, ~mask), inpaint(image, ~mask, np.ones_like(mask)))
-
-
-def test_without_holes_nothing_changes(rng):
-    image = rng.uniform(size=(5, 6, 3))
-    assert np.array_equal(inpaint(image, np.zeros((5, 6), bool)), image)
-
-
-def test_extended_takes_the_nearest():
-    image = np.arange(12.0).reshape(3, 4)
-    mask = np.zeros((3, 4), bool)
-    mask[:, 1] = True
-    assert np.array_equal(extended(image, mask), np.repeat(image[:, 1:2], 4, axis=1))
 
 
 def test_phantoms_keep_their_tissue(data):

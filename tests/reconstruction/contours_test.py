@@ -8,7 +8,6 @@ import pytest
 import endolab as el
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.result import staged
-from endolab.numerics.iteration import finish
 from endolab.preprocessing.contours import find_contours
 from endolab.reconstruction.contours import (
     PRICE,
@@ -21,7 +20,7 @@ from endolab.reconstruction.contours import (
     torn_where_it_pays,
 )
 from endolab.reconstruction.problem_setup import make_problem
-from tests.tools.problems import percent_off, problem_of
+from tests.tools.problems import finish, percent_off, problem_of
 
 
 def solved(problem):

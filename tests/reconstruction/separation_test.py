@@ -10,9 +10,10 @@ import endolab as el
 from endolab.depth.problem import AT_LEAST, NONE
 from endolab.metrics.depth_errors import compare
 from endolab.model.photometry import CHANNELS
-from endolab.numerics.iteration import Status, finish
+from endolab.numerics.iteration import Status
 from endolab.reconstruction.problem_setup import make_problem
 from endolab.reconstruction.separation import merged, separate
+from tests.tools.problems import finish
 
 ALBEDO = np.array([0.75, 0.38, 0.30])
 WIDTH = 240  # for speed

@@ -109,6 +109,15 @@ class Shot:
         return errors_of(result, self.truth)
 
 
+def finish(steps):
+    """Run a generator to its end, unwatched, and return what it returns."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
 def moved_colon(t):
     """The colon, the camera having gone on by t mm."""
     return type("Moved", (el.Colon,), {"_camera": np.array([2 + 0.1 * t, -1.5, t])})()
