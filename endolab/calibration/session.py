@@ -23,6 +23,8 @@ from endolab.model.cameras import KannalaBrandt
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import whole
+from endolab.preprocessing.frame import check_size
 
 Progress = Callable[[str, int, int], None]
 Named = Iterable[tuple[str, FloatArray | None]]
@@ -73,13 +75,6 @@ def channel_of(image: FloatArray, channel: str) -> FloatArray:
     return image @ GREY_WEIGHTS if channel == "grey" else image[..., CHANNELS.index(channel)]
 
 
-def check_size(camera: KannalaBrandt | None, size: tuple[int, int]) -> None:
-    """Refuse frames of another width and height than the camera's, if there is one."""
-    if camera is not None and (camera.width, camera.height) != size:
-        frame = f"but the frames are {size[0]}x{size[1]} px"
-        raise ValueError(f"the camera is for {camera.width}x{camera.height} px, {frame}")
-
-
 def detect_all(
     frames: Named,
     target: Target,
@@ -106,7 +101,8 @@ def detect_all(
             here = image.shape[1], image.shape[0]
             if size is None:
                 size, first = here, name
-                check_size(camera, size)
+                if camera is not None:
+                    check_size(name, size, camera, "camera")
             elif here != size:
                 where = f"{first} is" if first else "the others are"
                 told = f"{where} {size[0]}x{size[1]} px, {name} is {here[0]}x{here[1]} px"
@@ -258,8 +254,7 @@ def calibrate(
     if channel not in (*CHANNELS, "grey"):
         raise unknown_name("channel", channel, (*CHANNELS, "grey"))
     checked_gamma(light.get("gamma", 2.2))
-    if isinstance(every, bool) or int(every) != every or every < 1:
-        raise ValueError(f"every must be a whole number of frames, at least 1, got {every}")
+    whole("every", every, 1)
     if detections is None:
         detections, size = detect_all(frames, target, progress=progress, size=size, camera=camera)
     left_out = checked_names(leave_out, detections)
@@ -273,7 +268,7 @@ def calibrate(
         geometry = calibrate_camera(views, target, *size)
         camera = geometry.camera
     else:
-        check_size(camera, size)
+        check_size("a frame", size, camera, "camera")
     poses, errors, dropped = locate(kept, target, camera, progress)
     dropped |= dict.fromkeys(left_out, LEFT_OUT)
     gamma = light.get("gamma", 2.2)

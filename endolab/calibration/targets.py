@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from endolab.model.ranges import check_range
 from endolab.numerics.arrays import FloatArray, IntArray
+from endolab.numerics.checks import whole
 
 VICALIB_SEED = 71
 DICTIONARY = "DICT_5X5_250"
@@ -76,10 +77,6 @@ def darkness(
 
 
 # Targets --------------------------------------------------------------------------------
-def _is_whole(value: object) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
-
-
 def _lattice(columns: int, rows: int) -> FloatArray:
     """Column and row of each place of a lattice, (n, 2), row by row."""
     return np.array(np.indices((rows, columns)).reshape(2, -1)[::-1].T, dtype=np.float64, order="C")
@@ -100,18 +97,13 @@ class Target:
 
     def __post_init__(self) -> None:
         for name in ("columns", "rows"):
-            value = getattr(self, name)
-            if not _is_whole(value) or not self.least <= value <= 100:
-                raise ValueError(f"{name} must be a whole number from {self.least} to 100, got {value}")
+            if whole(name, getattr(self, name), self.least) > 100:
+                raise ValueError(f"{name} must be at most 100, got {getattr(self, name)}")
         for name in ("spacing", "margin"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be positive and finite (mm), got {value}")
-            check_range(name, value, "length")
+            check_range(name, getattr(self, name), "length")
         if self.fold is None:
             return
-        if not _is_whole(self.fold):
-            raise ValueError(f"fold must be a whole number of columns, got {self.fold}")
+        whole("fold", self.fold)
         right = self.panel_of(self.points[self.points[:, 1] == 0])
         if min(np.sum(right == 0), np.sum(right)) < 2:
             told = f"got {self.fold} of {self.columns} columns"
@@ -216,8 +208,8 @@ class DotGrid(Target):
             told = f"small {self.small}, large {self.large}, spacing {self.spacing}"
             raise ValueError(f"the radii must be 0 < small < large < spacing / 2, got {told}")
         check_range("small", self.small, "length")
-        if not _is_whole(self.seed) or not 0 <= self.seed < 2**32:
-            raise ValueError(f"seed must be a whole number from 0 to 2**32 - 1, got {self.seed}")
+        if whole("seed", self.seed) >= 2**32:
+            raise ValueError(f"seed must be below 2**32, got {self.seed}")
         if self.greys is not None and not 0 < self.greys < 1:
             raise ValueError(f"greys must lie between 0 and 1, got {self.greys}")
 

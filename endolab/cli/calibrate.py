@@ -2,13 +2,13 @@
 
 import argparse
 import math
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from endolab._extras import lacking
 from endolab.cli.options import add_command, add_overwrite, matt_wall, number, whole
-from endolab.cli.streams import compiling_said
 
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
 SHEET_OPTIONS: dict[str, Any] = {  # what only that can be told, and what it is by default
@@ -20,36 +20,31 @@ SHEET_OPTIONS: dict[str, Any] = {  # what only that can be told, and what it is 
 LIGHT_FRAMES = 8  # of a video, that are asked for its light
 
 
-class _Bar:
-    """Progress bars on stderr, one for each stage of a session."""
+@contextmanager
+def _bar() -> Iterator[Callable[[str, int, int], None]]:
+    """Show the progress of one stage after the other on stderr."""
+    from tqdm import tqdm
 
-    stage = ""
-    bar: Any = None
+    with tqdm(unit="frame", leave=False, disable=None) as bar:
 
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        from tqdm import tqdm
+        def show(stage: str, done: int, total: int) -> None:
+            if done <= bar.n:
+                bar.reset(total)
+            bar.set_description(stage)
+            bar.update(done - bar.n)
 
-        if stage != self.stage:
-            self.close()
-            self.stage = stage
-            self.bar = tqdm(total=total, unit="frame", leave=False, disable=None, desc=stage)
-        self.bar.update(done - self.bar.n)
-
-    def close(self) -> None:
-        if self.bar is not None:
-            self.bar.close()
+        yield show
 
 
-def _numbers(text: str, option: str) -> float | tuple[float, float]:
-    """Read ``2.2``, or ``2.2,0.1``: a value and its standard deviation."""
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) not in (1, 2) or not all(0 < value < math.inf for value in values):
+def _known(text: str) -> float | tuple[float, ...] | str:
+    """Read ``2.2``, or ``2.2,0.1``: a value and its standard deviation; or ``free``."""
+    if text == "free":
+        return text
+    values = tuple(number(part) for part in text.split(","))
+    if len(values) > 2 or not all(0 < value < math.inf for value in values):
         either = "a positive number, one and its standard deviation (2.2,0.1) or free"
-        raise ValueError(f"{option} must be {either}, got {text}")
-    return values[0] if len(values) == 1 else (values[0], values[1])
+        raise argparse.ArgumentTypeError(f"expected {either}, found {text!r}")
+    return values if len(values) == 2 else values[0]
 
 
 def _target(arguments: argparse.Namespace) -> None:
@@ -78,7 +73,7 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     if fold is not None and read_target(arguments.target).fold is None:
         raise ValueError(f"--fold is of a folded target, and {arguments.target} is flat")
     names = ("video", "noise", "bits", "outliers", "motion", "seed")
-    with closing(_Bar()) as bar:
+    with _bar() as bar:
         save_sheet_video(
             arguments.out,
             arguments.target,
@@ -95,21 +90,20 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
 
 
 def _light_options(arguments: argparse.Namespace, target: Any) -> dict[str, Any]:
-    """Read the options of the fit of the light, before a long search for the target."""
+    """Check the options of the fit of the light, before a long search for the target."""
     from endolab.calibration.photometric.fit import checked_gamma
+    from endolab.numerics import checks
 
-    if arguments.every < 1:
-        raise ValueError(f"--every must be at least 1, got {arguments.every}")
+    checks.whole("--every", arguments.every, 1)
     patches = len(set(target.ink.greys[:, 3]))
-    given = [None if text == "free" else _numbers(text, "--reflectance") for text in arguments.reflectance]
+    given = [None if known == "free" else known for known in arguments.reflectance]
     if given and len(given) != patches:
         said = f"but --reflectance says {len(given)}"
         raise ValueError(f"the target has {patches} kinds of grey patches, {said}")
-    gamma = "free" if arguments.gamma == "free" else _numbers(arguments.gamma, "--gamma")
-    checked_gamma(gamma)
-    reflectance = given or [None] * patches
-    names = ("brdf", "gain", "light")
-    return {"gamma": gamma, "reflectance": reflectance} | {name: getattr(arguments, name) for name in names}
+    checked_gamma(arguments.gamma)
+    names = ("every", "channel", "leave_out", "record", "overwrite", "gamma", "brdf", "gain", "light")
+    options = {name: getattr(arguments, name) for name in names}
+    return options | {"reflectance": given or [None] * patches}
 
 
 def _calibrate(arguments: argparse.Namespace) -> None:
@@ -125,22 +119,17 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     if not isinstance(camera, KannalaBrandt | None):
         raise ValueError(f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}")
     options = _light_options(arguments, target)
-    names = ("every", "channel", "leave_out", "record", "overwrite")
-    options |= {name: getattr(arguments, name) for name in names}
     options["inputs"] = [arguments.target, arguments.camera]
-    with closing(_Bar()) as bar:
+    with _bar() as bar:
         session = calibrate_to_files(
             frames, target, arguments.out, camera=camera, progress=bar, say=print, **options
         )
     print("\n".join(account(session)))
-    pageless = lacking("jinja2")
-    if pageless:
-        print(f"There is no report.html: {pageless}.")
     if session.light is None:
         raise ValueError(f"{session.refused}; the camera alone is in {folder / 'camera.json'}")
-    more = ", recording.rrd" if arguments.record else ""
-    page = "report.json" if pageless else "report.html"
-    print(f"written to {Path(arguments.out)}, and to {folder}: {page}{more}")
+    pageless = lacking("jinja2")
+    page = f"there is no report.html: {pageless}" if pageless else "see its report.html"
+    print(f"written to {arguments.out}, and to {folder}; {page}")
 
 
 def _calibrate_light(arguments: argparse.Namespace) -> None:
@@ -164,16 +153,10 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     how: dict[str, Any] = {"gamma": arguments.gamma, "otherwise": arguments.k}
     if arguments.albedo is not None:
         how["albedo"] = matt_wall(arguments.albedo).albedo
-    read = ((name, picture) for name, picture in frames.read(names) if picture is not None)
-    with (
-        staged_file(
-            arguments.out, overwrite=arguments.overwrite, inputs=[arguments.camera, *arguments.source]
-        ) as temporary,
-        compiling_said(),
-        closing(_Bar()) as bar,
-    ):
-        pictures = (framed(name, picture) for name, picture in read)
-        found = estimate_light(pictures, camera, progress=lambda n, _: bar("light", n, count), **how)
+    read = (framed(name, picture) for name, picture in frames.read(names) if picture is not None)
+    out = {"overwrite": arguments.overwrite, "inputs": [arguments.camera, *arguments.source]}
+    with staged_file(arguments.out, **out) as temporary, _bar() as bar:
+        found = estimate_light(read, camera, progress=lambda done, _: bar("light", done, count), **how)
         if found.status is Status.STOPPED:
             raise KeyboardInterrupt
         Calibration(camera, found.photometry, found.evidence).save(temporary)
@@ -188,31 +171,29 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
 
 def _convert(arguments: argparse.Namespace) -> None:
     from endolab.datasets.endomapper import find_calibrations, read_endomapper, read_vicalib
-    from endolab.io.atomic import one_sentence, staged_file
+    from endolab.io.atomic import staged_file
     from endolab.io.descriptions import write_camera
 
     geometry, photometry, out = arguments.geometry, arguments.photometry, Path(arguments.out)
     if out.suffix != ".json":
         raise ValueError(f"the calibration's name ends in .json, got {out.name}")
-    with one_sentence(f"{geometry}: cannot be read"):
-        is_folder = Path(geometry).is_dir()
-    if is_folder:
+    if Path(geometry).is_dir():
         if photometry is not None:
             raise ValueError(f"{geometry} is a folder, where both files are looked for; name no other")
         geometry, photometry = find_calibrations(geometry)
-    how = {"overwrite": arguments.overwrite, "inputs": [geometry, photometry]}
-    if photometry is None:
-        with staged_file(out, **how) as temporary:
+    with staged_file(out, overwrite=arguments.overwrite, inputs=[geometry, photometry]) as temporary:
+        if photometry is None:
             write_camera(read_vicalib(geometry), temporary)
+        else:
+            calibration = read_endomapper(geometry, photometry)
+            calibration.save(temporary)
+    if photometry is None:
         print(f"written to {out}: the camera alone; `endolab calibrate --camera {out}` adds the light")
         return
-    calibration = read_endomapper(geometry, photometry)
-    with staged_file(out, **how) as temporary:
-        calibration.save(temporary)
     light, fits = calibration.photometry, calibration.evidence["converted"]["lights"]
+    worst = max(fit["worst_distance_percent"] for fit in fits)
     lights = len(light.lights) or "one at the optical centre"
     print(f"γ = {light.gamma:g}, k = {light.k:.3g}, lights: {lights}")
-    worst = max(fit["worst_distance_percent"] for fit in fits)
     print(f"the light's spread, as a power of a cosine, is off by at most {worst:.2g} % of a distance")
     print(f"written to {out}; the gain is unknown, so distances are relative")
 
@@ -266,7 +247,7 @@ def add_calibration_commands(commands: Any) -> None:
     how = "whose response: grey (default), red, green or blue"
     option("--channel", choices=("grey", "red", "green", "blue"), default="grey", help=how)
     how = "a number (default 2.2), a number and its standard deviation (2.2,0.1), or free"
-    option("--gamma", default="2.2", metavar="γ", help=how)
+    option("--gamma", type=_known, default=2.2, metavar="γ", help=how)
     for name, usual, other, how in (
         ("--brdf", "tabulated", "lambertian", "of the paper: tabulated (default) or lambertian"),
         ("--gain", "free", "locked", "free (default), or locked: the same in all frames"),
@@ -274,7 +255,7 @@ def add_calibration_commands(commands: Any) -> None:
     ):
         option(name, choices=(usual, other), default=usual, help=how)
     how = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"
-    option("--reflectance", action="append", default=[], metavar="R", help=how)
+    option("--reflectance", type=_known, action="append", default=[], metavar="R", help=how)
     option("--record", action="store_true", help="write a recording for the Rerun viewer too")
 
     command = add_command(

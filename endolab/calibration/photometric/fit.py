@@ -5,11 +5,11 @@ equations, the last stage forgets outliers instead of bounding them, and what th
 tell is refused or named (see `identifiability`).
 
 The gauge: light, gain and reflectance only ever come as a product. The result sets the
-reflectance: f_r = paper_albedo/π at the node of the BRDF that has the most light (or everywhere,
-if Lambertian). Gains are then relative to a sheet of that albedo there; with 1, the default, to a
-perfectly white one. To use the calibration on another material, replace the BRDF by that of the
-material in 1/sr: ``dataclasses.replace(fit.photometry, brdf=Lambertian(0.4))``. k, γ and the
-gains stay valid, up to the one factor by which the true paper is darker than paper_albedo.
+reflectance: f_r = 1/π at the node of the BRDF that has the most light (or everywhere, if
+Lambertian). Gains are then relative to a perfectly white sheet. To use the calibration on another
+material, replace the BRDF by that of the material in 1/sr:
+``dataclasses.replace(fit.photometry, brdf=Lambertian(0.4))``. k, γ and the gains stay valid, up to
+the one factor by which the true paper is darker than that.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -38,7 +38,6 @@ from endolab.calibration.photometric.model import (
     LightModel,
     LightUnknowns,
     SampleGeometry,
-    grouped_sums,
     hats,
     place_nodes,
 )
@@ -94,7 +93,7 @@ def _checked_reflectance(reflectance: Sequence[Known], samples: Samples) -> tupl
     return checked
 
 
-def _start(model: LightModel, albedo: float) -> tuple[LightUnknowns, float]:
+def _start(model: LightModel) -> tuple[LightUnknowns, float]:
     """Solve in the logarithm of the light, where all but γ is linear; return σ in grey levels too.
 
     Noise of σ grey levels is γσ/I in log I^γ, hence weights I². Outliers fade by a few
@@ -120,18 +119,18 @@ def _start(model: LightModel, albedo: float) -> tuple[LightUnknowns, float]:
         grey = GREY * level * residual / gamma
         sigma = 1.4826 * float(np.median(np.abs(grey[good]))) + 1e-12
         weight = level**2 * good / (1 + (grey / (3 * sigma)) ** 2) ** 2
-    log_brdf = np.full(len(model.nodes), np.log(albedo / np.pi))
+    log_brdf = np.full(len(model.nodes), -np.log(np.pi))
     log_reflectance[loose] = solved[1 : 1 + len(loose)]
     if len(model.nodes) > 1:
         log_brdf[free] += np.clip(solved[1 + len(loose) :], -5, 5)
     groups = int(model.group[-1]) + 1
     start = LightUnknowns(float(solved[0]), gamma, log_brdf, log_reflectance, np.zeros(groups))
     # The gain of a frame whose samples are all out of range is read from these all the same.
-    alone = grouped_sums(weight, model.group, groups) == 0
+    alone = np.bincount(model.group, weight, groups) == 0
     weight = np.where(alone[model.group], samples.level**2 + 1e-6, weight)
     measured, expected = np.clip(samples.level, 1e-3, None), np.maximum(model.predict(start) / GREY, 1e-9)
     rest = gamma * np.log(measured / expected)
-    gain = grouped_sums(weight * rest, model.group, groups) / grouped_sums(weight, model.group, groups)
+    gain = np.bincount(model.group, weight * rest, groups) / np.bincount(model.group, weight, groups)
     return replace(start, log_gain=gain), sigma
 
 
@@ -145,9 +144,7 @@ def calibrate_light(
     reflectance: Sequence[Known] = (),
     light: str = "centred",
     levels: tuple[float, float] = LEVELS,
-    paper_albedo: float = 1.0,
     observers: Iterable[Callable[[FitIterate], bool | None]] = (),
-    max_iterations: int = 200,
 ) -> PhotometricFit:
     """Calibrate light, response and gains from samples of known place and normal.
 
@@ -174,12 +171,8 @@ def calibrate_light(
     levels : (low, high)
         Stored values between which a sample's *predicted* value must lie for it to count; choose
         them 4 standard deviations of the noise inside the sensor's range, which is 0 to 1.
-    paper_albedo : float
-        π f_r of the surface at the best-seen node: fixes the scale of the gains.
     observers : iterable of callables
         Each is shown every iterate, a `FitIterate` of `LightUnknowns`; True stops the fit.
-    max_iterations : int
-        Steps after the start.
 
     Raises
     ------
@@ -199,8 +192,6 @@ def calibrate_light(
         raise ValueError(f"nodes must be at least 2, got {nodes}")
     if not 0 <= levels[0] < levels[1]:
         raise ValueError(f"levels must ascend from 0 or above, got {levels}")
-    if not 0 < paper_albedo <= 1:
-        raise ValueError(f"paper_albedo must lie in (0, 1], got {paper_albedo}")
     known_gamma = checked_gamma(gamma)
     numbers = np.column_stack([samples.level, samples.points, samples.normals])
     finite = np.isfinite(numbers).all(axis=1)
@@ -213,11 +204,11 @@ def calibrate_light(
     known = _checked_reflectance(reflectance, samples)
     theta, pinned = _nodes(samples, 1 if brdf == "lambertian" else nodes, levels)
     model = LightModel(samples, group, theta, pinned, known_gamma, known, light == "free", levels)
-    begin, sigma = _start(model, paper_albedo)
+    begin, sigma = _start(model)
     expected = strengths(model, begin, sigma)
     refuse(model, expected)
     stiff = held(model, expected)
-    found = fit(stiff, begin, observers, max_iterations)
+    found = fit(stiff, begin, observers)
     covariance = widened(found.covariance.common, model, stiff)
     found = replace(found, covariance=Covariance(covariance, found.covariance.own))
     return _result(model, frames, expected, found)

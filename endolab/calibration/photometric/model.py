@@ -9,7 +9,7 @@ direction; with the light at the optical centre r = d and ψ = α. f is linear b
 as a `TabulatedBRDF` is, and its unknowns are the logarithms there.
 
 The scale of f is that of the gains and the light together, so one node, the one with the most
-light, is not an unknown: f is paper_albedo/π there.
+light, is not an unknown: f is 1/π there.
 """
 
 from __future__ import annotations
@@ -102,11 +102,6 @@ def place_nodes(theta: FloatArray, count: int) -> FloatArray:
         first = thin[0]
         nodes = np.delete(nodes, first if first == len(nodes) - 2 else first + 1)
     return nodes
-
-
-def grouped_sums(values: FloatArray, group: IntArray, groups: int) -> FloatArray:
-    """Sum over each group, (groups,)."""
-    return np.bincount(group, values, groups).astype(np.float64)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from endolab.calibration.least_squares import CUT, robust_sigma
-from endolab.calibration.photometric.model import GREY, LEVELS, grouped_sums
+from endolab.calibration.photometric.model import GREY, LEVELS
 from endolab.calibration.photometric.samples import Samples
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -96,11 +96,11 @@ class PhotometricFit:
         measured, shape = GREY * samples.level, GREY * self._shape(samples)
         numbers, group = np.unique(samples.frame, return_inverse=True)
         if self.photometry.gain is not None:
-            numbers, group = numbers[:1], np.zeros(len(samples), int)
+            numbers, group = numbers[:1], np.zeros_like(group)
         weight = ((samples.level > levels[0]) & (samples.level < levels[1])).astype(float)
         for _ in range(10):
-            total = grouped_sums(weight * shape**2, group, len(numbers))
-            factor = grouped_sums(weight * shape * measured, group, len(numbers))
+            total = np.bincount(group, weight * shape**2, len(numbers))
+            factor = np.bincount(group, weight * shape * measured, len(numbers))
             predicted = (factor / np.where(total > 0, total, 1))[group] * shape
             residual = measured - predicted
             inside = (predicted > GREY * levels[0]) & (predicted < GREY * levels[1])
@@ -109,17 +109,11 @@ class PhotometricFit:
             sigma = robust_sigma(residual[:, None], inside, len(numbers))
             weight = (inside & (np.abs(residual) < CUT * sigma)).astype(float)
         used = weight > 0
-        alpha = np.arccos(np.clip(samples.cos_alpha, -1, 1))
-        place = np.digitize(alpha[used], edges) - 1
-        bins = len(edges) - 1
-        good = (place >= 0) & (place < bins)
-        place, p, r = place[good], predicted[used][good], residual[used][good]
-        power = grouped_sums(p**2, place, bins)
-        known = power > 0
-        power = np.where(known, power, 1.0)
-        factor = 1 + grouped_sums(p * r, place, bins) / power
-        gamma = self.photometry.gamma
-        error = np.where(known, factor**gamma - 1, np.nan)
-        standard_error = np.where(known, gamma * sigma / np.sqrt(power), np.nan)
-        counts, bounds = np.bincount(place, minlength=bins), np.asarray(edges, dtype=np.float64)
-        return HeldOut(bounds, error, standard_error, counts, residual, used, sigma)
+        alpha, gamma = np.arccos(np.clip(samples.cos_alpha[used], -1, 1)), self.photometry.gamma
+        count, bounds = np.histogram(alpha, edges)
+        power, _ = np.histogram(alpha, edges, weights=predicted[used] ** 2)
+        excess, _ = np.histogram(alpha, edges, weights=(predicted * residual)[used])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            error = (1 + excess / power) ** gamma - 1
+            standard_error = np.where(count > 0, gamma * sigma / np.sqrt(power), np.nan)
+        return HeldOut(bounds, error, standard_error, count, residual, used, sigma)

@@ -257,11 +257,11 @@ def test_a_known_surface_gives_everything_by_the_same_call(rng):
         level = replace(true, gain=gain).intensity(x, n)[..., None] * albedo ** (1 / 2.2)
         image = np.clip(level + rng.normal(0, 3 / 255, level.shape), 0, 1)
         parts.append(sample_surface(image, x, n, np.ones(v.shape, bool), frame=frame, most=3000))
-    fit = el.calibrate_light(Samples.concatenate(parts), **WALL, paper_albedo=0.7)
+    fit = el.calibrate_light(Samples.concatenate(parts), **WALL)
     assert abs(fit.photometry.gamma - 2.2) < 0.02
     assert abs(fit.k - 2.5) < 0.04
     np.testing.assert_allclose(fit.reflectance, albedo / 0.7, rtol=0.01)
-    np.testing.assert_allclose(fit.gains, [2500, 4000], rtol=0.03)
+    np.testing.assert_allclose(fit.gains, [0.7 * 2500, 0.7 * 4000], rtol=0.03)
 
 
 def test_the_phantom_frames_agree_on_gain_and_response(data):
