@@ -6,7 +6,7 @@ import io
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import groupby
@@ -17,7 +17,7 @@ import numpy as np
 
 from endolab._extras import lacking
 from endolab.batch.table import Row, measured, read_numbers, read_rows, write_rows
-from endolab.io.archives import Head, read_arrays
+from endolab.io.archives import read_arrays
 from endolab.io.atomic import ASK, PathLike, as_json, one_sentence, read_json, spare_inputs, write_atomically
 from endolab.io.images import read_mask
 from endolab.io.surfaces import MAPS, read_depth, save_depth
@@ -304,12 +304,10 @@ class SequenceFolder:
             return None
         row, known = self.rows[name], read_depth(self.depth(name))["distance"]
 
-        def check(heads: Mapping[str, Head]) -> None:
-            if "log_distance" not in heads or heads["log_distance"].shape != known.shape:
-                raise ValueError("it is of another picture")
-
         try:
-            arrays = read_arrays(self._state(name), "what a frame hands to the next", HANDED, check)
+            arrays = read_arrays(self._state(name), "what a frame hands to the next", HANDED)
+            if "log_distance" not in arrays or arrays["log_distance"].shape != known.shape:
+                return None
             carried = Carried.from_arrays(arrays, calibration)
         except (ValueError, OSError):
             return None

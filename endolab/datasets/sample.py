@@ -41,17 +41,14 @@ def data_folder() -> Path | None:
 def stored_depth(path: PathLike, dtype: str, step: float, largest: tuple[int, int]) -> np.ndarray:
     """Read a depth map's numbers, and refuse what cannot be one in steps of `step` mm.
 
-    That is one of more columns or rows than the `largest`, which is not even decoded, one of another bit
+    That is one of more columns or rows than the `largest`, one of another bit
     depth or of several channels, a black one, or one that shows nothing beyond 2 mm, as a map in another
     unit does.
     """
-
-    def check(size: tuple[int, int]) -> None:
-        if size[0] > largest[0] or size[1] > largest[1]:
-            wanted = f"{largest[0]}x{largest[1]} px"
-            raise ValueError(f"{path}: expected at most {wanted}, found {size[0]}x{size[1]} px")
-
-    stored = read_stored(Path(path), check)
+    stored = read_stored(path)
+    if stored.shape[1] > largest[0] or stored.shape[0] > largest[1]:
+        found = f"{stored.shape[1]}x{stored.shape[0]} px"
+        raise ValueError(f"{path}: expected at most {largest[0]}x{largest[1]} px, found {found}")
     if stored.ndim != 2 or stored.dtype != np.dtype(dtype):
         raise ValueError(
             f"{path}: expected one channel of {dtype}, found {stored.dtype} of shape {stored.shape}"
@@ -98,16 +95,7 @@ def load_sample(
         raise ValueError(
             f"{depth}: expected {camera.width}x{camera.height} px, found {z.shape[1]}x{z.shape[0]} px"
         )
-    largest = (z.shape[1], z.shape[0])
-
-    def check(size: tuple[int, int]) -> None:
-        if size != largest:
-            raise ValueError(
-                f"{colour}: expected colours of {largest[0]}x{largest[1]} px as its depth map, "
-                f"found {size[0]}x{size[1]} px"
-            )
-
-    image = read_image(colour, check)
+    image = read_image(colour)
     if image.shape != (*z.shape, 3):
         raise ValueError(
             f"{colour}: expected colours of {z.shape[1]}x{z.shape[0]} px as its depth map, "

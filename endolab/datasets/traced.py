@@ -13,14 +13,13 @@ the scene's own at the stored distance.
 """
 
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from endolab.datasets.sample import Sample
-from endolab.io.archives import MOST_PIXELS, Head, read_arrays
+from endolab.io.archives import read_arrays
 from endolab.io.atomic import PathLike
 from endolab.io.descriptions import Calibration
 from endolab.model.schema import unknown_name
@@ -55,16 +54,14 @@ def read(path: PathLike) -> TracedSample:
     """Read a frame of the set; OSError or ValueError in one sentence, if it cannot be read or is none."""
     source, what = Path(path), "a path-traced frame that endolab wrote"
 
-    def check(heads: dict[str, Head]) -> None:
-        if {name: head.dtype for name, head in heads.items() if name != "facts"} != DTYPES:
+    stored = read_arrays(source, what, (*DTYPES, "facts"))
+    size = stored["distance"].shape if "distance" in stored else ()
+    shapes = dict.fromkeys(("image", *LAYERS[:2]), (*size, 3)) | dict.fromkeys(("distance", "mirrored"), size)
+    for name, shape in shapes.items():
+        if len(size) != 2 or name not in stored or stored[name].shape != shape:
             raise ValueError(f"{source}: not {what}")
-        size = heads["distance"].shape
-        colours = (heads[name].shape for name in ("image", *LAYERS[:2]))
-        fits = all(shape == (*size, 3) for shape in colours) and heads["mirrored"].shape == size
-        if len(size) != 2 or not fits or "facts" not in heads or math.prod(size) > MOST_PIXELS:
+        if stored[name].dtype != DTYPES[name]:
             raise ValueError(f"{source}: not {what}")
-
-    stored = read_arrays(source, what, (*DTYPES, "facts"), check)
     try:
         facts = json.loads(str(stored["facts"]))
         scene = Colon(**facts["scene"])

@@ -5,7 +5,6 @@ import math
 import os
 import secrets
 import shutil
-import stat
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -37,6 +36,15 @@ def one_sentence(what: str) -> Iterator[None]:
         if error.errno is None:  # it is a sentence already
             raise
         raise OSError(f"{what}: {error.strerror}") from error
+
+
+@contextmanager
+def damage_told(path: PathLike, what: str) -> Iterator[None]:
+    """Say in one sentence that a file is not `what` it should be, whatever its reader raises."""
+    try:
+        yield
+    except Exception as error:  # packages promise nothing about which, if a file is damaged
+        raise ValueError(f"{os.fspath(path)}: not {what}") from error
 
 
 @contextmanager
@@ -182,15 +190,10 @@ def read_bytes(path: PathLike, what: str = "file", most: float = math.inf) -> by
     """
     source = as_path(path)
     with one_sentence(f"{source}: cannot be read"):
-        try:
-            found = source.stat()
-        except (FileNotFoundError, NotADirectoryError):
-            raise FileNotFoundError(f"{source}: there is no such {what}") from None
-        if not stat.S_ISREG(found.st_mode):  # a pipe might never end
-            raise FileNotFoundError(f"{source}: there is no such {what}, but something else of that name")
-        if found.st_size > most:
-            size = f"{most / 1e6:g} MB, found {found.st_size / 1e6:.7g} MB"
-            raise ValueError(f"{source}: expected a {what} of at most {size}")
+        if not source.is_file():  # a pipe might never end
+            raise FileNotFoundError(f"{source}: there is no such {what}")
+        if source.stat().st_size > most:
+            raise ValueError(f"{source}: expected a {what} of at most {most / 1e6:g} MB")
         return source.read_bytes()
 
 
@@ -203,13 +206,10 @@ def as_json(content: dict[str, Any]) -> bytes:
 
 def read_json(path: PathLike, what: str) -> Any:
     """Read a JSON file; OSError or ValueError in one sentence, which calls it `what` if there is none."""
-    source = Path(path)
-    content = read_bytes(source, what, MOST_JSON)
+    content = read_bytes(path, what, MOST_JSON)
     try:
         return json.loads(content.decode())
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{source}: not UTF-8 text") from error
     except RecursionError as error:
-        raise ValueError(f"{source}: not valid JSON: it is nested too deeply") from error
+        raise ValueError(f"{Path(path)}: not valid JSON: it is nested too deeply") from error
     except ValueError as error:
-        raise ValueError(f"{source}: not valid JSON: {error}") from error
+        raise ValueError(f"{Path(path)}: not valid JSON in UTF-8: {error}") from error

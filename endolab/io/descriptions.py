@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import asdict
+from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -62,11 +62,11 @@ def make_calibration(session: Session, source: str = "", channel: str = "grey") 
     return Calibration(session.camera, session.light.photometry, evidence(session, source, channel))
 
 
-KINDS: dict[str, type[Target]] = {make.kind: make for make in (DotGrid, CircleGrid, Chessboard, Charuco)}
-LENGTHS = {"dots": ("small", "large"), "circles": ("radius",), "chessboard": (), "charuco": ("marker",)}
-
-
 # Descriptions ---------------------------------------------------------------------------
+KINDS: dict[str, type[Target]] = {make.kind: make for make in (DotGrid, CircleGrid, Chessboard, Charuco)}
+WHOLE = ("columns", "rows", "fold", "seed")
+
+
 def read_target(name_or_path: PathLike) -> Target:
     """Find a target by its name in `TARGETS`, or read its description, a JSON file.
 
@@ -84,22 +84,15 @@ def read_target(name_or_path: PathLike) -> Target:
     if version != 1 or isinstance(version, bool):
         raise top.error("endolab_target", f"expected version 1, found {quoted(version)}")
     kind = top.choice("kind", tuple(KINDS))
-    values: dict[str, Any] = {"columns": top.whole("columns"), "rows": top.whole("rows")}
-    for key in ("spacing", *LENGTHS[kind]):
-        values[key] = top.positive(key)
-    values["margin"] = top.positive("margin", Target.margin)
-    if top.content.get("fold") is not None:
-        values["fold"] = top.whole("fold")
-    top.take("fold", None)
-    if kind == "dots":
-        values["seed"] = top.whole("seed", DotGrid.seed)
-        if top.content.get("greys") is not None:
-            values["greys"] = top.positive("greys")
-        top.take("greys", None)
-    if kind == "charuco":
-        values["dictionary"] = top.take("dictionary", Charuco.dictionary)
-        if not isinstance(values["dictionary"], str):
-            raise top.error("dictionary", f"expected a name in quotes, found {quoted(values['dictionary'])}")
+    values: dict[str, Any] = {}
+    for part in fields(KINDS[kind]):
+        if top.content.get(part.name) is None and part.default not in (MISSING, 0.0):
+            top.take(part.name, None)
+        elif part.name == "dictionary":
+            values[part.name] = str(top.take(part.name))
+        else:
+            read = top.whole if part.name in WHOLE else top.positive
+            values[part.name] = read(part.name)
     return top.build(KINDS[kind], **values)
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import io
+import logging
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-from endolab.io.atomic import PathLike, as_path, one_sentence, write_atomically
-from endolab.io.picture_size import picture_size
-from endolab.io.quiet import quiet
+from endolab.io.atomic import PathLike, damage_told, read_bytes, write_atomically
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
 
@@ -21,13 +22,13 @@ if TYPE_CHECKING:
     from endolab.model.endoscope import Endoscope
     from endolab.preprocessing.frame import Frame
 
-Check = Callable[[tuple[int, int]], None]  # refuses columns and rows by raising
 DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes, and what was stored
-DEFLATED = (
-    cv2.IMWRITE_PNG_COMPRESSION,
-    1,
-)  # of a figure: as small as Matplotlib's, in a third of the time
-UNREADABLE = "not a picture that can be read (PNG, JPEG, TIFF or BMP of 8 or 16 bits)"
+FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
+DEFLATED = (cv2.IMWRITE_PNG_COMPRESSION, 1)  # a figure as small as Matplotlib's, in a third of the time
+PICTURE = "a picture that can be read (PNG, JPEG, TIFF or BMP of 8 or 16 bits, at most 178 million pixels)"
+# What these print of a damaged picture is said in one sentence.
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+logging.getLogger("PIL").addHandler(logging.NullHandler())
 
 
 def write_image(path: PathLike, image: FloatArray, bits: int = 8) -> None:
@@ -47,10 +48,7 @@ def as_png(figure: Figure) -> bytes:
 
 def _as_png(stored: np.ndarray, how: Sequence[int] = ()) -> bytes:
     """Encode stored values, channels in OpenCV's order."""
-    done, content = cv2.imencode(".png", stored, how)
-    if not done:
-        raise ValueError("cannot be encoded as PNG")
-    return content.tobytes()
+    return cv2.imencode(".png", stored, how)[1].tobytes()
 
 
 def write_figure(path: PathLike, figure: Figure) -> None:
@@ -58,14 +56,14 @@ def write_figure(path: PathLike, figure: Figure) -> None:
     write_atomically(path, as_png(figure))
 
 
-def read_image(path: PathLike, check: Check | None = None) -> FloatArray:
+def read_image(path: PathLike) -> FloatArray:
     """Read a grey or colour picture of 8 or 16 bits (PNG, JPEG, TIFF, BMP) as (H, W) or (H, W, 3).
 
-    Stored values over their maximum (255 or 65535); R, G, B. An alpha channel is dropped. `check` as of
-    `read_stored`. OSError or ValueError in one sentence, if there is no such file or it is not such a
-    picture; MemoryError, if it is too large for this machine.
+    Stored values over their maximum (255 or 65535); R, G, B. An alpha channel is dropped. OSError or
+    ValueError in one sentence, if there is no such file or it is not such a picture; MemoryError, if it is
+    too large for this machine.
     """
-    stored = read_stored(path, check)
+    stored = read_stored(path)
     if stored.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: expected 8 or 16 bits a channel, found {stored.dtype}")
     if stored.ndim == 3:  # grey with alpha, or BGR(A) to RGB
@@ -73,40 +71,34 @@ def read_image(path: PathLike, check: Check | None = None) -> FloatArray:
     return stored / float(np.iinfo(stored.dtype).max)
 
 
-def read_stored(path: PathLike, check: Check | None = None) -> np.ndarray:
-    """Read a picture as the numbers that the file holds, channels in OpenCV's order.
-
-    `check` is given columns and rows before anything is decoded, to refuse them by raising.
-    """
-    source = as_path(path)
-    with one_sentence(f"{source}: cannot be read"):
-        if not source.exists():
-            raise FileNotFoundError(f"{source}: there is no such file")
-        if not (source.is_file() or source.is_dir()):  # a pipe or a device may never end
-            raise ValueError(f"{source}: not a file")
-        with source.open("rb") as stream:
-            size = picture_size(stream)
-            if size is None:
-                raise ValueError(f"{source}: {UNREADABLE}")
-            if check is not None:
-                check(size)
-            needed = source.stat().st_size + size[0] * size[1] * DECODED
-            check_memory(needed, f"{source}: a picture of {size[0]}x{size[1]} px")
-            stream.seek(0)
-            content = stream.read()
-    try:
-        with quiet():
-            stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        stored = None
-    if stored is None or stored.shape[1::-1] != size:
-        raise ValueError(f"{source}: {UNREADABLE}")
-    return stored
+def read_stored(path: PathLike) -> np.ndarray:
+    """Read a picture as the numbers that the file holds, channels in OpenCV's order."""
+    return decode(read_bytes(path), path)
 
 
-def read_mask(path: PathLike, check: Check | None = None) -> BoolArray:
-    """Read a mask, (H, W): True where the picture is brighter than half; `check` as of `read_stored`."""
-    image = read_image(path, check)
+def decode(content: bytes, name: PathLike) -> np.ndarray:
+    """Decode the content of a picture's file as `read_stored` does; errors call it `name`."""
+    from PIL import Image
+
+    # Pillow refuses what is cut off, and sizes that no picture has, where OpenCV does not.
+    with damage_told(name, PICTURE), warnings.catch_warnings(action="ignore"):
+        picture = Image.open(io.BytesIO(content), formats=FORMATS)
+    columns, rows = picture.size
+    check_memory(columns * rows * DECODED, f"{name}: a picture of {columns}x{rows} px")
+    with damage_told(name, PICTURE), warnings.catch_warnings(action="ignore"):
+        if picture.format == "JPEG":
+            picture.load()
+        else:
+            picture.verify()  # the checksums of a PNG
+        stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+        if stored is None or stored.shape[1::-1] != (columns, rows):
+            raise ValueError
+    return np.asarray(stored)
+
+
+def read_mask(path: PathLike) -> BoolArray:
+    """Read a mask, (H, W): True where the picture is brighter than half."""
+    image = read_image(path)
     return (image if image.ndim == 2 else image.max(axis=-1)) > 0.5
 
 
@@ -132,18 +124,14 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     # Here, for who only writes pictures needs no compiled loops.
     from endolab.preprocessing.frame import Frame, check_size
 
-    def fits(size: tuple[int, int]) -> None:
-        if calibration is not None:
-            check_size(str(path), size, calibration.camera)
-
-    image = read_image(path, fits)
-
-    def covers(size: tuple[int, int]) -> None:
-        if size != (image.shape[1], image.shape[0]):
-            frame = f"{image.shape[1]}x{image.shape[0]} px"
-            raise ValueError(f"the mask {mask} is {size[0]}x{size[1]} px, the frame {frame}")
-
-    inside = np.ones(image.shape[:2], dtype=bool) if mask is None else read_mask(mask, covers)
+    image = read_image(path)
+    rows, columns = image.shape[:2]
+    if calibration is not None:
+        check_size(str(path), (columns, rows), calibration.camera)
+    inside = np.ones((rows, columns), dtype=bool) if mask is None else read_mask(mask)
+    if inside.shape != (rows, columns):
+        found = f"{inside.shape[1]}x{inside.shape[0]} px"
+        raise ValueError(f"the mask {mask} is {found}, the frame {columns}x{rows} px")
     if not inside.any():
         raise ValueError(f"the mask {mask} is empty: no pixel in it is brighter than half")
     return Frame(image, inside, Path(path).name)

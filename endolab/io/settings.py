@@ -14,10 +14,9 @@ from typing import Any
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.brdf import Lambertian
 from endolab.model.endoscope import Endoscope
-from endolab.model.schema import Section, quoted, unknown_name
+from endolab.model.schema import Section, quoted
 
 FORMAT, VERSION = "endolab_settings", 1
-LIGHT = ("k", "gamma", "gain", "albedo")  # of "photometry"
 
 
 @dataclass(frozen=True)
@@ -31,23 +30,10 @@ class SolvingSettings:
     photometry : mapping
         What is believed of the light: "k", "gamma", "gain", and the "albedo" of a matt wall, one number or
         three, in place of the BRDF.
-
-    Raises
-    ------
-    ValueError
-        In one sentence, if a name is not known, or a value is none that a file can hold.
     """
 
     keywords: Mapping[str, Any] = field(default_factory=dict)
     photometry: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name in self.keywords:
-            if name not in KEYWORDS:
-                raise unknown_name("setting", name, KEYWORDS)
-        for name in self.photometry:
-            if name not in LIGHT:
-                raise unknown_name("part of the photometry", name, LIGHT)
 
     def believed(self, calibration: Endoscope) -> Endoscope:
         """Return the calibration as the settings believe it to be."""
@@ -56,16 +42,12 @@ class SolvingSettings:
             light["brdf"] = Lambertian(light.pop("albedo"))
         return replace(calibration, photometry=replace(calibration.photometry, **light))
 
-    def to_json(self) -> bytes:
-        """Encode as the file's content."""
-        said = {name: self.keywords[name] for name in KEYWORDS if self.keywords.get(name) is not None}
-        light = {name: self.photometry[name] for name in LIGHT if self.photometry.get(name) is not None}
-        return as_json({FORMAT: VERSION} | said | ({"photometry": light} if light else {}))
-
 
 def write_settings(settings: SolvingSettings, path: PathLike) -> None:
-    """Write settings as JSON, whole or not at all; `read_settings` reads them."""
-    write_atomically(path, settings.to_json())
+    """Write settings as JSON, whole or not at all; `read_settings` reads them. None is left out."""
+    said = {name: value for name, value in settings.keywords.items() if value is not None}
+    light = {name: value for name, value in settings.photometry.items() if value is not None}
+    write_atomically(path, as_json({FORMAT: VERSION} | said | ({"photometry": light} if light else {})))
 
 
 def read_settings(path: PathLike) -> SolvingSettings:
@@ -74,22 +56,19 @@ def read_settings(path: PathLike) -> SolvingSettings:
     version = top.take(FORMAT)
     if version != VERSION or isinstance(version, bool):
         raise top.error(FORMAT, f"expected version {VERSION}, found {quoted(version)}")
-    keywords: dict[str, Any] = {}
-    for name, read in KEYWORDS.items():
-        top.asked[name] = None
-        if name in top.content:
-            keywords[name] = read(top, name)
     light: dict[str, Any] = {}
     if "photometry" in top.content:
-        part = top.section("photometry")
-        for name in LIGHT:
-            part.asked[name] = None
-            if name in part.content:
-                light[name] = _albedo(part, name) if name == "albedo" else part.number(name)
-        part.end()
+        light = _read(top.section("photometry"), LIGHT)
     top.asked["photometry"] = None
-    settings: SolvingSettings = top.build(SolvingSettings, keywords=keywords, photometry=light)
-    return settings
+    return SolvingSettings(_read(top, KEYWORDS), light)
+
+
+def _read(part: Section, known: Mapping[str, Callable[[Section, str], Any]]) -> dict[str, Any]:
+    """Read all that a part of the file says."""
+    part.asked |= dict.fromkeys(known)
+    said = {name: read(part, name) for name, read in known.items() if name in part.content}
+    part.end()
+    return said
 
 
 # Values ---------------------------------------------------------------------------------
@@ -105,10 +84,6 @@ def _switch(part: Section, name: str) -> bool:
     if not isinstance(value, bool):
         raise part.error(name, f"expected true or false, found {quoted(value)}")
     return value
-
-
-def _number_or_auto(part: Section, name: str) -> float | str:
-    return _word(part, name) if isinstance(part.content[name], str) else part.number(name)
 
 
 def _count(part: Section, name: str) -> int:
@@ -132,22 +107,13 @@ def _albedo(part: Section, name: str) -> float | tuple[float, ...]:
     return part.numbers(name, 3) if isinstance(part.content[name], list) else part.number(name)
 
 
-# Keywords of `reconstruct` that a file may have, and how each is read; what may be said of each is
-# `reconstruct`'s affair.
+# What a file may say, and how it is read; what may be said of each is `reconstruct`'s affair.
 KEYWORDS: dict[str, Callable[[Section, str], Any]] = {
-    "solver": _word,
-    "channel": _word,
-    "xi": _word,
-    "regulariser": _word,
-    "lam": _number_or_auto,
-    "epsilon": Section.number,
-    "threshold": Section.number,
-    "max_iterations": _count,
-    "width": _count,
-    "smooth": Section.number,
-    "highlights": _word,
+    **dict.fromkeys(("solver", "channel", "xi", "regulariser", "highlights"), _word),
+    **dict.fromkeys(("lam", "epsilon", "threshold", "smooth", "median_distance"), Section.number),
+    **dict.fromkeys(("max_iterations", "width"), _count),
     "contours": _switch,
-    "median_distance": Section.number,
     "known_distance": _distance,
     "known_diameter": _diameter,
 }
+LIGHT = dict.fromkeys(("k", "gamma", "gain"), Section.number) | {"albedo": _albedo}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.io.archives import MOST_PIXELS, Head, read_arrays
+from endolab.io.archives import read_arrays
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.model.mesh import Mesh
 from endolab.model.ranges import RANGES
@@ -50,30 +49,24 @@ def read_depth(path: PathLike, needed: Sequence[str] = ("distance", "z")) -> dic
 
     ValueError or OSError in one sentence, if it is something else, or holds what no surface has.
     """
-
-    def check(heads: dict[str, Head]) -> None:
-        for name in needed:
-            if name not in heads:
-                raise ValueError(f"{path}: {name} is missing")
-        size = heads["distance"].shape if "distance" in heads else ()
-        if math.prod(size) > MOST_PIXELS:
-            raise ValueError(f"{path}: distance has shape {size}, which is larger than any picture")
-        for name, head in heads.items():
-            kinds = "f" if name in (*MAPS, *TRUSTED) else "biu"
-            expected = () if name == "metric" else (*size, *MAPS.get(name, ()))
-            if head.dtype.kind not in kinds or head.shape != expected or len(size) != 2:
-                should = "a map of the size of distance" if expected else "true or false"
-                raise ValueError(f"{path}: {name} is not {should}")
-
     known = (*MAPS, *TRUSTED, "decided_by", "mask", "metric")
-    maps = read_arrays(path, "a depth.npz that endolab wrote", known, check)
-    for name in (name for name in (*MAPS, *TRUSTED) if name in maps):
-        values = maps[name] = np.where(np.isfinite(maps[name]), maps[name], np.nan)
-        most = float(np.nanmax(np.abs(values), initial=0.0))
-        if most > FARTHEST:
-            raise ValueError(f"{path}: {name} holds values up to {most:.3g}; no surface has them")
-        if name == "distance":
-            values[values < NEAREST] = np.nan
+    maps = read_arrays(path, "a depth.npz that endolab wrote", known)
+    for name in needed:
+        if name not in maps:
+            raise ValueError(f"{path}: {name} is missing")
+    size = maps["distance"].shape if "distance" in maps else ()
+    for name, values in maps.items():
+        is_real = name in (*MAPS, *TRUSTED)
+        expected = () if name == "metric" else (*size, *MAPS.get(name, ()))
+        if values.dtype.kind not in ("f" if is_real else "biu") or values.shape != expected or len(size) != 2:
+            should = "a map of the size of distance" if expected else "true or false"
+            raise ValueError(f"{path}: {name} is not {should}")
+        if is_real:
+            maps[name] = np.where(np.isfinite(values), values, np.nan)
+            if np.nanmax(np.abs(maps[name]), initial=0.0) > FARTHEST:
+                raise ValueError(f"{path}: {name} holds values that no surface has")
+    if "distance" in maps:
+        maps["distance"][maps["distance"] < NEAREST] = np.nan
     return maps
 
 

@@ -5,8 +5,7 @@ import re
 import threading
 import time
 import zlib
-from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,13 +16,11 @@ from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, as_path, one_sentence, staged_file
 from endolab.io.images import DECODED, read_image
-from endolab.io.quiet import quiet
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.memory import check_memory
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv")
-SCHEMES = ("rtsp", "rtmp", "http", "https", "udp", "tcp", "file")  # of URLs that a stream may have
 PATIENCE = 5000  # ms after which a stream that does not answer is given up
 USUAL_RATE = 25.0  # frames per second of a video that does not tell its own
 LEAST = 64  # bytes of a video for each frame that it may promise; others are counted
@@ -62,27 +59,26 @@ class Frames:
     def stamp(self) -> list[list[object]]:
         """Name, size and time of change of every file: what a cache may depend on."""
         files = [self.path] if self.is_video else [self.path / name for name in self.names]
-        return [[file.name, *_changed(file)] for file in files]
+        found = [(file.name, file.stat() if file.exists() else None) for file in files]
+        return [[name, known and known.st_size, known and known.st_mtime_ns] for name, known in found]
 
     def read(self, names: Collection[str]) -> Iterator[tuple[str, FloatArray | None]]:
         """Give only the frames of these names, in order."""
-        wanted = set(names)
         if not self.is_video:
             for name in self.names:
-                if name in wanted:
+                if name in names:
                     yield name, _picture(self.path / name)
             return
-        capture = _open(self.path)
-        try:
-            for name in self.names:
-                stored = _next(capture, name in wanted)  # after a break some go on, with the next whole frame
-                if name in wanted:
-                    yield name, None if stored is None else as_image(stored)
-                    wanted.discard(name)
-                if not wanted:
-                    break
-        finally:
-            capture.release()
+        left, capture = set(names), _open(self.path)
+        for name in self.names:
+            if not left:
+                break
+            if name in left:
+                stored = _next(capture)  # after a break some go on, with the next whole frame
+                yield name, None if stored is None else as_image(stored)
+            else:
+                capture.grab()
+            left.discard(name)
 
 
 def _picture(path: Path) -> FloatArray | None:
@@ -92,47 +88,34 @@ def _picture(path: Path) -> FloatArray | None:
         return None
 
 
-def _changed(file: Path) -> tuple[int, int]:
-    """Size of a file and when it changed; of one that is not there, neither."""
-    try:
-        found = file.stat()
-    except OSError:
-        return -1, -1
-    return found.st_size, found.st_mtime_ns
-
-
 def _open(path: Path) -> cv2.VideoCapture:
     if not path.is_file():  # a pipe might never end
         raise ValueError(f"{path}: not a plain file, and so no video")
-    with quiet(), suppress(cv2.error):
-        capture = cv2.VideoCapture(str(path))
-        if capture.isOpened():
-            size = [int(capture.get(what)) for what in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
-            check_memory(size[0] * size[1] * DECODED, f"{path}: a frame of {size[0]}x{size[1]} px")
-            return capture
-    raise ValueError(f"{path}: not a video that can be decoded")
+    capture = cv2.VideoCapture(str(path))
+    if not capture.isOpened():
+        raise ValueError(f"{path}: not a video that can be decoded")
+    size = [int(capture.get(what)) for what in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
+    check_memory(size[0] * size[1] * DECODED, f"{path}: a frame of {size[0]}x{size[1]} px")
+    return capture
 
 
-def _next(capture: cv2.VideoCapture, wanted: bool) -> np.ndarray | None:
-    """Take the next frame, B, G, R; None if it is not wanted or cannot be decoded."""
-    with quiet(), suppress(cv2.error):
-        if capture.grab() and wanted:
-            _, stored = capture.retrieve()
-            if isinstance(stored, np.ndarray) and stored.dtype == np.uint8 and stored.shape[2:] == (3,):
-                return stored
+def _next(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
+    """Take the next frame, (H, W, 3), B, G, R; None if there is none that can be decoded."""
+    with suppress(cv2.error):
+        done, stored = capture.read()
+        if done and stored.dtype == np.uint8 and stored.shape[2:] == (3,):
+            return stored.astype(np.uint8, copy=False)
     return None
 
 
 def _count(capture: cv2.VideoCapture, most: int) -> int:
     """Count the frames of a video, 0 if the first cannot be had; it is taken at its word up to `most`."""
-    with quiet(), suppress(cv2.error):
-        said = capture.get(cv2.CAP_PROP_FRAME_COUNT)
-        if 0 < said <= most:
-            return int(said) if capture.grab() else 0
+    said = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+    if 0 < said <= most:
+        return int(said) if capture.grab() else 0
     count = 0
-    with quiet(), suppress(cv2.error):
-        while capture.grab():
-            count += 1
+    while capture.grab():
+        count += 1
     return count
 
 
@@ -143,30 +126,14 @@ def is_sequence(path: PathLike) -> bool:
     return suffix not in PICTURES and (suffix in VIDEOS or os.path.isdir(source))
 
 
-def _listed(paths: Sequence[PathLike]) -> Frames:
+def _listed(paths: Iterable[PathLike]) -> Frames:
     """Take pictures, in one folder or not, as frames; their names are paths from the folder they share."""
-    files = [Path(os.path.abspath(path)) for path in paths]
-    count = Counter(files)
-    for path, file in zip(paths, files, strict=True):
-        if os.path.isdir(file) or file.suffix.lower() not in PICTURES:
-            kind = "a folder" if os.path.isdir(file) else "no picture by its name"
-            raise ValueError(f"{path} is {kind}: give one folder, one video, or pictures alone")
-        with one_sentence(f"{path}: cannot be read"):
-            if not file.exists():
-                raise FileNotFoundError(f"{path}: there is no such file")
-        if count[file] > 1:
-            raise ValueError(f"{path} is given twice")
-    try:
-        folder = Path(os.path.commonpath([file.parent for file in files]))
-    except ValueError as error:  # of Windows
-        raise ValueError("the pictures must all lie on one drive") from error
-    files = sorted(files, key=lambda file: (file.parent, _by_number(file)))
+    for path in paths:
+        if not os.path.isfile(path) or Path(path).suffix.lower() not in PICTURES:
+            raise ValueError(f"{path} is not there, or no picture: give one folder, one video, or pictures")
+    files = sorted({Path(os.path.abspath(path)) for path in paths}, key=lambda f: (f.parent, _by_number(f)))
+    folder = Path(os.path.commonpath([file.parent for file in files]))
     return Frames(folder, tuple(file.relative_to(folder).as_posix() for file in files))
-
-
-def _inside(folder: Path) -> list[Path]:
-    with one_sentence(f"{folder}: cannot be read"):
-        return list(folder.iterdir())
 
 
 def open_frames(*paths: PathLike) -> Frames:
@@ -191,20 +158,17 @@ def open_frames(*paths: PathLike) -> Frames:
     with one_sentence(f"{source}: cannot be read"):
         if not source.exists():
             raise FileNotFoundError(f"{source}: there is no such folder or video")
-    if source.is_dir():
-        found = [file for file in _inside(source) if file.suffix.lower() in PICTURES and file.name[0] != "."]
-        files = sorted((file for file in found if not file.is_dir()), key=_by_number)
-        if not files:
-            raise ValueError(f"{source}: no picture in this folder ({', '.join(PICTURES)})")
-        return Frames(source, tuple(file.name for file in files))
-    capture = _open(source)
-    try:
-        count = _count(capture, source.stat().st_size // LEAST)
-    finally:
-        capture.release()
-    if count == 0:
-        raise ValueError(f"{source}: a video without a frame that can be decoded")
-    return Frames(source, tuple(f"{number:06d}" for number in range(count)))
+        files = list(source.iterdir()) if source.is_dir() else None
+    if files is None:
+        count = _count(_open(source), source.stat().st_size // LEAST)
+        if count == 0:
+            raise ValueError(f"{source}: a video without a frame that can be decoded")
+        return Frames(source, tuple(f"{number:06d}" for number in range(count)))
+    files = [file for file in files if file.suffix.lower() in PICTURES and file.name[0] != "."]
+    names = [file.name for file in sorted(files, key=_by_number) if not file.is_dir()]
+    if not names:
+        raise ValueError(f"{source}: no picture in this folder ({', '.join(PICTURES)})")
+    return Frames(source, tuple(names))
 
 
 def is_stream(source: int | PathLike) -> bool:
@@ -234,31 +198,18 @@ class Stream:
     def stored(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
         """Give names and bytes, (H, W, 3), in OpenCV's order B, G, R; `as_image` makes pictures of them."""
         started, count = time.perf_counter(), 0
-        try:
-            while not self._closed.is_set():
-                # Not quietly: a camera's next frame takes its time, and others may have something to say.
-                done, stored = self._read()
-                if not done:
-                    break
-                if self.rate is not None:
-                    self._closed.wait(max(0.0, started + count / self.rate - time.perf_counter()))
-                yield f"{count:06d}", stored
-                count += 1
-        finally:
-            self._capture.release()
+        while not self._closed.is_set() and (stored := _next(self._capture)) is not None:
+            if self.rate is not None:
+                self._closed.wait(max(0.0, started + count / self.rate - time.perf_counter()))
+            yield f"{count:06d}", stored
+            count += 1
+        self._capture.release()
         if count == 0 and not self._closed.is_set():
             raise ValueError(f"{self.name} gives no picture")
 
     def close(self) -> None:
         """Let it end with the frame that is being read."""
         self._closed.set()
-
-    def _read(self) -> tuple[bool, NDArray[np.uint8]]:
-        with suppress(cv2.error):
-            done, stored = self._capture.read()
-            if done and stored.dtype == np.uint8 and stored.shape[2:] == (3,):
-                return True, stored.astype(np.uint8, copy=False)
-        return False, np.empty(0, np.uint8)
 
 
 def as_image(stored: NDArray[np.uint8]) -> FloatArray:
@@ -272,7 +223,7 @@ def open_stream(source: int | PathLike) -> Stream:
     Parameters
     ----------
     source : int, str or path
-        The number of a camera of this machine, as OpenCV counts them; a URL (`SCHEMES`); or a video.
+        The number of a camera of this machine, as OpenCV counts them; a URL (rtsp, http, …); or a video.
 
     Raises
     ------
@@ -281,27 +232,20 @@ def open_stream(source: int | PathLike) -> Stream:
     """
     if not is_stream(source):
         path = as_path(source)  # type: ignore[arg-type]
-        if path.is_dir():
-            raise ValueError(f"{path} is a folder: a live view takes a camera, a stream or a video")
-        with one_sentence(f"{path}: cannot be read"):
-            if not path.exists():
-                raise FileNotFoundError(f"{path}: there is no such video")
+        if not os.path.isfile(path):
+            raise FileNotFoundError(f"{path}: there is no such video, camera or stream")
         capture = _open(path)
         told = capture.get(cv2.CAP_PROP_FPS)
         return Stream(capture, str(path), told if 1 <= told <= 1000 else USUAL_RATE)
     text = str(source)
-    scheme = text.partition("://")[0] if "://" in text else ""
-    if scheme and scheme not in SCHEMES:
-        raise ValueError(f"{text}: not a stream that can be opened; URLs begin with {', '.join(SCHEMES)}")
     limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, PATIENCE, cv2.CAP_PROP_READ_TIMEOUT_MSEC, PATIENCE]
-    with quiet(), suppress(cv2.error):
-        capture = cv2.VideoCapture(text, cv2.CAP_FFMPEG, limits) if scheme else cv2.VideoCapture(int(text))
-        if capture.isOpened():
-            capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # what a camera keeps back is old when it comes
-            return Stream(capture, text if scheme else f"camera {text}", None)
-    if scheme:
-        raise ValueError(f"{text}: the stream cannot be opened, or holds no video")
-    raise ValueError(f"camera {text} cannot be opened: it is not there, or in use")
+    is_url = "://" in text
+    capture = cv2.VideoCapture(text, cv2.CAP_FFMPEG, limits) if is_url else cv2.VideoCapture(int(text))
+    name = text if is_url else f"camera {text}"
+    if not capture.isOpened():
+        raise ValueError(f"{name} cannot be opened: it is not there, in use, or holds no video")
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # what a camera keeps back is old when it comes
+    return Stream(capture, name, None)
 
 
 def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0) -> None:
@@ -313,55 +257,30 @@ def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0
     target = Path(path)
     if target.suffix != ".mkv":
         raise ValueError(f"a video's name ends in .mkv, got {target.name}")
-    writer: cv2.VideoWriter | None = None
-    sums: list[int] = []
     with staged_file(target) as temporary:
-        try:
-            for stored in _as_bytes(images):
-                if writer is None:
-                    how = cv2.VideoWriter.fourcc(*"FFV1"), rate, stored.shape[1::-1]
-                    with quiet():
-                        writer = cv2.VideoWriter(str(temporary), *how)
-                    if not writer.isOpened():
-                        raise OSError(f"cannot write {target}: OpenCV has no FFV1 encoder here")
-                with quiet():  # a full disk would be printed, and is not said here
-                    writer.write(stored)
-                sums.append(zlib.crc32(stored.tobytes()))
-        finally:
-            if writer is not None:
-                with quiet():
-                    writer.release()
+        sums = _encode(temporary, images, rate)
+        kept = cv2.VideoCapture(str(temporary))  # for OpenCV does not say if the disk is full
+        if not sums or any(_sum(_next(kept)) != known for known in sums):
+            raise OSError(f"cannot write {target}: not every frame can be read back; the disk may be full")
+
+
+def _encode(path: Path, images: Iterable[FloatArray], rate: float) -> list[int]:
+    """Encode pictures; return a checksum of each."""
+    writer, shape = cv2.VideoWriter(), None
+    sums: list[int] = []
+    for image in images:
+        whole = np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
+        stored = cv2.cvtColor(whole, cv2.COLOR_GRAY2BGR if whole.ndim == 2 else cv2.COLOR_RGB2BGR)
         if not sums:
-            raise ValueError(f"cannot write {target}: there is no frame")
-        whole = _same_frames(temporary, sums)
-        if whole < len(sums):
-            what = f"only {whole} of {len(sums)} frames can be read back; the disk may be full"
-            raise OSError(f"cannot write {target}: {what}")
+            shape = image.shape
+            writer.open(str(path), cv2.VideoWriter.fourcc(*"FFV1"), rate, stored.shape[1::-1])
+        if image.shape != shape:
+            raise ValueError(f"frame {len(sums)} of a video: expected {shape}, found {image.shape}")
+        writer.write(stored)
+        sums.append(_sum(stored))
+    writer.release()
+    return sums
 
 
-def _as_bytes(images: Iterable[FloatArray]) -> Iterator[np.ndarray]:
-    """Give pictures as OpenCV stores them; ValueError, if they are no pictures or not of one size."""
-    shape = None
-    for number, image in enumerate(images):
-        picture = image.ndim >= 2 and image.shape[2:] in ((), (3,))
-        if not picture or image.shape != (shape or image.shape):
-            expected = shape or "(H, W) or (H, W, 3)"
-            raise ValueError(f"frame {number} of a video: expected {expected}, found {image.shape}")
-        shape = image.shape
-        stored = np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
-        yield cv2.cvtColor(stored, cv2.COLOR_GRAY2BGR if stored.ndim == 2 else cv2.COLOR_RGB2BGR)
-
-
-def _same_frames(path: Path, sums: Sequence[int]) -> int:
-    """Count the frames of a video, from the first, that have these checksums."""
-    with quiet():
-        capture = cv2.VideoCapture(str(path))
-    try:
-        for number, expected in enumerate(sums):
-            with quiet():
-                done, stored = capture.read()
-            if not done or zlib.crc32(stored.tobytes()) != expected:
-                return number
-    finally:
-        capture.release()
-    return len(sums)
+def _sum(stored: np.ndarray | None) -> int:
+    return 0 if stored is None else zlib.crc32(stored.tobytes())

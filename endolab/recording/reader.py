@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.metadata
-import io
 import os
 import subprocess
 import sys
@@ -12,15 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from endolab.depth.result import SOLUTION
 from endolab.io.atomic import PathLike, one_sentence
-from endolab.io.picture_size import picture_size
-from endolab.io.quiet import quiet
+from endolab.io.images import decode
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
 from endolab.recording import decoder
@@ -30,7 +26,6 @@ from endolab.recording.stream import stage_of
 # Rows of a component: iteration (None if it stays) to its arrow values.
 Rows = dict[int | None, Any]
 T = TypeVar("T")
-MOST_PIXELS = 100_000_000  # of a picture in a recording, far more than a run is recorded with
 
 
 def read_recording(path: PathLike) -> Recording:
@@ -301,12 +296,10 @@ class Recording:
     def _colours(self, entity: str, k: int | None) -> NDArray[np.uint8]:
         """An encoded picture, (h, w, 3)."""
         content = self._bytes(entity, "blob", k)
-        size, stored = picture_size(io.BytesIO(content.tobytes())), None
-        if size is not None and size[0] * size[1] <= MOST_PIXELS:
-            with contextlib.suppress(cv2.error), quiet():
-                stored = cv2.imdecode(content, cv2.IMREAD_COLOR)
-        if stored is None:
-            raise self._damaged(f"a picture of {entity} cannot be decoded")
+        try:
+            stored = decode(content.tobytes(), entity)
+        except (ValueError, MemoryError) as error:
+            raise self._damaged(f"a picture of {entity} cannot be decoded") from error
         return np.asarray(stored[..., ::-1], np.uint8)
 
     def _bytes(self, entity: str, component: str, k: int | None) -> NDArray[np.uint8]:

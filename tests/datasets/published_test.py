@@ -419,16 +419,12 @@ def test_errors_on_published_frames(data, name, index, options, least, most):
 
 
 def test_a_depth_map_that_is_too_large_is_not_decoded(tmp_path):
-    for name, most in (
-        ("0001_depth.png", "1350x1080"),
-        ("Depth_0001.png", "475x475"),
-        ("a_Depth_1.png", "256x256"),
-    ):
+    for name in ("0001_depth.png", "Depth_0001.png", "a_Depth_1.png"):
         path = tmp_path / name
         Image.new("L", (20, 10)).save(path)
         content = bytearray(path.read_bytes())
         content[16:24] = (20000).to_bytes(4, "big") * 2  # the head's size
         content[29:33] = zlib.crc32(content[12:29]).to_bytes(4, "big")
         path.write_bytes(content)
-        with pytest.raises(ValueError, match=rf"{name}: expected at most {most} px, found 20000x20000 px$"):
+        with pytest.raises(ValueError, match=rf"{name}: not a picture"):
             datasets.true_z(path)

@@ -1,6 +1,5 @@
 """Pictures, masks and frames in files, against other programs."""
 
-import os
 import struct
 import zlib
 
@@ -12,15 +11,14 @@ from PIL import Image
 import endolab as el
 from endolab.io.images import read_image, read_mask, write_image
 
-CAMERA = el.Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5)
-CALIBRATION = el.Calibration(CAMERA, el.Photometry())
+CALIBRATION = el.Calibration(el.Pinhole(40, 30, 20.0, 20.0, 19.5, 14.5), el.Photometry())
 
 
-def png(path, stored, bits):
+def png(path, stored, bits, size=None):
     """Write a PNG of 8 or 16 bits, grey, grey with alpha, RGB or RGBA, by its specification."""
-    height, width = stored.shape[:2]
+    height, width = size or stored.shape[:2]
     kind = {1: 0, 2: 4, 3: 2, 4: 6}[1 if stored.ndim == 2 else stored.shape[2]]
-    rows = stored.astype(f">u{bits // 8}").reshape(height, -1)
+    rows = stored.astype(f">u{bits // 8}").reshape(len(stored), -1)
 
     def chunk(name, content):
         whole = name + content
@@ -41,27 +39,29 @@ def random_stored(rng, bits, channels):
 
 
 @pytest.mark.parametrize("bits", [8, 16])
-@pytest.mark.parametrize("channels", [(), (3,), (4,)], ids=["grey", "rgb", "rgba"])
-def test_a_png_and_a_tiff_are_read_exactly(tmp_path, rng, bits, channels):
+@pytest.mark.parametrize("channels", [(), (2,), (3,), (4,)], ids=["grey", "grey and alpha", "rgb", "rgba"])
+def test_a_png_is_read_exactly(tmp_path, rng, bits, channels):
     stored = random_stored(rng, bits, channels)
-    options = {"photometric": "rgb"} if channels else {}
     png(tmp_path / "a.png", stored, bits)
-    expected = stored[..., :3] if channels else stored
-    np.testing.assert_array_equal(read_image(tmp_path / "a.png"), expected / (2**bits - 1))
-    if channels == (4,):
-        stored[..., 3] = 2**bits - 1
-        options["extrasamples"] = ["unassalpha"]
-    tifffile.imwrite(tmp_path / "a.tiff", stored, **options)
-    np.testing.assert_array_equal(read_image(tmp_path / "a.tiff"), expected / (2**bits - 1))
+    image = read_image(tmp_path / "a.png")
+    if channels == (2,):
+        stored = stored[..., :1].repeat(3, axis=-1) if image.ndim == 3 else stored[..., 0]
+    expected = stored[..., :3] if channels in ((3,), (4,)) else stored
+    np.testing.assert_array_equal(image, expected / (2**bits - 1))
 
 
 @pytest.mark.parametrize("bits", [8, 16])
-def test_a_grey_png_with_alpha_is_grey(tmp_path, rng, bits):
-    stored = random_stored(rng, bits, (2,))
-    png(tmp_path / "a.png", stored, bits)
-    image = read_image(tmp_path / "a.png")
-    for channel in np.moveaxis(image, -1, 0) if image.ndim == 3 else [image]:
-        np.testing.assert_array_equal(channel, stored[..., 0] / (2**bits - 1))
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_a_tiff_is_read_exactly_and_a_written_picture_reads_back(tmp_path, rng, bits, channels):
+    stored = random_stored(rng, bits, channels)
+    tifffile.imwrite(tmp_path / "a.tiff", stored, photometric="rgb" if channels else "minisblack")
+    write_image(tmp_path / "a.png", stored / (2**bits - 1), bits)
+    for name in ("a.tiff", "a.png"):
+        np.testing.assert_array_equal(read_image(tmp_path / name), stored / (2**bits - 1))
+    if bits == 8:
+        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), stored)
+    write_image(tmp_path / "b.png", np.where(stored > 9, 1.7, -0.3), bits)
+    np.testing.assert_array_equal(read_image(tmp_path / "b.png"), stored > 9)
 
 
 @pytest.mark.parametrize("mode", ["L", "RGB"])
@@ -78,68 +78,33 @@ def test_a_jpeg_is_read_as_others_read_it(tmp_path, mode):
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int16])
 def test_other_numbers_are_not_a_picture(tmp_path, dtype):
     tifffile.imwrite(tmp_path / "a.tiff", np.ones((4, 4), dtype))
-    with pytest.raises(ValueError, match=r"a.tiff: .* 8 or 16 bits"):
+    with pytest.raises(ValueError, match=r"a\.tiff: .* 8 or 16 bits"):
         read_image(tmp_path / "a.tiff")
 
 
-@pytest.mark.parametrize("content", [b"", b"hello", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff\xe0" + bytes(50)])
-def test_what_is_not_a_picture_is_said_once(tmp_path, capfd, content):
-    (tmp_path / "a.png").write_bytes(content)
-    with pytest.raises(ValueError, match=r"a\.png: not a picture that can be read"):
-        read_image(tmp_path / "a.png")
-    assert capfd.readouterr() == ("", "")
-    with pytest.raises(FileNotFoundError, match=r"none\.png: there is no such file"):
-        read_image(tmp_path / "none.png")
-    with pytest.raises(OSError, match="cannot be read: Is a directory"):
-        read_image(tmp_path)
-
-
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif"])
-def test_a_damaged_picture_is_said_once(tmp_path, capfd, rng, suffix):
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".bmp"])
+def test_a_picture_that_is_cut_off_is_refused_and_nothing_is_printed(tmp_path, capfd, rng, suffix):
     path = tmp_path / f"a{suffix}"
     Image.fromarray(rng.integers(0, 256, (60, 80, 3)).astype(np.uint8)).save(path)
     whole = path.read_bytes()
-    for _ in range(100):
-        damaged = bytearray(whole)
-        place = int(rng.integers(len(damaged)))
-        damaged[place : place + 3] = rng.bytes(3)
-        path.write_bytes(damaged)
-        try:
-            assert read_image(path).ndim in (2, 3)
-        except (ValueError, OSError, MemoryError) as error:
-            assert str(error).startswith(f"{path}: ")  # noqa: PT017
+    for count in (0, 8, 50, len(whole) // 2, len(whole) - 99):
+        path.write_bytes(whole[:count])
+        with pytest.raises(ValueError, match=rf"a\{suffix}: not a picture that can be read"):
+            read_image(path)
     assert capfd.readouterr() == ("", "")
+    for nothing in (tmp_path, tmp_path / "none.png"):
+        with pytest.raises(FileNotFoundError, match="there is no such file"):
+            read_image(nothing)
 
 
-def huge(path, width, height):
-    """Write a PNG that promises a size and holds nothing."""
-    png(path, np.zeros((1, 1), np.uint8), 8)
-    head = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    content = bytearray(path.read_bytes())
-    content[12:33] = head + struct.pack(">I", zlib.crc32(head))
-    path.write_bytes(content)
-
-
-def test_a_size_is_refused_before_anything_is_decoded(tmp_path):
-    huge(tmp_path / "huge.png", 20000, 20000)
-    write_image(tmp_path / "f.png", np.full((30, 40), 0.5))
-    undecodable = tmp_path / "huge.png"
-    with pytest.raises(ValueError, match="is 20000x20000 px, but the calibration is for 40x30 px"):
-        el.read_frame(undecodable, CALIBRATION)
-    with pytest.raises(ValueError, match=r"the mask .*huge\.png is 20000x20000 px, the frame 40x30 px"):
-        el.read_frame(tmp_path / "f.png", CALIBRATION, undecodable)
-    huge(undecodable, 2**30, 2**30)
-    sentence = r"huge\.png: a picture of 1073741824x1073741824 px needs about \d+\.\d GB of memory, .* free$"
-    for read in (read_image, read_mask, el.read_frame):
-        with pytest.raises(MemoryError, match=sentence):
-            read(undecodable)
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
-def test_a_pipe_is_no_picture(tmp_path):
-    os.mkfifo(tmp_path / "pipe.png")
-    with pytest.raises(ValueError, match=r"pipe\.png: not a file"):
-        read_image(tmp_path / "pipe.png")
+def test_a_bomb_is_refused_before_anything_is_decoded(tmp_path, monkeypatch):
+    png(tmp_path / "bomb.png", np.zeros((1, 1), np.uint8), 8, size=(2**30, 2**30))
+    with pytest.raises(ValueError, match=r"bomb\.png: not a picture"):
+        read_image(tmp_path / "bomb.png")
+    monkeypatch.setattr("psutil.virtual_memory", lambda: type("Memory", (), {"available": 10**6}))
+    png(tmp_path / "large.png", np.zeros((1, 1), np.uint8), 8, size=(9000, 9000))
+    with pytest.raises(MemoryError, match=r"large\.png: a picture of 9000x9000 px"):
+        read_image(tmp_path / "large.png")
 
 
 MASKS = {
@@ -155,18 +120,6 @@ MASKS = {
 def test_a_mask_may_be_stored_as_one_likes(tmp_path, name):
     MASKS[name].save(tmp_path / "m.png")
     np.testing.assert_array_equal(read_mask(tmp_path / "m.png"), np.ones((3, 4), bool))
-
-
-@pytest.mark.parametrize("bits", [8, 16])
-@pytest.mark.parametrize("channels", [(), (3,)])
-def test_a_written_picture_reads_back(tmp_path, rng, bits, channels):
-    stored = random_stored(rng, bits, channels)
-    write_image(tmp_path / "a.png", stored / (2**bits - 1), bits)
-    np.testing.assert_array_equal(read_image(tmp_path / "a.png"), stored / (2**bits - 1))
-    write_image(tmp_path / "b.png", np.where(stored > 9, 1.7, -0.3), bits)
-    np.testing.assert_array_equal(read_image(tmp_path / "b.png"), stored > 9)
-    if bits == 8:
-        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), stored)
 
 
 def test_a_mask_is_where_it_is_bright_and_a_frame_is_read_with_it(tmp_path, rng):
@@ -185,16 +138,16 @@ def test_a_mask_is_where_it_is_bright_and_a_frame_is_read_with_it(tmp_path, rng)
 
 
 @pytest.mark.parametrize(
-    ("size", "mask", "message"),
+    ("size", "mask", "named"),
     [
-        ((30, 41), None, "f.png is 41x30 px, but the calibration is for 40x30 px"),
-        ((30, 40), np.ones((40, 30)), "the mask .*m.png is 30x40 px, the frame 40x30 px"),
-        ((30, 40), np.zeros((30, 40)), "the mask .*m.png is empty: no pixel in it is brighter than half"),
+        ((30, 41), None, r"f\.png .*41x30"),
+        ((30, 40), np.ones((40, 30)), r"m\.png .*30x40"),
+        ((30, 40), np.zeros((30, 40)), r"m\.png is empty"),
     ],
 )
-def test_a_frame_that_does_not_fit(tmp_path, size, mask, message):
+def test_a_frame_that_does_not_fit(tmp_path, size, mask, named):
     write_image(tmp_path / "f.png", np.full(size, 0.5))
     if mask is not None:
         write_image(tmp_path / "m.png", mask)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=named):
         el.read_frame(tmp_path / "f.png", CALIBRATION, None if mask is None else tmp_path / "m.png")
