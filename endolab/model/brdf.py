@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from endolab.model.ranges import check_range
+from endolab.model.ranges import check_range, in_range
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import real_array
 
@@ -24,13 +24,6 @@ class BRDF(Protocol):
     def derivative(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Derivatives of `value` by its two cosines."""
         ...
-
-
-def _checked(name: str, value: ArrayLike, low: float) -> FloatArray:
-    array = real_array(name, value)
-    if not np.all(np.isfinite(array) & (array >= low)):
-        raise ValueError(f"{name} must be finite and at least {low:g}, got {np.array2string(array)}")
-    return array
 
 
 @dataclass(frozen=True)
@@ -49,10 +42,9 @@ class Lambertian:
         albedo = real_array("albedo", self.albedo)
         if albedo.shape not in ((), (3,)):
             raise ValueError(f"albedo must be one number or three (red, green, blue), got {self.albedo}")
-        if not np.all((albedo > 0) & (albedo <= 1)):
-            raise ValueError(f"albedo must lie in (0, 1], got {self.albedo}")
         check_range("albedo", albedo)
-        object.__setattr__(self, "albedo", float(albedo) if albedo.ndim == 0 else tuple(albedo.tolist()))
+        plain = albedo.tolist()
+        object.__setattr__(self, "albedo", tuple(plain) if albedo.ndim else plain)
 
     def value(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> FloatArray:
         """See `BRDF.value`; needs one albedo, not three."""
@@ -82,17 +74,15 @@ class TabulatedBRDF:
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        theta = _checked("theta", self.theta, 0.0)
-        values = _checked("value", self.values, 0.0)
+        theta, values = real_array("theta", self.theta), real_array("value", self.values)
         if theta.ndim != 1 or theta.size < 2 or theta.shape != values.shape:
             raise ValueError(
                 f"theta and value must be lists of one length, got {theta.size} and {values.size}"
             )
-        if not (np.all(np.diff(theta) > 0) and theta[-1] <= np.pi / 2):
-            raise ValueError("theta must increase and end at π/2 or before")
-        if not np.all(values > 0):
-            raise ValueError("every value of the BRDF must be positive")
+        check_range("theta", theta)
         check_range("value", values)
+        if not np.all(np.diff(theta) > 0):
+            raise ValueError(f"theta must increase, got {list(self.theta)}")
         object.__setattr__(self, "theta", tuple(theta.tolist()))
         object.__setattr__(self, "values", tuple(values.tolist()))
 
@@ -133,12 +123,8 @@ class Glossy:
     shininess: float = 200.0
 
     def __post_init__(self) -> None:
-        if np.ndim(self.albedo) != 0:
-            raise ValueError(f"albedo of a glossy surface must be one number, got {self.albedo}")
-        Lambertian(self.albedo)
-        for name in ("specular", "shininess"):
-            _checked(name, getattr(self, name), 0.0)
-            check_range(name, getattr(self, name))
+        for name in ("albedo", "specular", "shininess"):
+            in_range(name, getattr(self, name))
 
     def value(self, cos_incidence: ArrayLike, cos_half: ArrayLike) -> FloatArray:
         """See `BRDF.value`."""

@@ -15,7 +15,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from endolab.model.ranges import check_range
+from endolab.model.ranges import check_range, in_range
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, real_array
 from endolab.numerics.roots import invert_increasing, smallest_positive_root
@@ -163,7 +163,7 @@ class Camera:
 
         The same one as before, if this size was asked for lately: its ray field is computed once.
         """
-        for kept in self._resized if isinstance(width, int) and isinstance(height, int) else ():
+        for kept in self._resized:
             if (kept.width, kept.height) == (width, height):
                 return kept
         scale = np.array([width / self.width, height / self.height])
@@ -201,15 +201,8 @@ class _FocalCamera(Camera):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("fx", "fy"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be positive and finite, got {value}")
-        for name in ("cx", "cy"):
-            if not np.isfinite(getattr(self, name)):
-                raise ValueError(f"{name} must be finite, got {getattr(self, name)}")
         for name in ("fx", "fy", "cx", "cy"):
-            check_range(name, getattr(self, name))
+            in_range(name, getattr(self, name))
 
     @property
     def _affine(self) -> FloatArray:
@@ -275,8 +268,8 @@ class KannalaBrandt(_FocalCamera):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "k", tuple(real_array("k", self.k).ravel().tolist()))
-        if len(self.k) != 4 or not np.all(np.isfinite(self.k)):
-            raise ValueError(f"k must hold four finite coefficients, got {list(self.k)}")
+        if len(self.k) != 4:
+            raise ValueError(f"k must hold four coefficients, got {list(self.k)}")
         check_range("distortion", self.k)
 
     @cached_property
@@ -340,23 +333,17 @@ class Scaramuzza(Camera):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "a", tuple(float(value) for value in self.a))
-        if len(self.a) != 5 or not np.all(np.isfinite(self.a)):
-            raise ValueError(f"a must hold five finite coefficients, got {list(self.a)}")
-        if not self.a[0] > 0:
-            raise ValueError(f"a[0] must be positive (z forward), got {self.a[0]}")
+        object.__setattr__(self, "a", tuple(real_array("a", self.a).ravel().tolist()))
+        if len(self.a) != 5:
+            raise ValueError(f"a must hold five coefficients, got {list(self.a)}")
+        check_range("a", self.a)
+        in_range("a[0]", self.a[0])  # positive, so that z is forward
         if self.a[1] != 0:
             raise ValueError(f"a[1] must be 0 (a smooth lens), got {self.a[1]}")
-        numbers = (self.cx, self.cy, self.c, self.d, self.e, self.row_scale)
-        if not (np.all(np.isfinite(numbers)) and np.linalg.det(self._affine) > 0):
-            raise ValueError(f"cx, cy, c, d, e must be finite and c - d·e positive, got {list(numbers[:5])}")
-        ranges: dict[str, ArrayLike] = {"cx": self.cx, "cy": self.cy, "a0": self.a[0], "a": self.a}
-        ranges |= {
-            "c, d, e": (self.c, self.d, self.e, self.row_scale),
-            "c - d·e": np.linalg.det(self._affine),
-        }
-        for name, values in ranges.items():
-            check_range(name, values)
+        in_range("cx", self.cx)
+        in_range("cy", self.cy)
+        check_range("c, d, e", (self.c, self.d, self.e, self.row_scale))
+        in_range("c - d·e", np.linalg.det(self._affine))
 
     @property
     def _affine(self) -> FloatArray:

@@ -9,62 +9,54 @@ from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.model.schema import Section, quoted
 
-_CAMERAS: dict[str, dict[str, int]] = {  # numbers that each model needs; lists by their length
-    "kannala_brandt": {"fx": 0, "fy": 0, "cx": 0, "cy": 0, "k": 4},
-    "pinhole": {"fx": 0, "fy": 0, "cx": 0, "cy": 0},
-    "scaramuzza": {"cx": 0, "cy": 0, "a": 5, "c": 0, "d": 0, "e": 0},
+_CAMERAS: dict[
+    str, tuple[type[Camera], dict[str, int]]
+] = {  # with the numbers they need; lists by their length
+    "kannala_brandt": (KannalaBrandt, {"fx": 0, "fy": 0, "cx": 0, "cy": 0, "k": 4}),
+    "pinhole": (Pinhole, {"fx": 0, "fy": 0, "cx": 0, "cy": 0}),
+    "scaramuzza": (Scaramuzza, {"cx": 0, "cy": 0, "a": 5, "c": 0, "d": 0, "e": 0}),
 }
 
 
 def _camera(section: Section) -> Camera:
-    model = section.choice("model", tuple(_CAMERAS))
-    size = {}
-    for key in ("width", "height"):
-        value = section.positive(key)
-        if value > 100_000 or value != int(value):
-            raise section.error(key, f"expected a whole number of pixels, found {value:g}")
-        size[key] = int(value)
-    values: dict[str, Any] = {}
-    for key, count in _CAMERAS[model].items():
-        if count:
-            values[key] = section.numbers(key, count)
-        elif key in ("fx", "fy"):
-            values[key] = section.positive(key)
-        else:
-            values[key] = section.number(key)
-    if model == "scaramuzza":
-        values["row_scale"] = section.positive("row_scale", 1.0)
-    make = {"kannala_brandt": KannalaBrandt, "pinhole": Pinhole, "scaramuzza": Scaramuzza}[model]
-    camera: Camera = section.build(make, **size, **values)
+    make, lengths = _CAMERAS[section.choice("model", tuple(_CAMERAS))]
+    values: dict[str, Any] = {key: section.whole(key, low=1) for key in ("width", "height")}
+    for key, count in lengths.items():
+        values[key] = section.numbers(key, count) if count else section.number(key)
+    if make is Scaramuzza:
+        values["row_scale"] = section.number("row_scale", 1.0)
+    camera: Camera = section.build(make, **values)
     return camera
 
 
 def _brdf(section: Section) -> BRDF:
+    made: BRDF
     if section.choice("model", ("lambertian", "tabulated")) == "tabulated":
         theta, values = section.numbers("theta"), section.numbers("value")
-        table: BRDF = section.build(TabulatedBRDF, theta=theta, values=values)
-        return table
-    three = isinstance(section.content.get("albedo"), list | tuple)
-    albedo = section.numbers("albedo", 3) if three else section.positive("albedo", 1.0)
-    matt: BRDF = section.build(Lambertian, albedo=albedo)
-    return matt
+        made = section.build(TabulatedBRDF, theta=theta, values=values)
+    else:
+        three = isinstance(section.content.get("albedo"), list | tuple)
+        made = section.build(
+            Lambertian, albedo=section.numbers("albedo", 3) if three else section.number("albedo", 1.0)
+        )
+    return made
 
 
 def _photometry(section: Section) -> Photometry:
-    k, gamma = section.number("k", low=0.0), section.positive("gamma")
-    gain = None if section.content.get("gain", ...) is None else section.positive("gain")
+    values: dict[str, Any] = {name: section.number(name) for name in ("k", "gamma")}
+    values["gain"] = None if section.content.get("gain", ...) is None else section.number("gain")
     section.take("gain", None)
-    brdf = _brdf(section.section("brdf"))
+    values["brdf"] = _brdf(section.section("brdf"))
     listed = section.take("lights", [])
     if not isinstance(listed, list):
         raise section.error("lights", f"expected a list, found {quoted(listed)}")
     lights = []
     for index, item in enumerate(listed):
         light = Section(item, f"{section.where}.lights[{index}]", section.file)
-        values: dict[str, Any] = {name: light.numbers(name, 3) for name in ("position", "direction")}
-        values |= {"exponent": light.number("exponent", low=0.0), "weight": light.positive("weight", 1.0)}
-        lights.append(light.build(SpotLight, **values))
-    made: Photometry = section.build(Photometry, k=k, gamma=gamma, gain=gain, brdf=brdf, lights=tuple(lights))
+        parts: dict[str, Any] = {name: light.numbers(name, 3) for name in ("position", "direction")}
+        parts |= {"exponent": light.number("exponent"), "weight": light.number("weight", 1.0)}
+        lights.append(light.build(SpotLight, **parts))
+    made: Photometry = section.build(Photometry, **values, lights=tuple(lights))
     return made
 
 

@@ -51,18 +51,12 @@ MOST = 20.0  # ι, beyond which it says that the lamp hardly reaches the wall
 
 @on_cores
 def _fill_exchange(
-    factors: FloatArray,
-    x: FloatArray,
-    n: FloatArray,
-    area: FloatArray,
-    cell: Any,
-    shares: FloatArray,
-    limit: FloatArray,
+    factors: FloatArray, x: FloatArray, n: FloatArray, area: FloatArray, cell: Any, limit: FloatArray
 ) -> None:
     """F between patches at x, (3, N), with normals n, (3, N), into `factors`, zero, (N, N).
 
     `cell` (2, N) is where they lie on the grid of `limit`, the inverse of how far a chord reaches before a
-    wall blocks it; `shares` of a way in so many steps are k/steps at [steps, k].
+    wall blocks it.
     """
     count = len(area)
     x0, x1, x2 = x
@@ -93,14 +87,12 @@ def _fill_exchange(
                     if facing[j] > 0.0:
                         down, across, change = rows[j] - row, columns[j] - column, inverse[j] - near
                         steps = max(abs(down), abs(across))
-                        share = shares[steps]
                         k = 1
                         # In a picture 1/distance is nearly linear along a straight chord.
                         while k < steps:
-                            at = limit[
-                                int(np.rint(row + share[k] * down)), int(np.rint(column + share[k] * across))
-                            ]
-                            if near + share[k] * change < at:
+                            share = k / steps
+                            i_at, j_at = np.rint(row + share * down), np.rint(column + share * across)
+                            if near + share * change < limit[int(i_at), int(j_at)]:
                                 break
                             k += 1
                         if k >= steps:
@@ -111,11 +103,10 @@ def _exchange(
     x: FloatArray, n: FloatArray, area: FloatArray, cell: FloatArray, nearest: FloatArray
 ) -> FloatArray:
     """F between patches at x (mm) with normals n; `cell` is where they lie on the grid of `nearest` walls."""
-    factors, most = np.zeros((len(x), len(x))), max(nearest.shape)
-    shares = np.arange(most) / np.maximum(np.arange(most), 1)[:, None]
+    factors = np.zeros((len(x), len(x)))
     maps = (np.ascontiguousarray(a.T) for a in (x, n))
     places = np.ascontiguousarray(cell.T, dtype=np.int64)
-    _fill_exchange(factors, *maps, area, places, shares, 1 / (NEARER * nearest))
+    _fill_exchange(factors, *maps, area, places, 1 / (NEARER * nearest))
     return factors
 
 
@@ -180,19 +171,8 @@ class Walls:
         exchange = _exchange(points, normals, areas, np.concatenate([cells, cells[rim]]), nearest)
         exchange /= np.maximum(exchange.sum(axis=1), 1.0)[:, None]
         direct = np.where(mask, light * cosine / distance**2, 0.0)
-        return cls(
-            points,
-            normals,
-            areas,
-            lit,
-            exchange,
-            seen,
-            step,
-            direct,
-            cos_alpha,
-            np.where(mask, cosine, 0.0),
-            k,
-        )
+        cosine = np.where(mask, cosine, 0.0)
+        return cls(points, normals, areas, lit, exchange, seen, step, direct, cos_alpha, cosine, k)
 
     def under(self, k: float) -> Walls:
         """Return the same walls under a lamp of another spread."""
@@ -225,19 +205,14 @@ class Walls:
     def bounced(self, albedo: ArrayLike) -> FloatArray:
         """S of every patch, (N,), for walls of one albedo; (N, n) for n albedos."""
         one = np.asarray(albedo, dtype=np.float64)
-        return bounced(self.orders, one.ravel()).reshape(len(self.lit), *one.shape)
+        return bounced_and_slope(self.orders, one.ravel())[0].reshape(len(self.lit), *one.shape)
 
     def inflation(self, albedo: ArrayLike) -> FloatArray:
         """ι of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
-        light = self.bounced(albedo)
-        spread = self._spread(light.reshape(len(light), -1))
-        return spread[..., 0] if light.ndim == 1 else spread
-
-    def _spread(self, bounced: FloatArray) -> FloatArray:
-        """ι of pixels, (H, W, n), from S of patches, (N, n)."""
-        shape = (*self.seen.shape, bounced.shape[1])
+        light = self.bounced(np.atleast_1d(albedo))
+        shape = (*self.seen.shape, light.shape[1])
         coarse, known = np.zeros(shape), self.seen.astype(np.float64)
-        coarse[self.seen] = bounced[: self.count]
+        coarse[self.seen] = light[: self.count]
         # Light that has bounced is smooth: what patches make of it is blurred a little, and spread
         # to the cells that are no patches.
         for _ in range(2):
@@ -249,16 +224,15 @@ class Walls:
         fine = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
         lit = self.direct > 0
         share = fine.reshape(height, width, -1) / np.where(lit, self.direct, 1.0)[..., None]
-        return np.where(lit[..., None], np.minimum(share, MOST), 0.0)
-
-
-def bounced(orders: FloatArray, albedo: FloatArray) -> FloatArray:
-    """S of patches, (N, n), given their `Walls.orders` and the walls' albedos (n,)."""
-    return bounced_and_slope(orders, albedo)[0]
+        found = np.where(lit[..., None], np.minimum(share, MOST), 0.0)
+        return found if np.ndim(albedo) else found[..., 0]
 
 
 def bounced_and_slope(orders: FloatArray, albedo: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """S of patches, (N, n), see `bounced`, and its derivative by the albedo's logarithm."""
+    """S of patches, (N, n), given their `Walls.orders` and the walls' albedos (n,).
+
+    And its derivative by the albedo's logarithm.
+    """
     number = np.arange(1, len(orders) + 1)[:, None]
     powers = albedo**number
     last, before = orders[-1], orders[-2]

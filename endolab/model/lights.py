@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from endolab.model.ranges import check_range
+from endolab.model.ranges import check_range, in_range
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import real_array
+from endolab.numerics.checks import real_array, told
 
 
 @dataclass(frozen=True)
@@ -36,22 +36,18 @@ class SpotLight:
     def __post_init__(self) -> None:
         position = real_array("position", self.position)
         direction = real_array("direction", self.direction)
-        length = math.hypot(*direction.ravel())
-        if position.shape != (3,) or not np.all(np.isfinite(position)):
-            raise ValueError(f"position must be three finite numbers (mm), got {self.position}")
-        if direction.shape != (3,) or not (np.isfinite(length) and length > 0):
-            raise ValueError(f"direction must be three finite numbers, not all 0, got {self.direction}")
-        if not (np.isfinite(self.exponent) and self.exponent >= 0):
-            raise ValueError(f"exponent must be finite and at least 0, got {self.exponent}")
-        if not (np.isfinite(self.weight) and self.weight > 0):
-            raise ValueError(f"weight must be positive and finite, got {self.weight}")
-        for name in ("position", "exponent", "weight"):
-            check_range(name, getattr(self, name))
+        for name, three in (("position", position), ("direction", direction)):
+            if three.shape != (3,):
+                raise ValueError(f"{name} must be three numbers, got {told(getattr(self, name))}")
+        length = math.hypot(*direction)
         if not 1e-6 <= length <= 1e6:
             raise ValueError(f"direction must be 1e-06 to 1e+06 long, got {self.direction}")
-        object.__setattr__(self, "position", tuple(float(value) for value in position))
+        check_range("position", position)
+        for name in ("exponent", "weight"):
+            in_range(name, getattr(self, name))
         unit = direction if abs(length - 1) < 1e-12 else direction / length  # unit ones stay as they are
-        object.__setattr__(self, "direction", tuple(float(value) for value in unit))
+        object.__setattr__(self, "position", tuple(position.tolist()))
+        object.__setattr__(self, "direction", tuple(unit.tolist()))
 
     def illuminate(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Light that arrives at points (..., 3) in the camera frame, mm.

@@ -20,10 +20,9 @@ from numpy.typing import ArrayLike
 
 from endolab.model.brdf import BRDF, Lambertian
 from endolab.model.lights import SpotLight
-from endolab.model.ranges import check_range
+from endolab.model.ranges import in_range
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import real_array
 
 CHANNELS = ("red", "green", "blue")
 GREY_WEIGHTS = np.array([0.299, 0.587, 0.114])  # of stored values; ITU-R BT.601, as cv2 and JPEG use
@@ -60,17 +59,8 @@ class Photometry:
     lights: tuple[SpotLight, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("k", "gamma", "gain"):
-            real_array(name, 0.0 if getattr(self, name) is None else getattr(self, name))
-        if not (np.isfinite(self.k) and self.k >= 0):
-            raise ValueError(f"k must be finite and at least 0, got {self.k}")
-        if not (np.isfinite(self.gamma) and self.gamma > 0):
-            raise ValueError(f"gamma must be positive and finite, got {self.gamma}")
-        if self.gain is not None and not (np.isfinite(self.gain) and self.gain > 0):
-            raise ValueError(f"gain must be positive and finite, or None if unknown, got {self.gain}")
-        for name in ("k", "gamma", "gain"):
-            if getattr(self, name) is not None:
-                check_range(name, getattr(self, name))
+        for name in ("k", "gamma", "gain") if self.gain is not None else ("k", "gamma"):
+            in_range(name, getattr(self, name))
         object.__setattr__(self, "lights", tuple(self.lights))
 
     def channel(self, name: str) -> Photometry:
@@ -81,7 +71,7 @@ class Photometry:
         if name not in (*CHANNELS, "grey"):
             raise unknown_name("channel", name, (*CHANNELS, "grey"))
         albedo = getattr(self.brdf, "albedo", None)
-        if not (isinstance(self.brdf, Lambertian) and isinstance(albedo, tuple)):
+        if not isinstance(albedo, tuple):
             return self
         if name == "grey":
             # The gain and geometry are common, so the grey value has an albedo of its own.
@@ -98,13 +88,11 @@ class Photometry:
         """
         if not self.lights:
             return self
-        strength = np.array(
-            [light.weight * max(light.direction[2], 0.0) ** light.exponent for light in self.lights]
-        )
-        strength *= [light.direction[2] > 0 for light in self.lights]
-        if not strength.any():
+        forward = [light for light in self.lights if light.direction[2] > 0]
+        if not forward:
             raise ValueError("no light shines forward, so no virtual light can stand for them")
-        exponents = np.array([light.exponent for light in self.lights])
+        strength = np.array([light.weight * light.direction[2] ** light.exponent for light in forward])
+        exponents = np.array([light.exponent for light in forward])
         gain = None if self.gain is None else self.gain * float(strength.sum())
         return replace(self, k=self.k + float(strength @ exponents / strength.sum()), gain=gain, lights=())
 

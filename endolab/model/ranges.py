@@ -6,7 +6,7 @@ They are generous, and narrow enough that whatever is computed from such numbers
 import numpy as np
 from numpy.typing import ArrayLike
 
-from endolab.numerics.checks import real_array
+from endolab.numerics.checks import number, real_array
 
 RANGES = {
     # Light and response
@@ -14,6 +14,7 @@ RANGES = {
     "gamma": (0.1, 10.0),
     "gain": (1e-15, 1e15),
     "albedo": (1e-9, 1.0),
+    "theta": (0.0, np.pi / 2),
     "value": (1e-9, 1e9),  # of a BRDF, 1/sr
     "specular": (0.0, 1e3),
     "shininess": (0.0, 1e6),
@@ -31,11 +32,16 @@ RANGES = {
     "cx": (-1e6, 1e6),
     "cy": (-1e6, 1e6),
     "distortion": (-1e4, 1e4),
-    "a0": (1e-2, 1e7),
+    "a[0]": (1e-2, 1e7),
     "a": (-1e7, 1e7),
     "c, d, e": (-1e3, 1e3),
     "c - d·e": (1e-6, 1e6),
 }
+
+
+def in_range(name: str, value: float) -> float:
+    """Return a number that lies in the range of its name; else ValueError."""
+    return number(name, value, *RANGES[name])
 
 
 def check_range(name: str, values: ArrayLike, kind: str = "") -> None:

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from endolab import datasets
 from endolab.model import interreflection
-from endolab.model.interreflection import Walls, _exchange, bounced, bounced_and_slope
+from endolab.model.interreflection import Walls, _exchange, bounced_and_slope
 from endolab.numerics.threads import limited_threads
 from endolab.synthetic.scenes import Colon, Tube
 
@@ -75,15 +75,6 @@ def test_light_is_exchanged_both_ways_and_none_is_made(colon):
         assert walls.bounced(albedo).min() >= 0
 
 
-def test_a_wall_in_between_blocks():
-    x = np.array([[-10.0, 0.0, 30.0], [10.0, 0.0, 30.0]])
-    n, area = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]), np.ones(2)
-    cells, nearest = np.array([[0.0, 0.0], [0.0, 8.0]]), np.full((1, 9), 32.0)
-    assert _exchange(x, n, area, cells, nearest)[0, 1] == pytest.approx(1 / (400 * np.pi + 1))
-    nearest[0, 4] = 15.0
-    assert _exchange(x, n, area, cells, nearest)[0, 1] == 0
-
-
 def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
     """Cell by cell, as one would write it down; and the same on one core as on all, to the bit."""
     v, field = colon
@@ -120,16 +111,6 @@ def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(colo
     assert np.isfinite(red).all()
 
 
-def test_a_mask_leaves_pixels_out(colon):
-    v, field = colon
-    mask = np.isfinite(v)
-    mask[:30] = False
-    mask[60:70, 60:70] = False
-    share = Walls.of(np.where(mask, v, np.nan), mask, field, 2.5).inflation(0.5)
-    assert np.all(share[~mask] == 0)
-    assert np.isfinite(share).all()
-
-
 def test_a_long_tube_shows_what_its_unseen_walls_send(colon):
     """The middle of a tube's wall sees walls all around: far more than the picture shows of them."""
     field = colon[1]
@@ -157,16 +138,9 @@ def test_light_by_bounces_sums_to_that_of_the_balance(colon):
 def test_the_slope_by_the_albedo_is_that_of_differences(colon, albedo):
     v, field = colon
     walls, step = Walls.of(v, np.isfinite(v), field, 2.5), 1e-5
-    more, less = (bounced(walls.orders, np.array([albedo * np.exp(one)])) for one in (step, -step))
+    more, less = (walls.bounced([albedo * np.exp(one)]) for one in (step, -step))
     slope = bounced_and_slope(walls.orders, np.array([albedo]))[1]
     assert_allclose(slope, (more - less) / (2 * step), rtol=1e-6)
-
-
-def test_the_inflation_of_three_albedos_is_that_of_each(colon):
-    v, field = colon
-    walls, albedos = Walls.of(v, np.isfinite(v), field, 2.5), (0.2, 0.45, 0.7)
-    each = np.stack([walls.inflation(one) for one in albedos], axis=-1)
-    assert_allclose(walls.inflation(albedos), each, rtol=1e-12)
 
 
 def test_another_lamps_spread_is_as_if_made_with_it(colon):

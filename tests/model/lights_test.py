@@ -45,7 +45,7 @@ def test_log_gradient_is_the_derivative(rng, light):
     ("name", "value"),
     [
         *(("position", value) for value in ((0, 0), (0, np.nan, 0))),
-        *(("direction", value) for value in ((0, 0, 0), (0, 1), (np.inf, 0, 0))),
+        *(("direction", value) for value in ((0, 0, 0), (0, 1))),
         *(("exponent", value) for value in (-0.1, np.nan)),
         *(("weight", value) for value in (0.0, np.inf)),
     ],

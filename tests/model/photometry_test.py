@@ -122,20 +122,6 @@ def test_far_away_the_lights_become_one(rng):
     assert errors[2] < 1e-3
 
 
-def test_far_away_on_the_axis_tilted_lights_become_one():
-    """The virtual light is as strong as theirs are along the axis, whichever way they point."""
-    lights = (SpotLight((1, 0, 0), (1.0, 0.0, 1.0), 2.0), SpotLight((-1, 0, 0), (-1.0, 0.0, 1.0), 2.0))
-    general = model(lights=lights, gain=1e8)
-    point, normal = np.array([0.0, 0.0, 1e4]), np.array([0.0, 0.0, -1.0])
-    one, two = (float(each.intensity(point, normal)) for each in (general.simplified(), general))
-    assert one == pytest.approx(two, rel=1e-3)
-
-
-def test_nothing_to_simplify():
-    assert model().simplified() == model()
-    assert model(lights=THREE_LIGHTS, gain=None).simplified().gain is None
-
-
 @every_brdf
 @every_light
 def test_inverse_squares(rng, brdf, lights):
@@ -145,24 +131,6 @@ def test_inverse_squares(rng, brdf, lights):
     small, large = model(brdf, lights), model(brdf, grown)
     ratio = large.intensity(2 * points, normals) / small.intensity(points, normals)
     assert_allclose(ratio, 2 ** (-2 / 2.2), rtol=1e-12)
-
-
-@every_light
-def test_gain_and_gamma(rng, lights):
-    points, normals, *_ = surface(rng)
-    base = model(lights=lights)
-    intensity = base.intensity(points, normals)
-    for change, expected in (
-        ({"gain": 9000.0}, intensity * 3 ** (1 / 2.2)),
-        ({"gamma": 1.0}, intensity**2.2),
-    ):
-        assert_allclose(replace(base, **change).intensity(points, normals), expected, rtol=1e-12)
-
-
-@pytest.mark.parametrize("k", [0.0, 2.5])
-def test_attenuation(k):
-    cosine = np.array([1.0, 0.5, 1e-3, 0.0, -0.2, np.nan])
-    assert_allclose(model(k=k).attenuation(cosine), [1.0, 0.5**k, 1e-3**k, 0.0, 0.0, np.nan], rtol=1e-14)
 
 
 @every_brdf
@@ -189,14 +157,6 @@ def test_the_grey_channel_is_the_grey_of_the_channels(rng):
     assert_allclose(grey, expected, rtol=1e-12)
     by_opencv = cv2.cvtColor(np.stack(rgb, axis=-1)[None].astype(np.float32), cv2.COLOR_RGB2GRAY)[0]
     assert_allclose(grey, by_opencv, rtol=1e-5)
-
-
-def test_channels_are_red_green_blue_and_an_unknown_one_lists_the_choice():
-    colour = model(Lambertian((0.75, 0.38, 0.30)))
-    assert [colour.channel(name).brdf.albedo for name in ("red", "green", "blue")] == [0.75, 0.38, 0.30]
-    assert model().channel("red") == model()
-    with pytest.raises(ValueError, match=r"'infrared'.*red, green, blue"):
-        model().channel("infrared")
 
 
 @pytest.mark.parametrize("brdf", [BRDFS["table"], BRDFS["glossy"]], ids=["table", "glossy"])
@@ -226,9 +186,3 @@ def test_a_matt_surface_needs_no_table_and_one_brightness_must_not_have_two_slan
 def test_a_bad_model_is_named(name, value):
     with pytest.raises(ValueError, match=name):
         model(**{name: value})
-
-
-def test_intensity_needs_a_gain():
-    for what, given in (("shade", (3.0, 0.0, 1.0)), ("intensity", ([0, 0, 50.0], [0, 0, -1.0]))):
-        with pytest.raises(ValueError, match="gain is unknown"):
-            getattr(model(gain=None), what)(*given)

@@ -26,10 +26,3 @@ def test_every_nth_is_as_in_the_whole(step, torn, rng):
         np.testing.assert_allclose(maps.slant(v), expected, rtol=1e-12, equal_nan=True)
         assert np.array_equal(maps.normals(v), found, equal_nan=True)
     assert np.array_equal(np.isfinite(found[..., 0]), mask[every])
-
-
-def test_maps_of_a_pixel_or_two():
-    camera = el.load_calibration("simple", width=48).camera.resize(2, 1)
-    v, mask = np.array([[1.0, 1.5]]), np.ones((1, 2), dtype=bool)
-    np.testing.assert_allclose(thinned_normals(v, camera.field, mask, 1), normals(v, camera.field, mask))
-    assert thinned_normals(v, camera.field, mask, 5).shape == (1, 1, 3)
