@@ -67,7 +67,6 @@ from .synthetic.scenes import Plane as Plane
 from .synthetic.scenes import Tube as Tube
 from .tuning.surface_view import show_surface as show_surface
 from .tuning.widget import tune as tune
-from .uncertainty.choice_of_lam import LamCurve as LamCurve
 from .uncertainty.doubts import Doubts as Doubts
 from .uncertainty.trust import Trust as Trust
 from .uncertainty.trust import trust_of as trust_of

@@ -206,6 +206,12 @@ class Grid:
         silent = inner(self.evidence) == NONE if self.evidence.size else ~self.mask
         return padded(np.where(silent, np.inf, self.log_facing + ABOVE))
 
+    def entered(self, v: FloatArray) -> BoolArray:
+        """Pixels, (H, W), that a march down to the map v enters over the mask's border or a cut."""
+        out = np.empty(self.mask.shape, dtype=np.bool_)
+        _enters(v, self.metric, self.active, self.link, self.whole, out)
+        return out
+
     def march(self, guess: FloatArray | None = None) -> FloatArray:
         """Fast march on this grid.
 
@@ -214,8 +220,7 @@ class Grid:
         """
         mask, log_facing, inflow = self.mask, self.log_facing, self.inflow
         if guess is not None:
-            enters = np.empty(mask.shape, dtype=np.bool_)
-            _enters(guess, self.metric, self.active, self.link, self.whole, enters)
+            enters = self.entered(guess)
             # The facing distance is an upper bound; a guess beyond it would explain nothing.
             bounded = np.minimum(inner(guess), log_facing)
             if self.evidence.size:

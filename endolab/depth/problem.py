@@ -38,7 +38,6 @@ class Origin:
     picture_size: tuple[int, int] | None = None  # columns and rows of the frame that was given
     smooth: float = 0.0  # standard deviation of the Gaussian that the light was averaged with first, px
     albedo: tuple[float, ...] | None = None  # of the wall, with which bounced light was taken out
-    lam_curve: Any = None  # what every λ that was tried leaves, if λ was chosen: see `trust.choice_of_lam`
     scale: Scale | None = None
     notes: tuple[str, ...] = ()  # sentences about what was done on the way
 

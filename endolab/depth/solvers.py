@@ -38,8 +38,6 @@ def knows_curvature(solver: str, xi: str) -> bool:
 
 def checked_solver(name: str, options: Mapping[str, Any]) -> Callable[..., Solver]:
     """Return the solver of that name, if there is one and it has these options."""
-    if name not in SOLVERS:
-        raise unknown_name("solver", name, SOLVERS)
     known = options_of(name)
     for option in options:
         if option not in known:
@@ -50,6 +48,8 @@ def checked_solver(name: str, options: Mapping[str, Any]) -> Callable[..., Solve
 
 def options_of(solver: str) -> list[str]:
     """Names of the options that a solver takes."""
+    if solver not in SOLVERS:
+        raise unknown_name("solver", solver, SOLVERS)
     return list(inspect.signature(SOLVERS[solver]).parameters)[1:]
 
 

@@ -8,7 +8,6 @@ from endolab.depth.result import Iterate, Result
 from endolab.model.mesh import Mesh, triangle_normals, vertex_normals
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
 from endolab.numerics.derivatives import links
-from endolab.uncertainty.trust import Trust
 
 JUMP = 1.08  # corners whose distances differ by more may lie on two surfaces …
 GRAZING = 85.0  # … and do if what would join them is seen at more than this angle, degrees
@@ -20,7 +19,7 @@ def make_mesh(
     shown: Result | Iterate | FloatArray,
     colours: FloatArray | None = None,
     *,
-    trust: Trust | None = None,
+    sigma: FloatArray | None = None,
     cuts: BoolArray | None = None,
     jump: float = JUMP,
     grazing: float = GRAZING,
@@ -33,9 +32,10 @@ def make_mesh(
         The last one are surface points in the camera frame, mm; nan where unknown.
     colours : (H, W, 3) or (H, W) float array, optional
         Of the pixels, in [0, 1]; by default those of the frame, or grey for bare points.
-    trust : Trust, optional
-        Of the result: instead, the colours tell σ, as a share of the distance; what they mean is in the
-        mesh's `legend`, and in the files that are made of it.
+    sigma : (H, W) float array, optional
+        How far each distance of a result can be trusted, in its unit (`endolab.trust_of`): instead, the
+        colours tell its share of the distance; what they mean is in the mesh's `legend`, and in the files
+        that are made of it.
     cuts : (2, H, W) bool array, optional
         Steps to the right and lower neighbour over which the surface is torn, as
         `metrics.occlusion_cuts` finds them; by default those of the problem that was solved.
@@ -58,8 +58,8 @@ def make_mesh(
         If arrays do not fit or a threshold is out of range.
     """
     legend = ""
-    if trust is not None:
-        colours, legend = _certainty(trust, shown, colours)
+    if sigma is not None:
+        colours, legend = _certainty(sigma, shown)
     if isinstance(shown, Result | Iterate):
         problem, points, unit = shown.problem, shown.points, shown.problem.unit
         colours = problem.shown if colours is None else colours
@@ -92,17 +92,13 @@ def make_mesh(
     return Mesh(vertices, triangles, colours, vertex_normals(vertices, triangles), unit, legend)
 
 
-def _certainty(
-    trust: Trust, shown: Result | Iterate | FloatArray, colours: FloatArray | None
-) -> tuple[FloatArray, str]:
+def _certainty(sigma: FloatArray, shown: Result | Iterate | FloatArray) -> tuple[FloatArray, str]:
     """Colours of σ, from dark, certain, to bright, and what they mean; (H, W, 3)."""
     if not isinstance(shown, Result | Iterate):
-        raise ValueError("trust is of a result, whose distances it is a share of: mere points have none")
-    if colours is not None:
-        raise ValueError("a mesh has the given colours or those of the trust, not both")
-    if trust.sigma.shape != shown.mask.shape:
-        raise ValueError(f"trust has shape {trust.sigma.shape}, the result {shown.mask.shape}")
-    percent = np.where(shown.mask, 100 * trust.sigma / shown.distance, 0.0)
+        raise ValueError("sigma is of a result, whose distances it is a share of: mere points have none")
+    if sigma.shape != shown.mask.shape:
+        raise ValueError(f"sigma has shape {sigma.shape}, the result {shown.mask.shape}")
+    percent = np.where(shown.mask, 100 * sigma / shown.distance, 0.0)
     most = float(f"{np.percentile(percent[shown.mask], OFTEN):.2g}") or 1.0
     places = np.round(255 * np.clip(percent / most, 0, 1)).astype(np.uint8)
     scale = np.asarray(cv2.applyColorMap(places, cv2.COLORMAP_MAGMA), np.float64)[..., ::-1] / 255

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from endolab.depth.problem import AT_LEAST, EXACT, NONE, Origin, Problem
-from endolab.depth.result import Iterate, Result
+from endolab.depth.result import Iterate
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, whole
@@ -183,9 +183,3 @@ def on_grid(surface: Iterate, problem: Problem) -> FloatArray:
     """The same, and log d₀ where only the problem's mask reaches."""
     v = resampled(surface, problem)
     return np.where(np.isnan(v), problem.log_facing, v)
-
-
-def check_start(before: Result, problem: Problem) -> None:
-    """Raise a ValueError if an earlier result is not of the problem's size."""
-    if before.mask.shape != problem.mask.shape:
-        raise ValueError(f"start has shape {before.mask.shape}, the frame {problem.mask.shape}")

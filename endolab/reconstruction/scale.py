@@ -6,7 +6,6 @@ distances go with the square root of the gain, so that a result is scaled after 
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from endolab.depth.problem import Problem, Scale
 from endolab.depth.result import SCALED, Iterate, Result
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import FloatArray, frozen
+from endolab.numerics.checks import number
 
 Pixel = tuple[float, float]
 KnownDistance = tuple[float, float, float]  # mm, column, row
@@ -28,69 +28,50 @@ def known_scale(
     median_distance: float | None = None,
     known_distance: KnownDistance | None = None,
     known_diameter: KnownDiameter | None = None,
-    size: tuple[int, int] | None = None,
 ) -> Iterate:
     """Return the same surface in mm, by the one length that is known; without one, as it is.
 
-    For the lengths see `factor_of_distance` and `factor_of_diameter`; `size` is that of the picture.
+    For the lengths see `factor_of_distance` and `factor_of_diameter`.
     """
     if median_distance is not None:
         factor = median_distance / float(np.median(iterate.distance[iterate.mask]))
-        return in_unit(iterate, factor, True, Scale("median distance", median_distance))
+        return in_unit(iterate, factor, scale=Scale("median distance", median_distance))
     if known_distance is not None:
-        factor = factor_of_distance(iterate, *known_distance, size=size)
+        factor = factor_of_distance(iterate, *known_distance)
         scale = Scale("known distance", known_distance)
     elif known_diameter is not None:
-        factor = factor_of_diameter(iterate, *known_diameter, size=size)
+        factor = factor_of_diameter(iterate, *known_diameter)
         scale = Scale("known diameter", known_diameter)
     else:
         return iterate
     by_gain = scale.length[0] / factor if scale_of(iterate) == "gain" else None
-    return in_unit(iterate, factor, True, replace(scale, by_gain=by_gain))
+    return in_unit(iterate, factor, scale=replace(scale, by_gain=by_gain))
 
 
-def factor_of_distance(
-    result: Result | Iterate, mm: float, column: float, row: float, *, size: tuple[int, int] | None = None
-) -> float:
+def factor_of_distance(result: Result | Iterate, mm: float, column: float, row: float) -> float:
     """What distances must be multiplied by so that the surface at one pixel is this far away, mm.
 
     The pixel (column, row) is one of the picture that was given to `endolab.reconstruct`, px from the
     centre of the upper left one; the median of a few pixels around decides, so that noise does not.
-    `size` is that picture's (width, height), by default what the problem knows of it.
     """
     check_scale(known_distance=(mm, column, row))
-    return mm / float(np.linalg.norm(_surface_at(result, (column, row), size)))
+    return mm / float(np.linalg.norm(_surface_at(result, (column, row))))
 
 
-def factor_of_diameter(
-    result: Result | Iterate, mm: float, one: Pixel, other: Pixel, *, size: tuple[int, int] | None = None
-) -> float:
+def factor_of_diameter(result: Result | Iterate, mm: float, one: Pixel, other: Pixel) -> float:
     """What distances must be multiplied by so that two points of the surface are this far apart, mm.
 
     The length is straight from point to point: the width of a polyp or of an open forceps, the lumen's
     diameter. The pixels are as for `factor_of_distance`, at least `APART` of the result apart.
     """
     check_scale(known_diameter=(mm, one, other))
-    own = [_own_pixel(result.problem, pixel, size) for pixel in (one, other)]
-    apart = float(np.hypot(*(own[0] - own[1])))
+    apart = float(np.hypot(*(own_pixel(result.problem, one) - own_pixel(result.problem, other))))
     if apart < APART:
         raise ValueError(
             f"the pixels {pixel_name(one)} and {pixel_name(other)} are {apart:.2g} px apart "
             f"in the depth map, too near to measure by; at least {APART} are needed"
         )
-    between = _surface_at(result, one, size) - _surface_at(result, other, size)
-    return mm / float(np.linalg.norm(between))
-
-
-def with_known_length(result: Result, **length: Any) -> Result:
-    """Return a result in mm; see `known_scale`."""
-    known = known_scale(result.iterate, **length)
-    return result if known is result.iterate else replace(result, iterate=known)
-
-
-def rescaled(result: Result, factor: float, metric: bool = True, scale: Scale | None = None) -> Result:
-    """Return a result in another unit; see `in_unit`."""
-    return replace(result, iterate=in_unit(result.iterate, factor, metric, scale))
+    return mm / float(np.linalg.norm(_surface_at(result, one) - _surface_at(result, other)))
 
 
 def in_unit(iterate: Iterate, factor: float, metric: bool = True, scale: Scale | None = None) -> Iterate:
@@ -98,8 +79,6 @@ def in_unit(iterate: Iterate, factor: float, metric: bool = True, scale: Scale |
 
     Distances are multiplied by the factor; the gain goes with its square, the energy stays.
     """
-    if not (np.isfinite(factor) and factor > 0):
-        raise ValueError(f"factor must be positive and finite, got {factor}")
     old = iterate.problem
     photometry = replace(old.photometry, gain=(old.photometry.gain or 1.0) * factor**2)
     problem = replace(old, photometry=photometry, metric=metric)
@@ -143,11 +122,7 @@ def check_scale(
             outer = numbers = np.empty(0)
         if outer.shape != (min(count, 3),) or numbers.size != count:
             raise ValueError(f"{name} must be {form}, got {value}")
-        if not (np.all(np.isfinite(numbers)) and numbers[0] > 0):
-            raise ValueError(f"{name} must be positive and finite (mm), got {value}")
-        low, high = RANGES["length"]
-        if not low <= numbers[0] <= high:
-            raise ValueError(f"{name} must lie in [{low:g}, {high:g}] mm, got {numbers[0]:g}")
+        number(f"{name} (mm)", numbers[0], *RANGES["length"])
 
 
 def pixel_name(pixel: Pixel) -> str:
@@ -155,19 +130,19 @@ def pixel_name(pixel: Pixel) -> str:
     return f"column {pixel[0]:g}, row {pixel[1]:g}"
 
 
-def _own_pixel(problem: Problem, pixel: Pixel, size: tuple[int, int] | None) -> FloatArray:
+def own_pixel(problem: Problem, pixel: Pixel) -> FloatArray:
     """A pixel of the picture as one of the depth map, which may be smaller: column, row."""
     own = (problem.camera.width, problem.camera.height)
-    full = np.array(size or problem.origin.picture_size or own)
+    full = np.array(problem.origin.picture_size or own)
     place = np.array(pixel, dtype=np.float64)
     if not (np.all(place >= -0.5) and np.all(place <= full - 0.5)):
         raise ValueError(f"the pixel at {pixel_name(pixel)} is outside the picture of {full[0]}x{full[1]} px")
     return (place + 0.5) * own / full - 0.5
 
 
-def _surface_at(result: Result | Iterate, pixel: Pixel, size: tuple[int, int] | None) -> FloatArray:
+def _surface_at(result: Result | Iterate, pixel: Pixel) -> FloatArray:
     """The surface point at a pixel of the picture, (3,), camera frame."""
-    own = _own_pixel(result.problem, pixel, size)
+    own = own_pixel(result.problem, pixel)
     mask = result.mask
     column, row = np.clip(np.round(own).astype(int), 0, [mask.shape[1] - 1, mask.shape[0] - 1])
     if not mask[row, column]:

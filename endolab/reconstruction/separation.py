@@ -28,7 +28,7 @@ from endolab.depth.result import Iterate, Result, staged
 from endolab.model.endoscope import Endoscope
 from endolab.model.interreflection import Walls
 from endolab.model.photometry import CHANNELS
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import FloatArray
 from endolab.numerics.side_by_side import by_rows
 from endolab.preprocessing.frame import BRIGHT, QUIET, Frame, noise_level
 from endolab.reconstruction.colours import (
@@ -102,12 +102,7 @@ class Separation:
 
     inflation: FloatArray  # (H, W, 3), ι in red, green and blue; 0 where nothing is known
     light: Light
-    surface: Iterate  # of the last problem that was solved; its cuts are the contours that were found
-
-    @property
-    def cuts(self) -> BoolArray | None:
-        """Steps over which the surface is torn, see `Problem`."""
-        return self.surface.problem.cuts
+    surface: Iterate  # of the last problem that was solved, whose cuts are the contours that were found
 
 
 # The stage ------------------------------------------------------------------------------
@@ -155,16 +150,10 @@ def separate(
     belief = Belief.of(albedo)
     guess = np.array(GUESS * belief.albedo / (1 - GUESS * belief.albedo))
     inflation: FloatArray = np.broadcast_to(guess, (*colours[1].mask.shape, 3))
-    light, surface = belief.light, None
-    for number, steps in enumerate(STEPS, 1):
-        if surface is not None:
-            inflation, light = _bounced(colours, surface, belief)
-        problem = merged(colours, inflation, light.albedo)
-        start = None if surface is None else surface.log_distance
-        solver = gauss_newton(problem, start=start, max_iterations=steps)
-        surface = yield from staged(solver, BOUNCED, number)
-    assert surface is not None
-    whole = Separation(inflation, light, surface)
+    solver = gauss_newton(merged(colours, inflation, belief.albedo), max_iterations=STEPS[0])
+    whole = Separation(inflation, belief.light, (yield from staged(solver, BOUNCED, 1)))
+    for number, steps in enumerate(STEPS[1:], 2):
+        whole = yield from _round(colours, belief, whole.surface, False, number, steps)
     if contours is False:
         return whole
     return (yield from _torn(colours, whole, belief, bool(contours)))
@@ -184,13 +173,9 @@ def _torn(
     if surface is whole.surface:
         return whole
     paid = pays(surface, whole.surface)
-    inflation, light = whole.inflation, whole.light
+    found = replace(whole, surface=surface)
     for number, steps in enumerate(TORN_STEPS[1:], first + 1):
-        inflation, light = _bounced(colours, surface, belief)
-        problem = torn_at_contours(merged(colours, inflation, light.albedo))
-        solver = gauss_newton(problem, start=surface.log_distance, max_iterations=steps)
-        surface = yield from staged(solver, CONTOURS, number)
-    found = Separation(inflation, light, surface)
+        found = yield from _round(colours, belief, found.surface, True, number, steps)
     if always:
         return found
     before, after = (_bounced(colours, one.surface, belief)[1] for one in (whole, found))
@@ -210,13 +195,23 @@ def continued(
     `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives;
     whether to `tear` the surface at the picture's contours is known, too.
     """
-    cuts = torn_at_contours(colours[1]).cuts if tear else None
-    inflation, light = _bounced_of(colours, log_distance, cuts, Belief.of(albedo))
+    problem = torn_at_contours(colours[1]) if tear else replace(colours[1], cuts=None)
+    surface = Iterate(problem, 0, log_distance, {})
+    return (yield from _round(colours, Belief.of(albedo), surface, tear, 1, STEPS[0]))
+
+
+def _round(
+    colours: Sequence[Problem], belief: Belief, surface: Iterate, tear: bool, number: int, steps: int
+) -> Generator[Iterate, None, Separation]:
+    """Take out the light that bounces on a surface, and solve again from there."""
+    inflation, light = _bounced(colours, surface, belief)
     problem = merged(colours, inflation, light.albedo)
     problem = torn_at_contours(problem) if tear else problem
-    start = np.where(np.isfinite(log_distance), log_distance, problem.log_facing)
-    solver = gauss_newton(problem, start=start, max_iterations=STEPS[0])
-    return Separation(inflation, light, (yield from staged(solver, BOUNCED, 1)))
+    v = surface.log_distance
+    start = np.where(np.isfinite(v), v, problem.log_facing)
+    solver = gauss_newton(problem, start=start, max_iterations=steps)
+    stage = CONTOURS if number > len(STEPS) else BOUNCED
+    return Separation(inflation, light, (yield from staged(solver, stage, number)))
 
 
 def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -> Problem:
@@ -226,9 +221,9 @@ def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -
     """
     shape = fine[1].mask.shape
     problem = merged(fine, enlarged(found.inflation, shape), found.light.albedo)
-    if found.cuts is not None:
-        same = found.cuts.shape[1:] == shape
-        problem = replace(problem, cuts=found.cuts) if same else torn_at_contours(problem)
+    cuts = found.surface.problem.cuts
+    if cuts is not None:
+        problem = replace(problem, cuts=cuts) if cuts.shape[1:] == shape else torn_at_contours(problem)
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T]
     note = found.light.told(given, np.array(medians))
     problem = noted(problem, channel=SEPARATED, contours=problem.cuts is not None)
@@ -316,16 +311,10 @@ def _albedos(calibration: Endoscope, must: bool) -> FloatArray | None:
 
 def _bounced(colours: Sequence[Problem], surface: Iterate, belief: Belief) -> tuple[FloatArray, Light]:
     """ι (H, W, 3) of a surface, and what the colours tell of its light."""
-    return _bounced_of(colours, surface.log_distance, surface.problem.cuts, belief)
-
-
-def _bounced_of(
-    colours: Sequence[Problem], log_distance: FloatArray, cuts: BoolArray | None, belief: Belief
-) -> tuple[FloatArray, Light]:
-    green = colours[1]
+    green, v = colours[1], surface.log_distance
     if not all_exact(colours).any():
         raise NoColour("no pixel shows all three of them")
-    mask = np.any([one.mask for one in colours], axis=0) & np.isfinite(log_distance)
-    walls = Walls.of(log_distance, mask, green.field, green.photometry.k, cuts)
+    mask = np.any([one.mask for one in colours], axis=0) & np.isfinite(v)
+    walls = Walls.of(v, mask, green.field, green.photometry.k, surface.problem.cuts)
     light = found_light(Patches.of(colours, walls), belief)
     return light.inflation(walls, green.photometry.k), light

@@ -24,7 +24,7 @@ from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
-from endolab.reconstruction.scale import check_scale, rescaled, with_known_length
+from endolab.reconstruction.scale import check_scale, in_unit, known_scale
 
 WORSE = 1.3  # times the energy of the last cold start: then a warm start is not trusted
 REFRESH = 25  # frames after which a cold start is tried anyway
@@ -156,8 +156,6 @@ def reconstruct_sequence(
     """
     lengths = {name: options.pop(name, None) for name in SCALES[1:]}
     check_scale(options.get("median_distance"), **lengths)
-    if isinstance(options.get("lam"), str):  # energies of two frames can be compared with one λ alone
-        raise ValueError("lam='auto' is for one picture: the frames of a video take one number for all")
     solver = SOLVERS.get(options.get("solver", DEFAULT_SOLVER))
     can_start = solver is not None and "start" in inspect.signature(solver).parameters
     known_gain = calibration.photometry.gain is not None
@@ -186,8 +184,7 @@ def reconstruct_sequence(
                 if result is None or not warm:
                     result = cold
             if surface is None:
-                size = (frame.width, frame.height)
-                result = with_known_length(result, **lengths, size=size)
+                result = replace(result, iterate=known_scale(result.iterate, **lengths))
         except (ValueError, OSError) as error:
             if surface is None and any(length is not None for length in lengths.values()):
                 raise ValueError(_sentence(name, error)) from error  # another frame shows other places
@@ -197,7 +194,8 @@ def reconstruct_sequence(
             gain = result.problem.photometry.gain or 1.0
             factor = np.sqrt(surface.gain / gain) if known_gain else scale_between(surface, result)
             linked = None if known_gain and np.isclose(factor, 1) else Scale("frame before")
-            result = rescaled(result, float(factor), surface.metric, linked)
+            linked_iterate = in_unit(result.iterate, float(factor), surface.metric, linked)
+            result = replace(result, iterate=linked_iterate)
         carried, surface = Carried(result, light, least, age + 1), Surface.of(result)
         yield Step(index, name, result, "", warm, time.perf_counter() - started, carried)
         if result.status is Status.STOPPED:

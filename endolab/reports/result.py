@@ -69,7 +69,6 @@ def trusted(result: Result, trust: Trust) -> dict[str, Any]:
         "decided_by": {name: float((decided == k).mean()) for k, name in enumerate(DECIDERS, 1)},
         "causes_percent": {name: float(100 * np.median(a[inside])) for name, a in trust.causes.items()},
         "scale_causes_percent": {name: 100 * value for name, value in trust.scales.items()},
-        "factor": trust.factor,
         "draws": trust.draws,
         "status": trust.status.name,
         "notes": list(trust.notes),
@@ -133,6 +132,6 @@ def write_files(
         if mesh:
             write_mesh(folder / "mesh.ply", make_mesh(result))
         if mesh and trust is not None:
-            write_mesh(folder / "mesh_trust.ply", make_mesh(result, trust=trust))
+            write_mesh(folder / "mesh_trust.ply", make_mesh(result, sigma=trust.sigma))
         depth.result()
     write_atomically(folder / "report.json", as_json(report(result, trust)))

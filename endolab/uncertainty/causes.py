@@ -73,16 +73,19 @@ class Texture:
         """See what a fit leaves of a field of unit variance."""
         field = self.field()
         change = self._surface.applied(self._surface.to_light(field))
-        left = field - np.divide(change, self._light, out=np.zeros_like(change), where=self._light > 0)
+        left = field - self._in_light(change)
         self._left.append(around(left, self._said, AROUND * self._scale) ** 2)
+
+    def _in_light(self, change: FloatArray | float) -> FloatArray:
+        """A change of the picture as one of the light's logarithm; 0 where there is none."""
+        light = self._light
+        return np.asarray(np.divide(change, light, out=np.zeros_like(light), where=light > 0))
 
     def strength(self, noise: float) -> FloatArray:
         """Standard deviation of the light's logarithm, by what fits leave and the residual beside noise."""
-        residual, light = self._surface.residual, self._light
-        unexplained = np.divide(residual, light, out=np.zeros_like(light), where=light > 0)
         left = np.sqrt(np.mean(self._left, axis=0))
         usual = float(np.median(left[self._said > 0])) if self._said.any() else 1.0
-        by_noise = np.divide(noise, light, out=np.zeros_like(light), where=light > 0)
+        unexplained, by_noise = self._in_light(self._surface.residual), self._in_light(noise)
         squares = [around(one, self._said, AROUND * self._scale) ** 2 for one in (unexplained, by_noise)]
         found = np.sqrt(np.maximum(squares[0] - squares[1], 0.0))
         return np.hypot(found / np.maximum(left, LEAST_LEFT * max(usual, 1e-6)), self._least)

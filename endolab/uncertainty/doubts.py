@@ -69,21 +69,23 @@ class Doubts:
 
 def _is_nominal(evidence: Mapping[str, Any]) -> bool:
     """Whether it says that nobody measured the light on this endoscope."""
-    light = evidence.get("photometry")
-    return "unknown_light" in evidence or (isinstance(light, Mapping) and light.get("nominal") is True)
+    return "unknown_light" in evidence or _at(evidence, "photometry", "nominal") is True
 
 
 def _standard_errors(evidence: Mapping[str, Any]) -> dict[str, float]:
     """Those of k and γ that are there and are numbers; a fixed γ's 0 says nothing."""
-    found = {}
-    for name in ("k", "gamma"):
-        for place in (("photometry", "standard_errors", name), ("unknown_light", "standard_error")):
-            value: Any = evidence
-            for key in place:
-                value = value.get(key) if isinstance(value, Mapping) else None
-            if place[0] == "unknown_light" and name != "k":
-                continue
-            if isinstance(value, int | float) and np.isfinite(value) and value > 0:
-                found[name] = float(value)
-                break
-    return found
+    told = {name: _at(evidence, "photometry", "standard_errors", name) for name in ("k", "gamma")}
+    if not _is_positive(told["k"]):
+        told["k"] = _at(evidence, "unknown_light", "standard_error")
+    return {name: float(value) for name, value in told.items() if _is_positive(value)}
+
+
+def _at(value: Any, *keys: str) -> Any:
+    """What is found in mappings of mappings, or None."""
+    for key in keys:
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return value
+
+
+def _is_positive(value: Any) -> bool:
+    return isinstance(value, int | float) and 0 < value < np.inf

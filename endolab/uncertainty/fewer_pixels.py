@@ -1,7 +1,5 @@
 """A solved frame on fewer pixels, and maps back: σ is as smooth as textures, which go with the width."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2
@@ -29,9 +27,6 @@ def _halved(iterate: Iterate) -> Iterate:
     coarse = grid.coarser()
     height, width = coarse.mask.shape
     camera = problem.camera.resize(width, height)
-    smooth = problem.settings.get("smooth")
-    if isinstance(smooth, int | float):
-        smooth = smooth / 2
     smaller = replace(
         problem,
         image=inner(coarse.image),
@@ -40,7 +35,7 @@ def _halved(iterate: Iterate) -> Iterate:
         cuts=coarse.cuts,
         evidence=inner(coarse.evidence) if coarse.evidence.size else None,
         picture=np.asarray(cv2.resize(problem.shown, (width, height), interpolation=cv2.INTER_AREA), float),
-        settings={**problem.settings, "smooth": smooth},
+        origin=replace(problem.origin, smooth=problem.origin.smooth / 2),
     )
     v = inner(grid.restrict(padded(np.where(iterate.mask, iterate.log_distance, 0.0))))
     return Iterate.of(smaller, np.where(smaller.mask, v, 0.0))

@@ -4,9 +4,7 @@ With J the model's derivatives by v = log d, W the data's weights and R the regu
 
     H = Jᵀ W J + R,        x = H⁻¹ Jᵀ W δI
 
-is what becomes of v if the picture changes by δI. If the regulariser is a prior and the picture's errors are
-white, of a variance such that the energy over it is a log-likelihood, H⁻¹ times that variance is the
-covariance of v; draws of δI and of the prior's own part, whose covariances are W⁻¹ and R, have it.
+is what becomes of v if the picture changes by δI.
 """
 
 from __future__ import annotations
@@ -15,15 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from endolab.depth.curvature import whole
 from endolab.depth.energy import model_image
 from endolab.depth.grid import Grid
 from endolab.depth.multigrid import Multigrid
 from endolab.depth.normal_equations import Coefficients
-from endolab.depth.problem import CURVATURE, FIRST, REGULARISERS, Problem
+from endolab.depth.problem import Problem
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import inner, padded
-from endolab.numerics.derivatives import hessian_stencils, shifted
+from endolab.numerics.derivatives import shifted
 
 PRECISION, MOST = 3e-2, 15  # of a solve: residual left, a tenth of what draws scatter by; steps
 DAMPING = 1e-3  # share of the data's diagonal that is added to H, for pixels that hang by nothing
@@ -33,10 +30,9 @@ DAMPING = 1e-3  # share of the data's diagonal that is added to H, for pixels th
 class Linearised:
     """The model at a map v = log d of a problem; maps are (H, W), 0 outside the mask."""
 
-    problem: Problem
+    grid: Grid
     coefficients: Coefficients
     multigrid: Multigrid
-    link: FloatArray  # (2, H, W), steps that derivatives take
     model: FloatArray  # I of the surface
     residual: FloatArray  # of it and the picture
 
@@ -50,14 +46,13 @@ class Linearised:
         # Pixels that the solver holds beneath their ceiling are as free to be wrong as others.
         coefficients = Coefficients(found.parts, grid.structure(grid.free))
         model = np.where(mask, model_image(problem, v), 0.0)
-        return cls(
-            problem,
-            coefficients,
-            Multigrid(coefficients, DAMPING),
-            inner(grid.link).astype(np.float64),
-            model,
-            np.where(mask, model - problem.image, 0.0),
-        )
+        residual = np.where(mask, model - problem.image, 0.0)
+        return cls(grid, coefficients, Multigrid(coefficients, DAMPING), model, residual)
+
+    @property
+    def problem(self) -> Problem:
+        """The problem."""
+        return self.grid.problem
 
     @property
     def weight(self) -> FloatArray:
@@ -68,7 +63,7 @@ class Linearised:
 
     def _sides(self) -> tuple[FloatArray, ...]:
         """Whether there is a step to the right, left, below and above."""
-        across, down = self.link
+        across, down = inner(self.grid.link).astype(np.float64)
         return across, shifted(across, -1, 1, 0.0), down, shifted(down, -1, 0, 0.0)
 
     def _by_slopes(self) -> tuple[FloatArray, FloatArray]:
@@ -109,58 +104,6 @@ class Linearised:
 
         What is common to all pixels moves all of them alike, as ξ̃ goes with it.
         """
-        common = np.median(change[self.problem.mask])
+        common = float(np.median(change[self.problem.mask]))
         per_share = self.model / self.problem.photometry.gamma
         return self.to_picture(per_share * (change - common)) - 0.5 * common * self.problem.mask
-
-    # R --------------------------------------------------------------------------------
-
-    def prior_draw(self, rng: np.random.Generator) -> FloatArray:
-        """A right-hand side whose covariance is R."""
-        slope = inner(self.coefficients.slope)
-        return slope * self._spread(self._rooted(rng.standard_normal((3, *slope.shape))))
-
-    def _rooted(self, form: FloatArray) -> FloatArray:
-        """A root of Q, Cholesky's, times three maps."""
-        q = inner(self.coefficients.smoothness)
-        if len(q) == 1:
-            return np.sqrt(q[0]) * form
-        q00, q01, q02, q11, q12, q22 = q
-        a, b, c = form
-        l00 = np.sqrt(np.maximum(q00, 0))
-        l10, l20 = _over(q01, l00), _over(q02, l00)
-        l11 = np.sqrt(np.maximum(q11 - l10**2, 0))
-        l21 = _over(q12 - l10 * l20, l11)
-        l22 = np.sqrt(np.maximum(q22 - l20**2 - l21**2, 0))
-        return np.stack([l00 * a, l10 * a + l11 * b, l20 * a + l21 * b + l22 * c])
-
-    def _spread(self, form: FloatArray) -> FloatArray:
-        """Dᵀ of three maps, D being the gradient, the Hessian or the form of `curvature`."""
-        right, left, below, above = self._sides()
-        uu, uv, vv = form
-        if self.problem.regulariser == REGULARISERS[FIRST]:
-            u, w = uu * right, vv * below
-            return shifted(u, -1, 1, 0.0) + shifted(w, -1, 0, 0.0) - u - w
-        if self.problem.regulariser != REGULARISERS[CURVATURE]:
-            along_u, mixed, along_v = hessian_stencils(self.link > 0)
-            return _second(uu * along_u, np.sqrt(2) * uv * mixed, vv * along_v)
-        known = whole(self.problem.mask, self.problem.cuts)
-        uu, uv, vv = uu * known[0], uv * known[1], vv * known[2]
-        shares = inner(self.coefficients.structure.shares)
-        by_u, by_w, by_value = (shares[0, k] * uu + shares[1, k] * uv + shares[2, k] * vv for k in range(3))
-        u, w = by_u * right, by_w * below
-        out = _second(uu, uv, vv) - by_u * (left - right) - by_w * (above - below) - by_value
-        out += shifted(by_u * left, 1, 1, 0.0) - shifted(u, -1, 1, 0.0)
-        return out + shifted(by_w * above, 1, 0, 0.0) - shifted(w, -1, 0, 0.0)
-
-
-def _over(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.divide(a, b, out=np.zeros_like(a), where=b > 0)
-
-
-def _second(uu: FloatArray, uv: FloatArray, vv: FloatArray) -> FloatArray:
-    """Adjoint of the second differences along rows, mixed and along columns."""
-    out = uv - 2 * uu - 2 * vv
-    out += shifted(uu, -1, 1, 0.0) + shifted(uu, 1, 1, 0.0) + shifted(vv, -1, 0, 0.0) + shifted(vv, 1, 0, 0.0)
-    above = shifted(uv, -1, 0, 0.0)
-    return out - shifted(uv, -1, 1, 0.0) - above + shifted(above, -1, 1, 0.0)
