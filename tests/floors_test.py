@@ -15,8 +15,8 @@ PACKAGE = ROOT / "endolab"
 
 # From the bottom up: a folder imports only folders that stand before it. README.md shows the same list.
 ORDER = [
-    *("numerics", "model", "preprocessing", "synthetic", "depth", "calibration", "metrics", "uncertainty"),
-    "reconstruction",
+    *("numerics", "model", "preprocessing", "synthetic", "depth", "calibration", "metrics"),
+    *("reconstruction", "uncertainty"),
     *("io", "datasets", "plots", "reports", "recording", "batch", "tuning", "course", "cli"),
 ]
 CORE = ORDER[: ORDER.index("io")]

@@ -107,7 +107,7 @@ def exercise_2(
     if prediction not in (MORE, LESS):
         raise Wrong(f"The prediction is {MORE!r} or {LESS!r}, not {prediction!r}.")
     answer = numbers(off, 2, "Two errors: with λ = 1, and with the λ that is chosen.")
-    runs = [reconstruct(frame, calibration, channel="green", lam=lam) for lam in (1.0, "auto")]
+    runs = [reconstruct(frame, calibration, channel="green", lam=lam) for lam in (1.0, "auto")]  # type: ignore[arg-type]
     shares = [run.distance / true - 1 for run in runs]
     sizes = [np.abs(one) for one in shares]
     right = np.array([100 * np.nanmean(one) for one in sizes])

@@ -7,10 +7,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.depth.energy import energy_terms
-from endolab.reconstruction import reconstruct as reconstruct_module
-from endolab.reconstruction import sequence
-from endolab.reconstruction.scale import rescaled
+from endolab.reconstruction.scale import in_unit
 from endolab.reconstruction.sequence import Carried, Surface, reconstruct_sequence, scale_between
 from tests.tools.problems import moved_colon
 
@@ -58,13 +55,6 @@ def test_gains_that_double_are_told_from_a_camera_that_moves(way):
     np.testing.assert_allclose(found / found[0], gains / gains[0], rtol=0.13)
 
 
-def test_coming_straight_at_a_wall_is_not_told_from_gain():
-    """Known failure: nothing but the priors tells them apart, and the scale drifts off."""
-    seen = shots([el.Plane(85 - 4 * t, 0.0) for t in range(COUNT)], 900 * 1.1 ** np.arange(COUNT))
-    wrong = abs(scales(seen, list(reconstruct_sequence(named(seen), UNKNOWN)))[-1] - 1)
-    assert 0.02 < wrong < 0.4
-
-
 def test_the_first_frames_median_fixes_the_scale_of_all():
     seen = shots(WAYS["tube"][:3], [900, 950, 1000])
     median = float(np.median(seen[0].distance))
@@ -85,9 +75,9 @@ def test_a_scale_goes_on_after_a_break():
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"channel": "separated"}, {"known_distance": (60, 48, 36)}, {"width": 48}], ids=str
+    ("gain", "options"),
+    [(900.0, {}), (None, {"channel": "separated"}), (None, {"known_distance": (60, 48, 36), "width": 48})],
 )
-@pytest.mark.parametrize("gain", [900.0, None], ids=["known", "unknown"])
 def test_with_what_a_frame_hands_on_there_is_no_break(gain, options):
     calibration = el.Calibration(BASE.camera, replace(BASE.photometry, gain=gain))
     lights = [replace(BASE.photometry, gain=float(each)) for each in (900, 950, 1000)]
@@ -99,7 +89,6 @@ def test_with_what_a_frame_hands_on_there_is_no_break(gain, options):
     kept = Carried.from_arrays(whole[2].carried.to_arrays(), calibration)
     (rest,) = reconstruct_sequence(frames[3:], calibration, before=kept, max_iterations=3, **options)
     np.testing.assert_array_equal(rest.result.iterate.log_distance, whole[3].result.iterate.log_distance)
-    np.testing.assert_array_equal(rest.result.normals, whole[3].result.normals)
     for name, array in rest.carried.to_arrays().items():
         np.testing.assert_array_equal(array, whole[3].carried.to_arrays()[name])
 
@@ -126,11 +115,8 @@ def test_what_no_frame_hands_on_is_refused(name, value):
 
 def test_the_link_is_exact_for_one_surface_in_two_units():
     result = el.reconstruct(el.Frame(shots(WAYS["tube"][:1])[0].image, BASE.camera.field.valid), UNKNOWN)
-    other = rescaled(result, 3.0, False)
+    other = replace(result, iterate=in_unit(result.iterate, 3.0, False))
     assert scale_between(Surface.of(other), result) == pytest.approx(3, rel=1e-6)
-    # The energy is the same in every unit.
-    terms = energy_terms(other.problem, other.iterate.log_distance)
-    assert sum(terms.values()) == pytest.approx(result.energy, rel=1e-9)
 
 
 def test_a_start_from_the_last_is_as_good_as_a_cold_one():
@@ -169,11 +155,7 @@ def test_what_cannot_be_used_is_named_and_skipped():
     assert steps[4].warm
 
 
-def test_an_interruption_ends_it(monkeypatch):
-    seen, real = named(shots(WAYS["tube"][:3])), reconstruct_module.reconstruct
-
-    def interrupted(*arguments, **options):
-        return replace(real(*arguments, **options), status=el.Status.STOPPED)
-
-    monkeypatch.setattr(sequence, "reconstruct", interrupted)
-    assert [step.name for step in reconstruct_sequence(seen, KNOWN)] == ["f0"]
+def test_a_stop_ends_it():
+    seen = named(shots(WAYS["tube"][:3]))
+    steps = list(reconstruct_sequence(seen, KNOWN, observers=[lambda iterate: True]))
+    assert [(step.name, step.result.status) for step in steps] == [("f0", el.Status.STOPPED)]

@@ -55,9 +55,9 @@ def test_cuts_evidence_and_blur_go_along(large):
     evidence[200:300, 300:500] = NONE
     cuts = np.zeros((2, *problem.mask.shape), bool)
     cuts[0, :, 399] = True
-    torn = replace(problem, evidence=evidence, cuts=cuts, settings={**problem.settings, "smooth": 2.0})
+    torn = replace(problem, evidence=evidence, cuts=cuts, origin=replace(problem.origin, smooth=2.0))
     small = thinned(replace(large.iterate, problem=torn)).problem
-    assert small.settings["smooth"] == 0.5
+    assert small.origin.smooth == 0.5
     assert small.evidence is not None
     assert (small.evidence[52:73, 77:123] == NONE).all()
     assert small.cuts is not None
