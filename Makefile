@@ -13,7 +13,7 @@ NBVAL  := -p tests.tools.notebook_timeouts -p tests.tools.notebook_solutions
 NBVAL  += --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
 
 .DEFAULT_GOAL := help
-.PHONY: help lab demo test test-browser attack html slides drawings lint bench unseen traced lock clean
+.PHONY: help lab demo test test-browser attack html drawings lint bench unseen traced lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -47,10 +47,6 @@ attack: $(READY) ## give endolab some 24000 damaged files, odd calls, full disks
 html: $(READY) ## render notebooks and a reference to build/html; with SOLUTIONS=1, the solutions are open
 	@unset MPLBACKEND; $(BIN)/python -m tests.tools.render_pages notebooks build/html $(if $(SOLUTIONS),--solutions)
 	@echo 'Look at build/html/index.html'
-
-slides: $(READY) ## make a deck of slides of every notebook in build/slides
-	@unset MPLBACKEND; $(BIN)/python -m tests.tools.render_slides notebooks build/slides
-	@echo 'Look at build/slides/index.html'
 
 drawings: $(READY) ## draw the vector figures of notebooks and README anew
 	@unset MPLBACKEND; $(BIN)/python -m tests.tools.draw_images

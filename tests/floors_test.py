@@ -17,7 +17,7 @@ PACKAGE = ROOT / "endolab"
 ORDER = [
     *("numerics", "model", "preprocessing", "synthetic", "depth", "calibration", "metrics"),
     *("reconstruction", "uncertainty"),
-    *("io", "datasets", "plots", "reports", "recording", "batch", "tuning", "course", "cli"),
+    *("io", "datasets", "plots", "reports", "recording", "batch", "tuning", "cli"),
 ]
 CORE = ORDER[: ORDER.index("io")]
 BESIDE = {"_extras", "__main__"}  # files at the top

@@ -11,7 +11,7 @@ from pathlib import Path
 import matplotlib
 from matplotlib.figure import Figure
 
-from endolab.plots import drawings, drawings_of_depth
+from tests.tools import drawings, drawings_of_depth
 
 IMAGES = Path(__file__).resolve().parents[2] / "notebooks" / "images"
 DRAWINGS: dict[str, Callable[[], Figure]] = {

@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
-from endolab.plots import pen
-from endolab.plots.pen import INK
 from endolab.plots.style import BLUE, GREEN, SKY, VERMILION, house
+from tests.tools import pen
+from tests.tools.pen import INK
 
 
 # One pixel ------------------------------------------------------------------------------

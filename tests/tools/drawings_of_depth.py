@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from endolab.calibration.targets import TARGETS, Target
 from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import FloatArray
-from endolab.plots import pen
-from endolab.plots.pen import FAINT, INK
 from endolab.plots.style import BLUE, GREEN, ORANGE, SKY, VERMILION, house
+from tests.tools import pen
+from tests.tools.pen import FAINT, INK
 
 FINAL, FRONT = "#BBDDF3", "#F5C56B"
 
