@@ -5,8 +5,6 @@ from endolab.datasets.sample import Sample, load_sample, stored_depth
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-SIZE = 1350, 1080  # px, of pictures that were not shrunk
-
 
 def read_c3vd_depth(path: PathLike) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Read a depth map of C3VD.
@@ -26,7 +24,7 @@ def read_c3vd_depth(path: PathLike) -> tuple[FloatArray, BoolArray, BoolArray]:
     seen : (H, W) bool array
         The octagon that the endoscope shows.
     """
-    stored = stored_depth(path, "uint16", 1 / 655.35, SIZE)
+    stored = stored_depth(path, "uint16", 1 / 655.35)
     return stored / 655.35, (stored > 0) & (stored < 65535), stored > 0
 
 

@@ -85,12 +85,6 @@ class _Part:
             raise self.error(name, f"expected one, found {len(found)}")
         return found[0]
 
-    def only(self, names: tuple[str, ...]) -> None:
-        """Complain of a child of another name: what it says would go unheard."""
-        for child in self.element:
-            if child.tag not in names:
-                raise self.error(shortened(str(child.tag)), f"unknown element; expected {', '.join(names)}")
-
     def kind(self, choices: tuple[str, ...]) -> str:
         """Return the attribute `type`, which must be one of a few."""
         found = self.element.get("type")
@@ -112,14 +106,9 @@ class _Part:
             raise self.error(name, f"expected {wanted}, found {shortened(text) or 'nothing'}")
         return values
 
-    def number(self, name: str, low: float, above: bool = False) -> float:
-        """Read a number of at least `low`, or above it."""
-        value = self.numbers(name, 1)[0]
-        if value < low or (above and value == low):
-            raise self.error(
-                name, f"expected {'more than' if above else 'at least'} {low:g}, found {value:g}"
-            )
-        return value
+    def number(self, name: str) -> float:
+        """Read a finite number."""
+        return self.numbers(name, 1)[0]
 
 
 # The camera ---------------------------------------------------------------------------------
@@ -134,25 +123,13 @@ def read_vicalib(path: PathLike) -> Camera:
     top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
     model = top.one("camera").one("camera_model")
     count = _CAMERA_TYPES[model.kind(tuple(_CAMERA_TYPES))]
-    model.only(("width", "height", "right", "down", "forward", "params"))
-    size = []
-    for name in ("width", "height"):
-        value = model.number(name, 1)
-        if value != int(value) or value > 100_000:
-            raise model.error(name, f"expected a whole number of pixels, found {value:g}")
-        size.append(int(value))
-    values = model.numbers("params", count)
-    for name, value, extent in zip(("u0", "v0"), values[2:4], size, strict=True):
-        if not 0 < value < extent:
-            raise model.error("params", f"{name} = {value:g} lies outside the picture of {extent} px")
-    (width, height), (fu, fv, u0, v0) = size, values[:4]
+    width, height = (model.number(name) for name in ("width", "height"))
+    fu, fv, u0, v0, *distortion = model.numbers("params", count)
+    whole: dict[str, Any] = {"width": width, "height": height, "fx": fu, "fy": fv, "cx": u0, "cy": v0}
     try:
-        if count == 4:
-            return Pinhole(width, height, fu, fv, u0, v0)
-        k0, k1, k2, k3 = values[4:]
-        return KannalaBrandt(width, height, fu, fv, u0, v0, (k0, k1, k2, k3))
+        return KannalaBrandt(**whole | {"k": distortion}) if distortion else Pinhole(**whole)
     except ValueError as error:
-        raise model.error("params", str(error)) from error
+        raise model.error("", str(error)) from error
 
 
 # The light ----------------------------------------------------------------------------------
@@ -176,8 +153,7 @@ def cosine_power(mu: float, cos_psi: np.ndarray) -> tuple[float, float, float]:
 
 def _light(part: _Part, rays: np.ndarray) -> tuple[SpotLight, dict[str, Any]]:
     part.kind(("sls",))
-    part.only(("sigma", "mu", "P", "D"))
-    sigma, mu = part.number("sigma", 0, above=True), part.number("mu", 0)
+    sigma, mu = part.number("sigma"), part.number("mu")
     position, direction = part.numbers("P", 3), part.numbers("D", 3)
     if math.hypot(*position) > FARTHEST_LIGHT:
         raise part.error("P", f"expected metres, at most {FARTHEST_LIGHT:g} m off, found {position}")
@@ -211,12 +187,10 @@ def read_photometry(path: PathLike, camera: Camera) -> tuple[Photometry, dict[st
     from it at worst: the relative error of a distance, %.
     """
     top = _Part(read_xml(path, "rig"), "rig", str(Path(path)))
-    top.only(("camera", "light"))
     model = top.one("camera").one("camera_model")
     model.kind(("gamma",))
-    model.only(("gamma", "vignetting"))
-    gamma = model.number("gamma", 0, above=True)
-    k = model.number("vignetting", 0) if model.element.find("vignetting") is not None else 0.0
+    gamma = model.number("gamma")
+    k = model.number("vignetting") if model.element.find("vignetting") is not None else 0.0
     field = camera.resize(160, max(1, round(camera.height * 160 / camera.width))).field
     rays = field.rays[field.valid & (field.cos_alpha > 0)]
     made = [_light(light.one("light_model"), rays) for light in top.all("light")]

@@ -4,7 +4,6 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 
@@ -36,16 +35,8 @@ class Folder:
     def __len__(self) -> int:
         return len(self.names)
 
-    @overload
-    def __getitem__(self, which: int | str) -> Sample: ...
-
-    @overload
-    def __getitem__(self, which: slice) -> list[Sample]: ...
-
-    def __getitem__(self, which: int | str | slice) -> Sample | list[Sample]:
-        """Load a frame by its position or by its name in `names`, or those of a slice."""
-        if isinstance(which, slice):
-            return [self._read(name) for name in self.names[which]]
+    def __getitem__(self, which: int | str) -> Sample:
+        """Load a frame by its position or by its name in `names`."""
         if isinstance(which, str) and which not in self.names:
             raise ValueError(f"{self.path}: there is no frame {which}")
         return self._read(which if isinstance(which, str) else self.names[which])
@@ -84,12 +75,9 @@ def open_dataset(path: PathLike, camera: Camera | None = None) -> Folder:
     }
     fitting = [layout for layout, found in matches.items() if found]
     if len(fitting) != 1:
-        found_as = (
-            f"found {' and '.join(fitting)} together" if fitting else f"found {len(listed)} other files"
-        )
         raise ValueError(
             f"{place}: expected C3VD's NNNN_color.png, SimCol3D's FrameBuffer_NNNN.png or UCL 2019's "
-            f"…_FrameBuffer_NNNN.png, {found_as}"
+            f"…_FrameBuffer_NNNN.png, found {' and '.join(fitting) or 'other files'}"
         )
     layout = fitting[0]
     found = matches[layout]

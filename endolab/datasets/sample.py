@@ -16,7 +16,7 @@ from endolab.io.atomic import PathLike
 from endolab.io.descriptions import Calibration
 from endolab.io.images import read_image, read_stored
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.preprocessing.frame import Frame
+from endolab.preprocessing.frame import Frame, check_size
 
 NEAREST = 2.0  # no endoscope has all it sees nearer, mm
 
@@ -38,24 +38,18 @@ def data_folder() -> Path | None:
 
 
 # Layouts -------------------------------------------------------------------------------------
-def stored_depth(path: PathLike, dtype: str, step: float, largest: tuple[int, int]) -> np.ndarray:
+def stored_depth(path: PathLike, dtype: str, step: float) -> np.ndarray:
     """Read a depth map's numbers, and refuse what cannot be one in steps of `step` mm.
 
-    That is one of more columns or rows than the `largest`, one of another bit
-    depth or of several channels, a black one, or one that shows nothing beyond 2 mm, as a map in another
-    unit does.
+    That is one of another bit depth or of several channels, a black one, or one that shows nothing beyond
+    2 mm, as a map in another unit does.
     """
     stored = read_stored(path)
-    if stored.shape[1] > largest[0] or stored.shape[0] > largest[1]:
-        found = f"{stored.shape[1]}x{stored.shape[0]} px"
-        raise ValueError(f"{path}: expected at most {largest[0]}x{largest[1]} px, found {found}")
     if stored.ndim != 2 or stored.dtype != np.dtype(dtype):
         raise ValueError(
             f"{path}: expected one channel of {dtype}, found {stored.dtype} of shape {stored.shape}"
         )
     deepest = float(stored.max()) * step
-    if deepest == 0:
-        raise ValueError(f"{path}: expected depths, found 0 everywhere")
     if deepest < NEAREST:
         raise ValueError(
             f"{path}: expected depths in steps of {step:.4g} mm, found none beyond {deepest:.2g} mm; "
@@ -64,11 +58,11 @@ def stored_depth(path: PathLike, dtype: str, step: float, largest: tuple[int, in
     return stored
 
 
-def _one_of(folder: Path, *names: str) -> Path:
-    found = [folder / name for name in names if (folder / name).is_file()]
-    if not found:
-        raise FileNotFoundError(f"{folder}: expected a file {' or '.join(names)}")
-    return found[0]
+def _one_of(folder: PathLike, *names: str) -> Path:
+    for name in names:
+        if (path := Path(folder) / name).is_file():
+            return path
+    raise FileNotFoundError(f"{folder}: expected a file {' or '.join(names)}")
 
 
 def load_sample(
@@ -84,17 +78,14 @@ def load_sample(
     `read_depth` returns z, mm, where it is known and, if that is not everywhere, what the endoscope
     shows. A `shrinkable` calibration follows pictures that were shrunk in proportion.
     """
-    colour, depth = _one_of(Path(folder), colour_name), _one_of(Path(folder), *depth_names)
+    colour, depth = _one_of(folder, colour_name), _one_of(folder, *depth_names)
     z, known, *shown = read_depth(depth)
     camera = calibration.camera
     if shrinkable and z.shape[1] < camera.width:
         shrunk = calibration.resize(z.shape[1], round(camera.height * z.shape[1] / camera.width))
         calibration = shrunk if shrunk.camera.height == z.shape[0] else calibration
         camera = calibration.camera
-    if z.shape != (camera.height, camera.width):
-        raise ValueError(
-            f"{depth}: expected {camera.width}x{camera.height} px, found {z.shape[1]}x{z.shape[0]} px"
-        )
+    check_size(str(depth), z.shape[::-1], camera)
     image = read_image(colour)
     if image.shape != (*z.shape, 3):
         raise ValueError(

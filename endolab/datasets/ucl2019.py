@@ -37,7 +37,7 @@ def read_ucl2019_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
     known : (256, 256) bool array
         Where the value is neither 0 nor 255, 200 mm or more.
     """
-    stored = stored_depth(path, "uint8", STEP, (SIZE, SIZE))
+    stored = stored_depth(path, "uint8", STEP)
     if stored.shape != (SIZE, SIZE):
         raise ValueError(f"{path}: expected {SIZE}x{SIZE} px, found {stored.shape[1]}x{stored.shape[0]} px")
     return stored * STEP, (stored > 0) & (stored < 255)

@@ -98,6 +98,7 @@ class Camera:
             value = number(name, getattr(self, name))
             if not (1 <= value <= 100_000 and int(value) == value):
                 raise ValueError(f"{name} must be a positive whole number of pixels, got {value:g}")
+            object.__setattr__(self, name, int(value))
 
     def project(self, points: ArrayLike) -> FloatArray:
         """Project points or directions (..., 3) in the camera frame, mm, to columns and rows (..., 2), px.

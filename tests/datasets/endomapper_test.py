@@ -1,6 +1,5 @@
 """EndoMapper's calibration files: what their numbers mean here, and which files are refused."""
 
-import json
 import re
 
 import numpy as np
@@ -128,22 +127,6 @@ def test_a_light_at_the_centre_becomes_k(write):
     assert vignetted.k == pytest.approx(plain.k + 0.5)
 
 
-def test_several_lights_and_an_even_one(write):
-    light = PHOTOMETRY[PHOTOMETRY.index("    <light>") : PHOTOMETRY.index("</rig>")]
-    even = light.replace("2.767302", "0").replace("1.000000", "0.5")
-    both = write(photometry=PHOTOMETRY.replace("</rig>", f"{even}</rig>"))
-    _, second = endomapper.read_endomapper(*both).photometry.lights
-    assert (second.exponent, second.weight) == (0.0, 0.5)
-
-
-@pytest.mark.parametrize("mu", [0.1, 1.0, 5.0])
-def test_near_the_axis_the_exponent_is_mu(mu):
-    exponent, weight, worst = endomapper.cosine_power(mu, np.cos(np.deg2rad(np.linspace(0, 10, 50))))
-    assert exponent == pytest.approx(mu, rel=0.01)
-    assert weight == pytest.approx(1.0, abs=1e-3)
-    assert worst < 1e-3
-
-
 def refused(read, path, message):
     """In one sentence that names the file."""
     with pytest.raises(ValueError, match=message) as caught:
@@ -153,166 +136,81 @@ def refused(read, path, message):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("old", "new", "place"),
     [
-        ("kb4", "w", "camera_model: expected the type calibu_fu_fv_u0_v0_kb4 or .*found calibu_.*_w"),
-        (' type="calibu_fu_fv_u0_v0_kb4"', "", "expected the type .*found None"),
-        ("<width> 1440 </width>", "", "camera_model/width: missing"),
-        ("1440 <", "14.5 <", "width: expected a whole number of pixels, found 14.5"),
-        ("1440 <", "-3 <", "width: expected at least 1, found -3"),
-        ("1440 <", "wide <", "width: expected a finite number, found wide"),
-        ("717.6911; ", "", r"params: expected 8 finite numbers .*found \[ 718.0214"),
-        ("717.6911", "nan", "params: expected 8 finite numbers"),
-        ("717.6911", "-717", "params: fx must be positive"),
-        ("734.7278", "7347", "params: u0 = 7347 lies outside the picture of 1440 px"),
-        ("<params>", "<skew>1</skew><params>", "camera_model/skew: unknown element; expected width"),
-        ("</rig>", "<camera><camera_model/></camera></rig>", "rig/camera: expected one, found 2"),
-        ("rig>", "cameras>", "expected <rig>, found <cameras>"),
-        ("</rig>", "", "not valid XML: no element found"),
+        ("kb4", "w", "camera_model"),
+        ("<width> 1440 </width>", "", "width"),
+        ("1440 <", "14.5 <", "width"),
+        ("1440 <", "wide <", "width"),
+        ("717.6911; ", "", "params"),
+        ("717.6911", "nan", "params"),
+        ("717.6911", "-717", "fx"),
+        ("</rig>", "<camera><camera_model/></camera></rig>", "rig/camera"),
+        ("rig>", "cameras>", "<cameras>"),
+        ("</rig>", "", "XML"),
     ],
 )
-def test_a_camera_that_cannot_be_used(write, old, new, message):
-    refused(endomapper.read_vicalib, write(old, new, photometry="")[0], message)
+def test_a_camera_that_cannot_be_used(write, old, new, place):
+    refused(endomapper.read_vicalib, write(old, new, photometry="")[0], place)
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("old", "new", "place"),
     [
-        ('"gamma"', '"lut"', "camera_model: expected the type gamma, found lut"),
-        ("[ 2.2 ]", "[ 2.2; 2.1 ]", "gamma: expected a finite number"),
-        ("[ 2.2 ]", "[ 0 ]", "gamma: expected more than 0, found 0"),
-        ("[ 2.2 ]", "[ 2.2", "gamma: expected a finite number"),
-        ("</gamma>", "</gamma><vignetting> [ 1; 0.9 ] </vignetting>", "vignetting: expected a finite number"),
-        ("</gamma>", "</gamma><exposure/>", "exposure: unknown element; expected gamma, vignetting"),
-        ('"sls"', '"point"', "light_model: expected the type sls, found point"),
-        ("2.767302", "-1", "mu: expected at least 0, found -1"),
-        ("1.000000", "0", "sigma: expected more than 0"),
-        ("<mu> 2.767302 </mu>", "", "light_model/mu: missing"),
-        ("-0.003612", "-3.612", r"P: expected metres, at most 0.05 m off, found"),
-        ("0.999938", "0.5", "D: expected a unit vector that looks forward"),
-        ("0.999938", "-0.999938", "D: expected a unit vector that looks forward"),
-        ("light>", "lamp>", "rig/lamp: unknown element; expected camera, light"),
-        ("<sigma>", "<hue/><sigma>", "hue: unknown element"),
+        ('"gamma"', '"lut"', "camera_model"),
+        ("[ 2.2 ]", "[ 2.2; 2.1 ]", "gamma"),
+        ("[ 2.2 ]", "[ 0 ]", "gamma"),
+        ('"sls"', '"point"', "light_model"),
+        ("2.767302", "-1", "exponent"),
+        ("1.000000", "0", "weight"),
+        ("<mu> 2.767302 </mu>", "", "light_model/mu"),
+        ("-0.003612", "-3.612", "P: .*metres"),
+        ("0.999938", "-0.999938", "D: "),
     ],
 )
-def test_a_light_that_cannot_be_used(write, old, new, message):
+def test_a_light_that_cannot_be_used(write, old, new, place):
     camera = datasets.load_calibration("paper").camera
-    refused(lambda path: endomapper.read_photometry(path, camera), write(old, new)[1], message)
-
-
-def test_no_light_at_all(write):
-    start, end = PHOTOMETRY.index("<light>"), PHOTOMETRY.index("</rig>")
-    paths = write(photometry=PHOTOMETRY[:start] + PHOTOMETRY[end:])
-    with pytest.raises(ValueError, match="rig/light: missing"):
-        endomapper.read_endomapper(*paths)
-
-
-def test_one_file_in_place_of_the_other(write):
-    geometry, photometry = write()
-    with pytest.raises(ValueError, match=r"expected the type calibu_fu_fv_u0_v0_kb4 .*found gamma"):
-        endomapper.read_endomapper(photometry, geometry)
-    with pytest.raises(ValueError, match="rig/camera/camera_model: expected the type gamma, found calibu"):
-        endomapper.read_endomapper(geometry, geometry)
+    refused(lambda path: endomapper.read_photometry(path, camera), write(old, new)[1], place)
 
 
 BOMB = '<!DOCTYPE rig [<!ENTITY a "aaaaaaaa"><!ENTITY b "&a;&a;&a;">]><rig>&b;</rig>'
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    "content",
     [
-        (BOMB.encode(), "XML with a document type or entities is not read"),
-        (b'<?xml version="1.0"?><!doctype rig SYSTEM "file:///etc/passwd"><rig/>', "document type"),
-        (BOMB.encode("utf-16"), "not UTF-8 text"),
-        (BOMB.encode("utf-7"), None),
-        (b"", "not valid XML"),
-        (b"\x00" * 20, "not valid XML"),
-        (b"\x89PNG\r\n\x1a\n", "not UTF-8 text"),
-        (
-            b"<rig>" + b" " * 1_000_000 + b"</rig>",
-            "expected a calibration XML of at most 1 MB",
-        ),
-        (b"<rig>" * 100_000, "not valid XML"),
-        (b"<rig>&secret;</rig>", "not valid XML: undefined entity"),
-        (b"\xef\xbb\xbf<rig/>", "rig/camera: missing"),
+        BOMB.encode(),
+        BOMB.encode("utf-16"),
+        BOMB.encode("utf-7"),
+        b'<?xml version="1.0"?><!doctype rig SYSTEM "file:///etc/passwd"><rig/>',
+        b"<rig>" + b" " * 1_000_000 + b"</rig>",
+        b"<rig>" * 100_000,
     ],
+    ids=["bomb", "16", "7", "other files", "large", "deep"],
 )
-def test_files_that_are_not_read(tmp_path, content, message):
+def test_files_that_are_not_read(tmp_path, content):
     path = tmp_path / "a_geometrical.xml"
     path.write_bytes(content)
-    refused(endomapper.read_vicalib, path, message)
+    refused(endomapper.read_vicalib, path, "XML|UTF-8")
 
 
 def test_files_that_are_not_there_and_several_of_a_kind(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"none\.xml: there is no such calibration XML"):
+    with pytest.raises(FileNotFoundError, match=r"none\.xml"):
         endomapper.read_vicalib(tmp_path / "none.xml")
-    with pytest.raises(FileNotFoundError, match=r"expected a file \*_geometrical\.xml"):
+    with pytest.raises(FileNotFoundError, match=r"_geometrical\.xml"):
         endomapper.find_calibrations(tmp_path)
     for name in ("Endoscope_01", "Endoscope_02"):
         (tmp_path / f"{name}_geometrical.xml").touch()
-    with pytest.raises(ValueError, match=r"expected one \*_geometrical\.xml, found 2"):
+    with pytest.raises(ValueError, match=r"_geometrical\.xml"):
         endomapper.find_calibrations(tmp_path)
 
 
-def convert(*arguments):
-    try:
-        return cli.main(["convert", *map(str, arguments)])
-    except SystemExit as exit:
-        return exit.code
-
-
-def test_convert(write, tmp_path, capsys):
+def test_convert(write, tmp_path):
     geometry, photometry = write()
-    for name, sources in {"a": (geometry, photometry), "b": (geometry.parent,)}.items():
-        assert convert(*sources, "--out", tmp_path / f"{name}.json") == 0
-    said = capsys.readouterr().out
-    assert "γ = 2.2, k = 0, lights: 1" in said
-    assert "% of a distance" in said
-    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    out = tmp_path / "a.json"
+    assert cli.main(["convert", str(geometry.parent), "--out", str(out)]) == 0
     expected = endomapper.read_endomapper(geometry, photometry)
-    assert el.Calibration.load(tmp_path / "a.json").to_dict() == expected.to_dict()
-
-
-def test_convert_the_camera_alone(write, tmp_path, capsys):
-    geometry, photometry = write()
+    assert el.Calibration.load(out).to_dict() == expected.to_dict()
     photometry.unlink()
-    for source in (geometry, geometry.parent):
-        assert convert(source, "--out", tmp_path / "camera.json", "--overwrite") == 0
-        assert "the camera alone" in capsys.readouterr().out
-        assert read_camera(tmp_path / "camera.json") == endomapper.read_vicalib(geometry)
-    assert set(json.loads((tmp_path / "camera.json").read_text())) == {"endolab", "camera"}
-
-
-def test_convert_replaces_nothing_else_unasked(write, capsys):
-    geometry, photometry = write()
-    out = geometry.with_name("cal.json")
-    out.write_text("mine")
-    assert convert(geometry, photometry, "--out", out) == 2
-    assert "cal.json is there already; choose another name, or replace it with --overwrite" in (
-        capsys.readouterr().err
-    )
-    assert out.read_text() == "mine"
-    assert convert(geometry, photometry, "--out", out, "--overwrite") == 0
-    geometry.rename(out)
-    assert convert(out, photometry, "--out", out, "--overwrite") == 2
-    assert "cal.json is read by this very call" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda g, p: (g, p, "--out", g.parent / "cal.xml"), "the calibration's name ends in .json"),
-        (lambda g, p: (g.parent, p, "--out", g.parent / "cal.json"), "name no other"),
-        (lambda g, p: (p, "--out", g.parent / "cal.json"), "found gamma"),
-        (lambda g, p: (g, p, "--out", g.parent / "no" / "cal.json"), "cannot write"),
-    ],
-)
-def test_convert_refuses(write, capsys, change, message):
-    geometry, photometry = write()
-    before = sorted(geometry.parent.iterdir())
-    assert convert(*change(geometry, photometry)) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("endolab: ")
-    assert error.count("\n") == 1
-    assert message in error
-    assert sorted(geometry.parent.iterdir()) == before
+    assert cli.main(["convert", str(geometry), "--out", str(out), "--overwrite"]) == 0  # the camera alone
+    assert read_camera(out) == expected.camera

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from endolab.model.cameras import KannalaBrandt, Pinhole
 from endolab.synthetic.scenes import SCENES, Bowl, Bump, Colon, Plane, Tube
@@ -14,7 +14,6 @@ CAMERAS = {
     "fisheye": KannalaBrandt(81, 81, 22.0, 22.0, 40.0, 40.0, (0.01, 0.0, 0.0, 0.0)),
 }
 every_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
-every_scene = pytest.mark.parametrize("name", SCENES)
 TILTED_TUBE = Tube(radius=14.0, length=90.0, tilt=12.0, offset=(3.0, -5.0))
 STEEP_COLON = Colon(18.0, fold_height=0.6, fold_spacing=20.0, sharpness=15.0, winding=5.0, length=120.0)
 
@@ -101,46 +100,6 @@ def test_points_satisfy_the_equation_and_normals_are_unit_and_face_the_camera(sc
 
 @every_camera
 @every_shape
-def test_the_wall_is_the_first_that_a_ray_meets(scene, camera):
-    """Nowhere on the way from the camera is there anything else, checked at 1000 places a ray."""
-    rays, distance, _, _ = seen(scene, camera)
-    rays, distance = rays[::3], distance[::3]
-    t = np.linspace(0, 1, 1001)[:-1, None] * (distance - 1e-6)
-    assert inside(scene, t[..., None] * rays).min() > 0
-
-
-@pytest.mark.parametrize("scene", [SCENES["colon"], STEEP_COLON], ids=["colon", "colon 2"])
-def test_a_colon_hides_some_of_itself(scene):
-    """Its frame has depth edges, or the test above would test little."""
-    distance = scene.distance(Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5).field.rays)
-    assert np.sum(np.abs(np.diff(np.log(distance), axis=1)) > 0.1) > 50
-
-
-@every_camera
-@every_scene
-def test_what_a_camera_sees(name, camera):
-    """All of it but for a plane, which ends at its horizon."""
-    field = camera.field
-    hit = np.isfinite(SCENES[name].distance(field.rays))
-    expected = field.valid
-    if name == "plane":
-        expected = expected & (turned(field.rays, SCENES[name].tilt)[2] > 0)
-    assert_array_equal(hit, expected)
-    assert hit[field.cos_alpha < -0.1].any() == (camera is CAMERAS["fisheye"])
-
-
-@every_shape
-def test_rays_that_are_not_there(scene):
-    rays = np.array([[np.nan, np.nan, np.nan], [0.0, 0.0, 1.0]])
-    with np.errstate(invalid="raise"):
-        distance = scene.distance(rays)
-    assert np.isnan(distance[0])
-    assert np.isfinite(distance[1])
-    assert scene.distance(rays[1]).shape == ()
-
-
-@every_camera
-@every_shape
 def test_normals_are_across_the_tangents(scene, camera):
     """Finite differences of the points, a thousandth of a pixel apart."""
     here, across = points_and_normals(scene, camera)
@@ -156,18 +115,6 @@ def test_normals_are_across_the_tangents(scene, camera):
 def test_mean_distances_are_about_the_papers(name, mean):
     camera = Pinhole(320, 240, 200.0, 200.0, 159.5, 119.5)
     assert SCENES[name].distance(camera.field.rays).mean() == pytest.approx(mean, rel=0.2)
-
-
-def test_known_distances():
-    axis = np.array([0.0, 0.0, 1.0])
-    assert Plane(80.0, 33.0).distance(axis) == pytest.approx(80.0)
-    assert Bowl(50.0, (0.0, 0.0, 10.0)).distance(axis) == pytest.approx(60.0)
-    assert Bowl(50.0, (0.0, 0.0, 10.0)).distance(-axis) == pytest.approx(40.0)
-    assert Tube(16.0, 120.0).distance(axis) == pytest.approx(120.0)
-    assert Tube(16.0, 120.0, offset=(4.0, 0.0)).distance(np.array([1.0, 0.0, 0.0])) == pytest.approx(12.0)
-    assert Colon(length=150.0).distance(axis) <= 150.0
-    assert Bump(60.0, 8.0, 10.0).distance(axis) == pytest.approx(52.0)
-    assert Bump(60.0, -8.0, 10.0).distance(axis) == pytest.approx(68.0)
 
 
 MESHED = SCENES | {"bump": Bump(), "dent": Bump(height=-12.0)}
@@ -214,36 +161,10 @@ def test_open3d_sees_the_same(cast, camera):
     assert np.percentile(angle, 98) < 6.0
 
 
-@pytest.mark.parametrize("name", MESHED)
-def test_meshes_are_made_of_the_surface(name):
-    """Vertices lie on the wall but for the middle of a closing one; triangles index them all."""
-    scene = MESHED[name]
-    vertices, triangles = scene.mesh(60)
-    assert triangles.min() == 0
-    assert triangles.max() == len(vertices) - 1
-    assert np.abs(inside(scene, vertices)).max() < 1e-9 * np.abs(vertices).max()
-    corners = vertices[triangles]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
-    assert np.mean(area > 0) > 0.95
-
-
-@pytest.mark.parametrize("name", ["curved", "tube"])
-def test_finer_meshes_come_closer(name):
-    """Twice the steps, a quarter of the sagitta."""
-    scene = SCENES[name]
-    meshes = (scene.mesh(size) for size in (40, 80))
-    sag = [np.median(inside(scene, vertices[triangles].mean(axis=1))) for vertices, triangles in meshes]
-    assert sag[0] / sag[1] == pytest.approx(4, rel=0.15)
-
-
 def test_the_camera_must_be_inside():
     with pytest.raises(ValueError, match="inside the ball"):
         Bowl(10.0, (20.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="height"):
+        Bump(60.0, 31.0, 10.0)
     with pytest.raises(ValueError, match="inside the tube"):
         Tube(10.0, offset=(8.0, 8.0))
-
-
-@pytest.mark.parametrize("shape", [(0.0, 1.0, 1.0), (60.0, 31.0, 10.0), (60.0, 8.0, 0.0)])
-def test_a_bump_keeps_away_from_the_camera(shape):
-    with pytest.raises(ValueError, match="height at most half the depth"):
-        Bump(*shape)
