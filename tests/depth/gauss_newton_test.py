@@ -1,38 +1,29 @@
 """Gauss-Newton: its energies, its accuracy, its starts and ends, and frames that show hardly anything."""
 
 from dataclasses import replace
-from importlib import import_module
-from itertools import islice
 
 import numpy as np
 import pytest
 
 import endolab as el
-from endolab import datasets
 from endolab.depth.energy import energy_terms
-from endolab.depth.fast_marching import fast_marching
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.grid import ABOVE
 from endolab.depth.problem import Problem
 from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.numerics.derivatives import shifted
 from endolab.numerics.threads import limited_threads
-from endolab.reconstruction.contours import torn_at_contours
-from endolab.reconstruction.problem_setup import make_problem
 from tests.tools.problems import (
-    Shot,
     border,
     check_it_falls,
     energies,
     errors_of,
     every_regulariser,
     every_variant,
-    every_xi,
     percent_off,
     problem_of,
 )
 
-module = import_module("endolab.depth.gauss_newton")
 ENDED = (el.Status.CONVERGED, el.Status.STALLED)
 
 
@@ -58,11 +49,6 @@ def test_the_energy_falls_with_every_iterate(camera, scene, regulariser, xi):
     assert result.energy < energies(result)[0] / 2
     expected = energy_terms(problem, result.iterate.log_distance)
     assert dict(result.iterate.terms) == pytest.approx(expected, rel=1e-10)
-
-
-def test_the_frame_is_explained(tube):
-    """Measured 0.94 grey levels; a march leaves less, but is no smoother than the frame says."""
-    assert 255 * np.sqrt(2 * tube[2].iterate.terms["data"]) < 1.4
 
 
 @pytest.mark.parametrize(
@@ -133,30 +119,6 @@ def test_an_island_that_is_drawn_to_the_ceiling_holds_up_no_step():
     assert warm.energy < 1.05 * cold.energy
 
 
-@pytest.mark.parametrize("name", ["matt", "diffuse-2"])
-def test_a_torn_path_traced_frame_takes_few_steps(name):
-    """Measured 6 and 4, from the smooth surface; 11 and 12 without what is charged for slopes beforehand."""
-    sample = el.load_traced(name)
-    problem = make_problem(sample.frame, sample.calibration, channel="green", highlights="ignore")
-    smooth = solved(problem)
-    torn = solved(torn_at_contours(problem), start=smooth.iterate.log_distance)
-    assert torn.problem.cuts is not None
-    assert torn.status is el.Status.CONVERGED
-    assert torn.iterations <= 8
-    assert torn.energy < smooth.energy
-
-
-def test_what_lies_behind_a_contour_is_found_on_coarse_grids_too(monkeypatch):
-    """From the whole march, as from a whole surface. Measured 2.6 % with coarse grids, 3.3 % without."""
-    problem, seen = problem_of("colon", 160)
-    torn = replace(problem, cuts=occlusion_cuts(seen.distance))
-    found = solved(torn)
-    monkeypatch.setattr(module, "_coarsened", lambda grid, most=0: [grid])
-    alone = solved(torn)
-    assert percent_off(found, seen) < 3.2
-    assert percent_off(found, seen) < percent_off(alone, seen)
-
-
 def test_the_tube_with_its_border_given(tube):
     """Measured 0.046 %; what is given is kept to the bit."""
     problem, seen, without = tube
@@ -170,14 +132,6 @@ def test_the_tube_with_its_border_given(tube):
             assert percent_off(result, seen) < 0.1 < percent_off(without, seen) / 5
 
 
-def test_its_own_result_is_a_good_start(tube):
-    problem, _, first = tube
-    again = solved(problem, start=first.iterate.log_distance)
-    assert (again.status, again.iterations <= 2) == (el.Status.CONVERGED, True)
-    assert 0.98 * first.energy < again.energy <= first.energy  # measured 0.998
-    np.testing.assert_allclose(again.distance, first.distance, rtol=0.05)
-
-
 @pytest.mark.parametrize("lam", [0.9, 1.1])
 def test_a_little_more_or_less_smoothness_is_two_steps_away(tube, lam):
     problem, seen, first = tube
@@ -189,135 +143,36 @@ def test_a_little_more_or_less_smoothness_is_two_steps_away(tube, lam):
     assert percent_off(result, seen) < 2
 
 
-def test_where_it_starts_decides_what_comes_in_over_the_border(tube):
-    """The energy has many valleys. In %: 1.12 from coarse to fine, 1.46 from d₀, 2.30 from a march."""
-    problem, seen, cold = tube
-    march = el.run(fast_marching(problem))
-    from_march = solved(problem, start=march.iterate.log_distance)
-    from_facing = solved(problem, start=problem.log_facing)
-    assert 6 < percent_off(march, seen) < 8
-    assert 1.6 < percent_off(from_march, seen) < 3.2
-    assert 1.0 < percent_off(from_facing, seen) < 2.2
-    assert percent_off(cold, seen) < 1.6
-    assert max(each.energy for each in (from_march, from_facing, cold)) < 2.8e-5  # measured 2.50e-5, all
-
-
-def test_a_colon_needs_the_coarse_grids():
-    """Measured in %: 7.3 from coarse to fine, 7.5 from a march, 10.4 after 28 steps from d₀."""
-    problem, seen = problem_of("colon", 160)
-    cold = solved(problem)
-    from_march = solved(problem, start=el.run(fast_marching(problem)).iterate.log_distance)
-    from_facing = solved(problem, start=problem.log_facing)
-    assert cold.energy < from_march.energy < from_facing.energy
-    assert percent_off(cold, seen) < 8
-    assert percent_off(from_march, seen) < 8.2 < 9 < percent_off(from_facing, seen)
-    assert from_facing.iterations > 2 * cold.iterations
-
-
-def test_a_far_start_is_brought_near_on_coarser_grids(monkeypatch):
+def test_a_far_start_is_brought_near_on_coarser_grids():
     """From the surface four columns aside, as in a video."""
     problem, _ = problem_of("colon", 320, noise=1, bits=8)
     cold = solved(problem)
-    start = np.roll(cold.iterate.log_distance, 4, axis=1)
-    near = solved(problem, start=start)
-    monkeypatch.setattr(module, "LOOK", 0)
-    alone = solved(problem, start=start)
-    assert near.status is alone.status is el.Status.CONVERGED
+    near = solved(problem, start=np.roll(cold.iterate.log_distance, 4, axis=1))
+    assert near.status is el.Status.CONVERGED
     assert np.all(np.diff(energies(near)) < 0)
-    assert near.iterations < alone.iterations
-    assert near.energy < 1.02 * min(alone.energy, cold.energy)
+    assert near.iterations <= cold.iterations
+    assert near.energy < 1.02 * cold.energy
 
 
-@pytest.mark.parametrize(("scene", "noise"), [("colon", 0), ("tube", 0), ("tube", 3), ("curved", 1)])
-def test_a_march_that_has_lost_need_not_be_made_again(monkeypatch, scene, noise):
-    problem, _ = problem_of(scene, 320, camera="paper", noise=noise, bits=8)
-    result, begun, marched = solved(problem), module._begun, []
-
-    def always(grid, guess, lam, march):
-        state, won = begun(grid, guess, lam, True)
-        marched.append(won)
-        return state, won
-
-    monkeypatch.setattr(module, "_begun", always)
-    np.testing.assert_array_equal(solved(problem).distance, result.distance)
-    assert marched == sorted(marched, reverse=True)
-
-
-def test_a_start_that_cannot_be_used_is_refused():
-    problem, _ = problem_of("plane", 80)
-    mask = problem.mask.copy()
-    mask[3, 4] = False
-    problem = replace(problem, mask=mask)
-    with pytest.raises(ValueError, match=r"start has shape \(3, 4\), the frame \(60, 80\)"):
-        next(gauss_newton(problem, start=np.zeros((3, 4))))
-    for value in (np.nan, np.inf, -np.inf):
-        start = np.where(mask, problem.log_facing, value)
-        assert np.isnan(next(gauss_newton(problem, start=start)).log_distance[3, 4])
-        start[5, 6] = value
-        with pytest.raises(ValueError, match="start must be finite wherever the mask is"):
-            next(gauss_newton(problem, start=start))
-    with pytest.raises(ValueError, match=r"inflow has shape \(3, 4\)"):
-        next(gauss_newton(problem, inflow=np.zeros((3, 4))))
-    with pytest.raises(ValueError, match="inflow must be finite, or nan"):
-        next(gauss_newton(problem, inflow=np.full(mask.shape, np.inf)))
-
-
-@pytest.mark.parametrize("count", [0, 1, 2, 4])
-def test_the_most_iterates(tube, count):
-    problem, _, whole = tube
-    result = solved(problem, max_iterations=count)
-    assert (result.status, result.iterations) == (el.Status.MAX_ITERATIONS, count)
-    assert result.energy == energies(result).min()
-    np.testing.assert_array_equal(energies(result), energies(whole)[: count + 1])
-
-
-def test_a_tighter_tolerance_takes_more_steps_to_less(tube):
-    problem, _, loose = tube
-    tight = solved(problem, tolerance=1e-4, max_iterations=100)
-    assert tight.iterations > loose.iterations
-    assert 0.95 * loose.energy < tight.energy < loose.energy
-
-
-def test_slow_falls_are_not_taken_for_the_end(monkeypatch):
+def test_slow_falls_are_not_taken_for_the_end():
     """Falls of 1 to 2 % go on for twenty steps. Measured 2.3 % left; 29 % if one promise of 1 % is enough."""
     problem, _ = problem_of("colon", 96, xi="1/z", regulariser="first", lam=1.8, noise=3, bits=8)
     result = solved(problem)
     assert result.status is el.Status.CONVERGED
-    monkeypatch.setattr(module, "LOOK", 0)  # go on from there, on the grid alone
     further = solved(problem, start=result.iterate.log_distance, tolerance=1e-3, max_iterations=60)
     assert further.energy > 0.95 * result.energy
 
 
-def test_an_interrupt_leaves_the_best_iterate_and_a_recording(tube, tmp_path):
-    problem, _, whole = tube
-
-    def impatient(iterate):
-        if iterate.k == 3:
-            raise KeyboardInterrupt
-
-    observers = [el.record(tmp_path / "run.rrd"), impatient]
-    result = el.run(gauss_newton(problem), observers)
-    assert (result.status, result.iterations) == (el.Status.STOPPED, 3)
-    assert result.energy == energies(result).min() == energies(whole)[3]
-    written = el.read_recording(tmp_path / "run.rrd").scalars["energy"]
-    np.testing.assert_array_equal(written, [range(4), energies(result)])
-    assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
-
-
-def test_a_generator_can_be_left_anywhere(tube):
-    for taken in range(4):
-        steps = gauss_newton(tube[0])
-        list(islice(steps, taken))
-        steps.close()
-        assert next(steps, None) is None
-
-
-@every_xi
-def test_distances_scale_with_the_root_of_the_gain(xi):
-    problem, _ = problem_of("tube", 96, xi=xi)
-    brighter = replace(problem, photometry=replace(problem.photometry, gain=4 * problem.photometry.gain))
-    ratio = solved(brighter).distance / solved(problem).distance
-    np.testing.assert_allclose(ratio[problem.mask], 2.0, rtol=1e-6)  # a cycle is in single precision
+def test_a_start_that_cannot_be_used_is_refused():
+    problem, _ = problem_of("plane", 80)
+    for name, given in (
+        ("start", np.zeros((3, 4))),
+        ("start", np.full((60, 80), np.nan)),
+        ("inflow", np.zeros((3, 4))),
+        ("inflow", np.full((60, 80), np.inf)),
+    ):
+        with pytest.raises(ValueError, match=name):
+            next(gauss_newton(problem, **{name: given}))
 
 
 @every_regulariser
@@ -330,14 +185,6 @@ def test_a_run_is_the_same_bit_for_bit_on_any_number_of_threads(all_cores, regul
             with limited_threads(count):
                 maps.append(solved(each, max_iterations=8).iterate.log_distance)
         np.testing.assert_array_equal(*maps)
-
-
-def test_what_lies_outside_the_mask_is_not_read():
-    problem, _ = problem_of("curved", 96)
-    mask = problem.mask & (np.indices(problem.mask.shape).sum(axis=0) % 7 > 0)
-    images = (np.where(mask, problem.image, outside) for outside in (0.5, np.nan))
-    clean, spoilt = (solved(replace(problem, mask=mask, image=image)).distance for image in images)
-    np.testing.assert_array_equal(spoilt, clean)
 
 
 def test_islands_share_the_number_of_steps_and_nothing_else():
@@ -410,25 +257,6 @@ def test_poor_frames(name):
     result = solved(problem)
     assert result.status in ENDED
     check_it_falls(result)
-
-
-@pytest.mark.parametrize("share", [0.05, 1.0])
-def test_salt_and_noise_alone(rng, share):
-    """Steps are short then and may run out, but the energy falls."""
-    problem, seen = problem_of("colon", 96)
-    noise = rng.uniform(1 / 255, 1, problem.mask.shape)
-    image = np.where(rng.random(noise.shape) < share, noise, seen.image)
-    check_it_falls(solved(replace(problem, image=image, mask=np.ones_like(problem.mask))))
-
-
-def test_a_dark_frame_as_a_camera_would_give_it():
-    """A twentieth of the light in 8 bits: pixels of value 0 are no part of the problem."""
-    shot = Shot("colon", datasets.load_calibration("simple", 96))
-    frame = el.Frame(np.floor(255 * 0.05 * shot.frame.image) / 255, shot.frame.mask)
-    result = el.reconstruct(frame, shot.calibration)
-    assert 0 < result.mask.sum() < result.mask.size
-    assert result.status in ENDED
-    assert np.all(np.isfinite(result.distance[result.mask]))
 
 
 @pytest.mark.parametrize("scene", ["tube", "plane"])

@@ -9,9 +9,8 @@ from scipy.sparse.linalg import spsolve
 
 from endolab.depth.energy import energy_terms
 from endolab.depth.grid import Grid
-from endolab.depth.multigrid import Multigrid, multiply, sweep_backwards, sweep_forwards
+from endolab.depth.multigrid import Multigrid, multiply
 from endolab.depth.normal_equations import WEIGHT
-from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.numerics.compiled import inner, padded
 from endolab.numerics.derivatives import links, shifted
 from tests.depth.gauss_newton_model import TWINS, GaussNewtonModel, check_the_compiled, inside, relative
@@ -91,14 +90,6 @@ def test_a_tabulated_brdf_is_read_as_precisely_as_it_must_be(rng, regulariser):
         assert np.percentile(error, 90) < 2e-3, compiled
 
 
-@pytest.mark.parametrize("scene", ["plane", "curved"])
-def test_the_table_is_precise_where_the_surface_faces_the_camera(scene):
-    """A BRDF with a cusp at normal incidence: the truth's data term to 1 %, small as it is."""
-    problem, truth = at_truth(scene, 160, brdf=SHEET)
-    terms = Grid.of(problem).terms(padded(truth), problem.lam)
-    assert terms["data"] == pytest.approx(energy_terms(problem, truth)["data"], rel=0.01)
-
-
 @pytest.mark.parametrize(("step", "last", "off"), [(0.0, 31, 1e-13), (1.0, 31, 1e-13), (1.0, 30, 0.01)])
 def test_a_straight_map_and_a_step_over_a_cut_survive_the_way_down_and_up(step, last, off):
     """Block means lie in the blocks' centres, and gradients at the rim are as good as inside.
@@ -141,80 +132,8 @@ def test_no_coarse_grid_mixes_the_sides_of_a_cut(centre):
         assert np.isin(np.round(inner(grid.finer(v, fine)), 12), (1.0, 2.0)).all()
 
 
-def test_cuts_that_cut_nothing_change_no_bit():
-    problem, truth = at_truth("tube", 64)
-    none = np.zeros((2, *problem.mask.shape), dtype=bool)
-    outside = replace(problem, mask=problem.mask & (np.indices(none.shape[1:])[1] < 50), cuts=none)
-    cuts = none.copy()
-    cuts[:, :, 50:] = True
-    for one, other in ((outside, replace(outside, cuts=cuts)), (outside, replace(outside, cuts=None))):
-        systems = [equations(each, truth) for each in (one, other)]
-        solutions = [Multigrid(coefficients).solve(b, 1e-3, 50) for coefficients, b in systems]
-        np.testing.assert_array_equal(solutions[0][0], solutions[1][0])
-
-
-@every_regulariser
-def test_with_a_closed_contour_it_takes_hardly_more_steps(regulariser):
-    """To 0.1 and 1e-3. Measured 13, 40 whole; 28, 77 torn in a circle; 18, 117 at the colon's contours.
-
-    With one sweep in place of two, 29, 79 and 27, 239.
-    """
-    problem, truth = at_truth("colon", 160, regulariser=regulariser)
-    _, circle = around(problem.mask.shape, 61, 83, 30.3)
-    steps = {}
-    for name, cuts in {"whole": None, "circle": circle, "true": occlusion_cuts(np.exp(truth), 0.2)}.items():
-        coefficients, b = equations(replace(problem, cuts=cuts), truth)
-        solver = Multigrid(coefficients)
-        steps[name] = np.array([solver.solve(b, tolerance, 300)[1] for tolerance in (0.1, 1e-3)])
-    assert np.all(steps["circle"] <= 2 * steps["whole"] + 3)
-    assert np.all(steps["true"] <= 3 * steps["whole"] + 2)
-
-
-@pytest.mark.parametrize("where", ["border", "rim", "cut"])
-def test_no_straight_map_is_bent_on_the_way_up(where):
-    """At the picture's border, at a round mask's rim, and on either side of a cut."""
-    problem, truth = at_truth("plane", 80)
-    rows, columns = np.indices(truth.shape)
-    if where == "rim":
-        problem = replace(problem, mask=problem.mask & (np.hypot(rows - 30, columns - 40) < 27))
-    if where == "cut":
-        _, cuts = around(truth.shape, 30, 40, 14.3)
-        problem = replace(problem, cuts=cuts)
-    top, below = Multigrid(equations(problem, truth)[0]).levels[:2]
-    straight = padded(1.0 + 0.2 * columns - 0.3 * rows)
-    rows, columns = np.indices(below.structure.active.shape) - 2
-    up = np.zeros_like(straight)
-    coarse = (1.0 + 0.2 * (2 * columns + 0.5) - 0.3 * (2 * rows + 0.5)) * below.structure.active
-    top.structure.way.add(coarse, up)
-    known = top.structure.active > 0
-    np.testing.assert_allclose(up[known], straight[known], atol=1e-12)
-
-
-@every_variant
-def test_a_coarse_grid_charges_a_smooth_surface_alike(xi, regulariser):
-    """Measured within 4 %: the energy knows no pixels."""
-    problem, truth = at_truth("curved", 160, xi=xi, regulariser=regulariser)
-    fine, v = Grid.of(problem), padded(truth)
-    expected = fine.terms(v, 1.0)["regulariser"]
-    assert fine.coarser().terms(fine.restrict(v), 1.0)["regulariser"] == pytest.approx(expected, rel=0.08)
-
-
 def random_maps(rng, free, count):
     return [np.where(free, rng.normal(size=free.shape), 0.0) for _ in range(count)]
-
-
-def test_sweeps_are_adjoint_to_one_another(system, rng):
-    matrix, free = system[0].matrix, system[2]
-    inverse = free / np.where(free, matrix[0], 1.0)
-
-    def swept(sweep, b):
-        x = np.zeros_like(b)
-        sweep(matrix, inverse, x, b)
-        return x
-
-    a, b = random_maps(rng, free, 2)
-    forwards, backwards = np.vdot(a, swept(sweep_forwards, b)), np.vdot(swept(sweep_backwards, a), b)
-    assert forwards == pytest.approx(backwards, rel=1e-11)
 
 
 def test_prolongation_is_the_adjoint_of_restriction(system, rng):

@@ -48,12 +48,6 @@ def test_factor_and_lamp_are_found(known, lamp):
     assert not found.refused
 
 
-def test_albedos_are_found_where_greens_alone_is_known(known):
-    patches = shown(known, Light(ALBEDO, 0.95, 0.8, 0.0), texture=0.1)
-    found = found_light(patches, Belief.of(0.30))
-    np.testing.assert_allclose(found.albedo, ALBEDO, rtol=0.15)
-
-
 @pytest.mark.parametrize("given", [ALBEDO, 0.3, None])
 def test_no_bounces_are_found_where_there_are_none(known, given):
     found = found_light(shown(known, Light(ALBEDO, 0.0, 1.0, 0.0)), Belief.of(given))
@@ -82,14 +76,6 @@ def test_what_ends_at_a_bound_is_refused_and_the_fallback_named(known):
     assert "computed, for given albedos of 0.62, 0.30, 0.22" in sentence
 
 
-def test_too_few_patches_are_refused(known):
-    patches = shown(known, Light(ALBEDO, 1.0, 1.0, 0.0))
-    few = Patches(
-        patches.light[:20], patches.direct[:, :20], [one[:, :20] for one in patches.orders], patches.lobe[:20]
-    )
-    assert "too little of the picture" in found_light(few, Belief.of(ALBEDO)).refused
-
-
 def test_white_walls_have_no_colour(known):
     patches = shown(known, Light(np.full(3, 0.4), 0.0, 1.0, 0.0))
     with pytest.raises(NoColour, match="as good as equal"):
@@ -113,31 +99,3 @@ def test_derivatives_are_those_of_differences(known, x, albedo):
         else:
             difference = (apart.residual(x + step) - apart.residual(x - step)) / 2e-6
         np.testing.assert_allclose(column, difference, atol=2e-5 * np.abs(difference).max())
-
-
-def test_the_same_colours_tell_the_same(known):
-    patches = shown(known, Light(ALBEDO, 1.1, 0.6, 0.2), texture=0.1)
-    one, other = (found_light(patches, Belief.of(ALBEDO)) for _ in range(2))
-    assert (one.factor, one.lamp, one.film) == (other.factor, other.lamp, other.film)
-    np.testing.assert_array_equal(one.albedo, other.albedo)
-
-
-def test_beliefs_of_an_albedo():
-    given, green, nothing = Belief.of(ALBEDO), Belief.of(0.28), Belief.of(None)
-    np.testing.assert_array_equal(given.albedo, ALBEDO)
-    assert green.albedo[1] == pytest.approx(0.28)
-    np.testing.assert_allclose(green.albedo / green.albedo[1], nothing.albedo / nothing.albedo[1])
-    assert given.widths[0] < green.widths[0] < nothing.widths[0]
-    # Whitening: red and blue are believed by their ratio to green, green by itself.
-    covariance = np.linalg.inv(green.whitening.T @ green.whitening)
-    level, ratio = green.widths
-    assert covariance[1, 1] == pytest.approx(level**2)
-    assert covariance[0, 0] == covariance[2, 2] == pytest.approx(level**2 + ratio**2)
-
-
-def test_the_lobe_is_that_of_a_rough_film():
-    """GGX at normal incidence is F/(4 π α²); it falls as the wall turns away."""
-    assert colours.lobe(np.array(1.0)) == pytest.approx(0.04 / (4 * colours.ROUGHNESS**2))
-    falling = colours.lobe(np.cos(np.deg2rad(np.arange(0, 46))))
-    assert np.all(np.diff(falling) < 0)
-    assert falling[-1] < 0.1 * falling[0]

@@ -1,21 +1,15 @@
 """Where the surface is torn: at steep lines, if the energy says so, on frames whose light obeys the model."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import endolab as el
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.result import staged
-from endolab.preprocessing.contours import find_contours
 from endolab.reconstruction.contours import (
     PRICE,
-    STEEP,
     OneChannel,
     judged,
-    pays,
-    price_of,
     torn_at_contours,
     torn_where_it_pays,
 )
@@ -65,47 +59,6 @@ def test_a_tube_loses_nothing():
     smooth = solved(problem)
     torn = finish(torn_where_it_pays(smooth))
     assert percent_off(torn, seen) < percent_off(smooth, seen) + 0.5
-
-
-def test_lines_that_must_be_torn_are_though_it_does_not_pay():
-    """A vessel that throws no shadow on any energy: half as dark, two pixels wide."""
-    problem, seen = problem_of("curved", 160)
-    columns = np.indices(problem.mask.shape)[1]
-    problem = replace(problem, image=np.where(np.abs(columns - 80.5) < 2, 0.6, 1.0) * problem.image)
-    smooth = solved(problem)
-    if_it_pays, anyway = (finish(torn_where_it_pays(smooth, always)) for always in (False, True))
-    assert anyway.problem.cuts is not None
-    assert percent_off(if_it_pays, seen) < percent_off(smooth, seen) + 0.5
-
-
-def test_it_comes_to_the_same_bits_again():
-    problem, _ = direct("matt")
-    one, other = (finish(torn_where_it_pays(solved(problem), price=PRICE)) for _ in range(2))
-    np.testing.assert_array_equal(one.problem.cuts, other.problem.cuts)
-    np.testing.assert_array_equal(one.distance, other.distance)
-
-
-def test_what_a_cut_must_save():
-    """As long as the picture is high, of a picture all of which takes part: the price."""
-    problem, _ = direct("matt")
-    cuts = np.zeros((2, *problem.mask.shape), bool)
-    cuts[0, :, 80] = True
-    everywhere = np.ones(problem.mask.shape, bool)
-    assert price_of(cuts, everywhere, 0.07) == pytest.approx(0.07)
-    smooth = solved(problem)
-    torn = finish(torn_where_it_pays(smooth, always=True))
-    saved = 1 - torn.energy / smooth.energy
-    dear = saved / price_of(torn.problem.cuts, problem.mask, 1.0)
-    assert pays(torn, smooth, 0.99 * dear)
-    assert not pays(torn, smooth, 1.01 * dear)
-    assert finish(torn_where_it_pays(smooth, price=1.01 * dear)) is smooth
-    assert not pays(smooth, smooth)
-
-
-def test_lines_are_torn_where_they_are_steep():
-    problem, _ = direct("matt")
-    steepness = find_contours(problem.log_facing, problem.mask)
-    np.testing.assert_array_equal(torn_at_contours(problem).cuts, steepness > STEEP)
 
 
 def test_what_was_torn_before_is_torn_again_without_asking():

@@ -68,14 +68,6 @@ def test_a_hole_takes_its_pixel_and_no_more(place):
     assert np.allclose(mesh.normals, [0, 0, -1])
 
 
-def test_a_line_of_pixels_or_none_is_no_surface():
-    points = np.full((4, 4, 3), np.nan)
-    for row in (np.nan, wall(1, 4)[0]):
-        points[2] = row
-        mesh = make_mesh(points)
-        assert mesh.vertices.shape == mesh.triangles.shape == (0, 3)
-
-
 def test_no_triangle_crosses_a_cut():
     points, cuts = wall(6, 8), np.zeros((2, 6, 8), dtype=bool)
     cuts[0, :, 3] = True  # columns 3 and 4 are torn apart
@@ -103,13 +95,6 @@ def test_a_result_brings_colours_cuts_and_unit():
     assert np.array_equal(grey.colours[:, 0], grey.colours[:, 2])
 
 
-def test_colours_stay_with_their_pixels(coloured, colon):
-    u, v = np.round(CAMERA.project(coloured.vertices)).astype(int).T
-    assert np.allclose(coloured.colours, colon.image[v, u].clip(0, 1))
-    grey = make_mesh(wall(), np.linspace(0, 1, 35).reshape(5, 7))
-    assert np.allclose(grey.colours, np.linspace(0, 1, 35)[:, None])
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_normals_face_the_camera_and_are_the_scenes(name):
     scene = SCENES[name]
@@ -119,23 +104,6 @@ def test_normals_face_the_camera_and_are_the_scenes(name):
     assert np.allclose(np.linalg.norm(mesh.normals, axis=-1), 1)
     cosine = np.einsum("ni,ni->n", mesh.normals, scene.normals(mesh.vertices)).clip(-1, 1)
     assert np.rad2deg(np.median(np.arccos(cosine))) < 1.0
-
-
-def test_occlusions_are_torn_by_the_rule_too_and_walls_are_not():
-    """With no cuts given, few triangles float between two surfaces; a tube has no tear."""
-    scene = SCENES["colon"]
-    points = points_of(scene)
-
-    def floating(mesh):
-        middle = mesh.vertices[mesh.triangles].mean(axis=1)
-        before_the_end = middle[:, 2] < scene.length - 1
-        return np.mean(before_the_end & (np.abs(scene._inside(*(middle + scene._camera).T)[0]) > 1.0))
-
-    joined = floating(make_mesh(points, jump=np.inf))
-    assert joined > 0.02
-    assert floating(make_mesh(points)) < joined / 4
-    tube = points_of(SCENES["tube"])
-    assert len(make_mesh(tube).triangles) == len(make_mesh(tube, jump=np.inf).triangles)
 
 
 def test_a_step_needs_both_a_jump_and_a_grazing_view_to_be_torn():
@@ -200,14 +168,6 @@ def test_colours_of_sigma_grow_brighter_with_it_and_a_file_says_so(doubted, tmp_
     head = (tmp_path / "a.ply").read_bytes()[:400]
     assert mesh.legend.encode() in head
     assert b"unit: mm" in head
-
-
-def test_sigma_of_something_else_is_refused(doubted):
-    iterate, sigma = doubted
-    with pytest.raises(ValueError, match="mere points have none"):
-        make_mesh(iterate.points, sigma=sigma)
-    with pytest.raises(ValueError, match="sigma has shape"):
-        make_mesh(iterate, sigma=np.ones((2, 2)))
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,11 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
 import endolab as el
-from endolab.depth.problem import AT_LEAST, NONE
+from endolab.depth.problem import NONE
 from endolab.metrics.depth_errors import compare
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.iteration import Status
@@ -111,48 +110,12 @@ def test_albedos_are_found_in_the_colours(dry, separated):
     assert "estimated albedos" in note(result)
 
 
-def test_with_an_unknown_gain_the_shape_is_the_same(dry):
-    unknown = without(dry.calibration, gain=None)
-    known, relative = (solved(dry.frame, each, contours=False) for each in (dry.calibration, unknown))
-    assert (known.metric, relative.metric) == (True, False)
-    assert (
-        np.std(np.log(relative.distance / known.distance)[known.mask]) < 2e-5
-    )  # a cycle is in single precision
-
-
-def test_a_known_distance_fixes_the_scale(dry):
-    unknown, place = without(dry.calibration, gain=None), (60, 150)
-    result = solved(dry.frame, unknown, known_distance=(dry.distance[150, 60], *place))
-    assert result.metric
-    assert result.distance[112, 45] == pytest.approx(dry.distance[150, 60], rel=0.02)
-    assert error(result, dry) < 12
-
-
 def test_from_a_result_it_is_one_round(dry):
     first = solved(dry.frame, dry.calibration, contours=False)
     again = solved(dry.frame, dry.calibration, start=first, contours=False)
     assert error(again, dry) < error(first, dry) + 1
     rounds = {(stage.name, stage.round) for stage in again.stages}
     assert rounds == {("bounced light", 1), ("solution", 0)}
-
-
-def test_wider_frames_are_separated_small_and_solved_whole(dry):
-    camera = dry.calibration.camera.resize(480, 360)
-    image = cv2.resize(dry.frame.image, (480, 360), interpolation=cv2.INTER_LINEAR)
-    frame = el.Frame(image, np.ones((360, 480), bool), "wide")
-    wide = replace(dry.calibration, camera=camera)
-    result = solved(frame, wide, width=None, contours=False)
-    assert result.distance.shape == (360, 480)
-    truth = dry.scene.distance(camera.field.rays)
-    assert compare(result.distance, truth, camera.field.cos_alpha, scale="none").mean_percent < 12
-
-
-@pytest.mark.parametrize("solver", ["facing", "fast_marching", "primal_dual"])
-def test_every_solver_takes_it(dry, solver):
-    most = 20 if solver == "primal_dual" else None
-    options = {"contours": False, "width": 80, "solver": solver, "max_iterations": most}
-    result = solved(dry.frame, dry.calibration, **options)
-    assert np.isfinite(result.distance[result.mask]).all()
 
 
 def test_highlights_are_no_evidence():
@@ -177,21 +140,6 @@ def test_merging_undoes_what_bounced(dry):
     direct = np.random.default_rng(0).uniform(0.1, 0.4, three[1].mask.shape)
     lit = shown(three, [direct * (1 + 0.5) * rho / ALBEDO[1] for rho in ALBEDO])
     np.testing.assert_allclose(merged(lit, inflation, ALBEDO).image ** 2.2, direct, rtol=1e-9)
-
-
-def test_a_saturated_colour_does_not_count(dry):
-    three = colours(dry.frame, dry.calibration)
-    shape = three[1].mask.shape
-    clipped = np.zeros(shape, np.int8)
-    clipped[:60] = AT_LEAST
-    spoilt = [replace(three[0], image=np.where(clipped == AT_LEAST, 0.05, three[0].image), evidence=clipped)]
-    inflation = np.full((*shape, 3), 0.2)
-    result = merged(spoilt + three[1:], inflation, ALBEDO)
-    assert result.evidence is None
-    expected = merged(three, inflation, ALBEDO).image[:60]
-    assert np.median(result.image[:60] / expected) == pytest.approx(1, abs=0.2)
-    everywhere = [replace(one, evidence=clipped) for one in three]
-    assert np.all(merged(everywhere, inflation, ALBEDO).evidence == clipped)
 
 
 def test_where_nothing_bounces_nothing_is_taken_out():
@@ -221,14 +169,6 @@ def test_colours_that_contradict_each_other_are_not_believed(dry):
     assert result.problem.settings["albedo"] == ALBEDO.tolist()
 
 
-@pytest.mark.parametrize("brdf", [el.Lambertian(0.38), el.Lambertian(tuple(ALBEDO))])
-def test_without_colour_one_channel_is_taken(dry, brdf):
-    grey = el.Frame(np.repeat(dry.frame.image[..., 1:2], 3, axis=-1), dry.frame.mask, "grey")
-    result = solved(grey, without(dry.calibration, brdf=brdf))
-    assert result.problem.settings["channel"] == "green"
-    assert "tell nothing of bounced light (red, green and blue are one)" in note(result)
-
-
 def test_colours_of_one_ratio_tell_nothing(dry):
     """A white wall: noise differs, albedos do not."""
     rng = np.random.default_rng(3)
@@ -248,13 +188,3 @@ def test_colours_of_one_ratio_tell_nothing(dry):
 def test_albedos_that_cannot_be_used(dry, albedo, sentence):
     with pytest.raises(ValueError, match=sentence):
         solved(dry.frame, without(dry.calibration, brdf=el.Lambertian(albedo)))
-
-
-def test_a_grey_frame_and_an_unknown_way_with_highlights(dry):
-    grey = el.Frame(dry.frame.image[..., 1], dry.frame.mask, "old.png")
-    with pytest.raises(ValueError, match=r"old.png is grey, and channel='separated' needs its three colours"):
-        solved(grey, dry.calibration)
-    with pytest.raises(
-        ValueError, match="unknown way with highlights 'melt'; choose keep, ignore or inpaint"
-    ):
-        el.reconstruct(dry.frame, dry.calibration, highlights="melt")

@@ -66,14 +66,6 @@ def test_the_first_frames_median_fixes_the_scale_of_all():
     assert abs(moved - 1) > 1e-3  # and not each frame's own
 
 
-def test_a_scale_goes_on_after_a_break():
-    seen = shots(WAYS["colon"][:4], [900, 950, 1010, 1060])
-    whole = list(reconstruct_sequence(named(seen), UNKNOWN))
-    rest = list(reconstruct_sequence(named(seen)[2:], UNKNOWN, before=Surface.of(whole[1].result)))
-    for a, b in zip(whole[2:], rest, strict=True):
-        assert np.nanmedian(a.result.distance / b.result.distance) == pytest.approx(1, rel=0.02)
-
-
 @pytest.mark.parametrize(
     ("gain", "options"),
     [(900.0, {}), (None, {"channel": "separated"}), (None, {"known_distance": (60, 48, 36), "width": 48})],
@@ -134,13 +126,6 @@ def test_a_cut_in_the_film_is_begun_anew():
     steps = list(reconstruct_sequence(named(seen), KNOWN))
     cold = el.reconstruct(el.Frame(seen[2].image, seen[2].mask), KNOWN)
     assert steps[2].result.energy <= 1.001 * cold.energy
-
-
-@pytest.mark.parametrize("solver", ["facing", "fast_marching", "primal_dual"])
-def test_every_solver_takes_a_video(solver):
-    limits = {"max_iterations": 20} if solver == "primal_dual" else {}
-    steps = list(reconstruct_sequence(named(shots(WAYS["tube"][:2])), KNOWN, solver=solver, **limits))
-    assert [step.error for step in steps] == ["", ""]
 
 
 def test_what_cannot_be_used_is_named_and_skipped():

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.depth.result import Iterate
 from endolab.numerics.iteration import Status
 from endolab.reconstruction import unknown_light
-from endolab.reconstruction.problem_setup import make_problem
 from endolab.reconstruction.unknown_light import estimate_light
 
 FISHEYE = el.load_calibration("paper", width=120).camera
@@ -61,15 +59,6 @@ def test_a_traced_frame_tells_k_though_its_light_bounced():
     assert found.outcome in ("found", "roughly")
 
 
-def test_the_likelihood_is_one_and_the_answer_its_middle(of_tube):
-    k, density = of_tube.likelihood.T
-    step = k[1] - k[0]
-    assert density.sum() * step == pytest.approx(1)
-    assert density[k <= of_tube.k].sum() * step == pytest.approx(0.5, abs=0.05)
-    low, high = of_tube.interval
-    assert density[(k > low) & (k < high)].sum() * step == pytest.approx(0.95, abs=0.05)
-
-
 def test_a_camera_that_sees_no_fall_finds_nothing():
     frames = [frame_of("colon", 2.5, NARROW)]
     found = estimate_light(frames, NARROW, otherwise=1.75, gamma=2.0)
@@ -101,16 +90,6 @@ def test_what_is_found_roughly_is_averaged_with_what_is_usual():
     assert none.photometry.k == 2.5
 
 
-def test_more_places_tell_more_and_one_that_is_wrong_does_little():
-    many = [scan_of(1.5 + 0.2 * (i % 3 - 1), 0.3, 0.15, seed=i) for i in range(5)]
-    alone, together = judged(many[0]), judged(*many)
-    assert together.places == pytest.approx(5, abs=0.05)
-    assert together.standard_error < 0.7 * alone.standard_error
-    assert together.k == pytest.approx(1.5, abs=0.1)
-    with_wrong = judged(*many, scan_of(4.5, 3.0, 0.4, seed=9))
-    assert with_wrong.k == pytest.approx(together.k, abs=0.3)
-
-
 def test_what_ends_at_the_bound_is_not_found():
     found = estimate_light([frame_of("tube", 6.5)], FISHEYE)
     assert found.costs[0].argmin() == len(found.exponents) - 1
@@ -135,13 +114,6 @@ def test_without_colours_less_is_told(tube, of_tube):
         assert found.standard_error > 1.3 * of_tube.standard_error
         assert "counts as direct" in found.verdict
     assert "counts as direct" not in of_tube.verdict
-
-
-def test_a_surface_moves_with_k_as_facing_distances_do(tube):
-    problem = make_problem(tube, el.Calibration(FISHEYE, el.Photometry(1.0, 2.2, 1.0, TISSUE)))
-    under = replace(problem, photometry=replace(problem.photometry, k=3.0))
-    there = unknown_light._moved(Iterate.of(problem, problem.log_facing), 3.0)
-    np.testing.assert_allclose(there[problem.mask], under.log_facing[problem.mask], atol=1e-12)
 
 
 def test_frames_that_cannot_be_used_are_named(tube, of_tube):
@@ -176,27 +148,6 @@ def test_observers_see_every_solve_and_may_stop_it(tube):
     assert [step.stage for step in steps[:-1]] == ["light"] * (len(steps) - 1)
     with pytest.raises(ValueError, match="stopped"):
         estimate_light([tube], FISHEYE, observers=[lambda step: True])
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"camera": "paper"}, "camera must be a Camera, got 'paper'"),
-        ({"frames": 3}, "frames must be several of Frame, got 3"),
-        ({"frames": ["a.png"]}, "frames must be several of Frame, got 'a.png'"),
-        ({"frames": []}, "no frame tells of the light: there is none"),
-        ({"gamma": "free"}, "gamma must be a number, got 'free'"),
-        ({"gamma": 0.0}, "gamma must be positive"),
-        ({"otherwise": -1}, "otherwise must be finite and at least 0, got -1"),
-        ({"albedo": "red"}, "albedo must be an array of real numbers"),
-        ({"albedo": (0.5, 0.4)}, "albedo must be one number or three"),
-        ({"observers": 1}, "observers must be several that can be called"),
-    ],
-)
-def test_a_slip_is_said_in_a_sentence(changes, says):
-    given = {"frames": [], "camera": FISHEYE} | changes
-    with pytest.raises(ValueError, match=says):
-        estimate_light(given.pop("frames"), given.pop("camera"), **given)
 
 
 def test_it_is_ready_to_reconstruct_with_and_to_be_kept(tube, of_tube, tmp_path):
