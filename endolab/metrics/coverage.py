@@ -9,14 +9,12 @@ best there is for this very picture, is what it has to beat.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import ndtr
-from scipy.stats import rankdata
+from scipy.stats import spearmanr
 
-from endolab.model.schema import unknown_name
+from endolab.metrics.depth_errors import known_in_all, scale_to
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import mask_array, real_array
-
-HALVINGS = 60  # of the bracket of the best constant
 
 
 @dataclass(frozen=True)
@@ -70,24 +68,10 @@ def coverage_of(
     ValueError
         If the sizes differ, if no pixel is known in all three, or if `scale` is neither.
     """
-    if scale not in ("none", "median"):
-        raise unknown_name("scale", scale, ("none", "median"))
-    distance, sigma, truth = (
-        real_array(name, given)
-        for name, given in (("distance", distance), ("sigma", sigma), ("truth", truth))
-    )
-    others: dict[str, np.ndarray] = {"sigma": sigma, "truth": truth}
-    if mask is not None:
-        others["mask"] = mask = mask_array("mask", mask)
-    for name, given in others.items():
-        if given.shape != distance.shape:
-            raise ValueError(f"{name} has shape {given.shape}, the depth map {distance.shape}")
-    known = np.ones(distance.shape, dtype=bool) if mask is None else mask.copy()
-    for values in (distance, sigma, truth):
-        known &= np.isfinite(values) & (values > 0)
+    (distance, sigma, truth), known = known_in_all(mask, distance=distance, sigma=sigma, truth=truth)
     if not known.any():
         raise ValueError("no pixel has an estimate, a σ and a true distance")
-    factor = float(np.median(truth[known] / distance[known])) if scale == "median" else 1.0
+    factor = scale_to(truth[known], distance[known], scale)
     error = np.abs(1 - truth[known] / (factor * distance[known]))
     share = sigma[known] / distance[known]
     best = float(np.sqrt(np.mean(error**2)))
@@ -108,8 +92,7 @@ def coverage_of(
 
 def spearman(a: FloatArray, b: FloatArray) -> float:
     """Correlation of the ranks of two samples; nan if one is constant."""
-    ranks = [rankdata(one) for one in (a, b)]
-    return float(np.corrcoef(ranks)[0, 1]) if all(np.ptp(one) > 0 for one in ranks) else float("nan")
+    return float(spearmanr(a, b).statistic) if np.ptp(a) > 0 < np.ptp(b) else float("nan")
 
 
 def log_score(error: FloatArray, sigma: FloatArray | float) -> FloatArray:
@@ -132,10 +115,9 @@ def crps(error: FloatArray, sigma: FloatArray | float) -> FloatArray:
 
 def _best_for_crps(error: FloatArray) -> float:
     """The σ that makes the mean score least: its derivative 2φ(error/σ) - 1/√π grows with σ."""
-    low, high = 0.0, 2 * float(error.max())
-    for _ in range(HALVINGS if high > 0 else 0):
-        middle = 0.5 * (low + high)
-        z = error / middle
-        slope = np.mean(np.exp(-0.5 * z**2)) * np.sqrt(2 / np.pi) - 1 / np.sqrt(np.pi)
-        low, high = (low, middle) if slope > 0 else (middle, high)
-    return 0.5 * (low + high)
+    high = 2 * float(error.max())
+
+    def slope(sigma: float) -> float:
+        return float(np.mean(np.exp(-0.5 * (error / sigma) ** 2)) * np.sqrt(2 / np.pi) - 1 / np.sqrt(np.pi))
+
+    return float(brentq(slope, 1e-6 * high, high)) if high > 0 else 0.0

@@ -96,6 +96,34 @@ def resampled_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
     return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
 
+def of_shape(shape: tuple[int, ...], **maps: FloatArray) -> list[FloatArray]:
+    """Maps of this shape as arrays of real numbers, or a ValueError that names the first that is none."""
+    arrays = {name: real_array(name, given) for name, given in maps.items()}
+    for name, array in arrays.items():
+        if array.shape != shape:
+            raise ValueError(f"{name} has shape {array.shape}, the depth map {shape}")
+    return [*arrays.values()]
+
+
+def known_in_all(mask: BoolArray | None, **maps: FloatArray) -> tuple[list[FloatArray], BoolArray]:
+    """Maps of distances, (H, W), and which pixels of a mask are positive and finite in all of them."""
+    shape = np.shape(next(iter(maps.values())))
+    arrays = of_shape(shape, **maps)
+    if len(shape) != 2:
+        raise ValueError(f"a depth map has rows and columns, got shape {shape}")
+    known = np.ones(shape, dtype=bool) if mask is None else mask_array("mask", mask)
+    if known.shape != shape:
+        raise ValueError(f"mask has shape {known.shape}, the depth map {shape}")
+    return arrays, np.logical_and.reduce([known, *(np.isfinite(one) & (one > 0) for one in arrays)])
+
+
+def scale_to(truth: FloatArray, distance: FloatArray, scale: str) -> float:
+    """What distances are multiplied by first: the median of d*/d, or 1 if `scale` is "none"."""
+    if scale not in ("none", "median"):
+        raise unknown_name("scale", scale, ("none", "median"))
+    return float(np.median(truth / distance)) if scale == "median" else 1.0
+
+
 def compare(
     distance: FloatArray,
     truth: FloatArray,
@@ -126,41 +154,19 @@ def compare(
     ValueError
         If the sizes differ, if no pixel is known in both, or if `scale` is neither.
     """
-    if scale not in ("none", "median"):
-        raise unknown_name("scale", scale, ("none", "median"))
-    distance, truth, cos_alpha = (
-        real_array(name, given)
-        for name, given in (("distance", distance), ("truth", truth), ("cos_alpha", cos_alpha))
-    )
-    if distance.ndim != 2 or truth.ndim != 2:
-        raise ValueError(f"depth maps have rows and columns, got shapes {distance.shape} and {truth.shape}")
-    if distance.shape != truth.shape:
-        raise ValueError(
-            f"the depth map is {distance.shape[1]}x{distance.shape[0]} px, "
-            f"the truth {truth.shape[1]}x{truth.shape[0]} px"
-        )
-    others: dict[str, np.ndarray] = {"cos_alpha": cos_alpha}
-    if mask is not None:
-        others["mask"] = mask = mask_array("mask", mask)
-    if normals is not None and true_normals is not None:
-        normals, true_normals = real_array("normals", normals), real_array("true_normals", true_normals)
-        others |= {"normals": normals[..., :1], "true_normals": true_normals[..., :1]}
-    for name, given in others.items():
-        expected = (*truth.shape, 1) if name.endswith("normals") else truth.shape
-        if given.shape != expected:
-            raise ValueError(f"{name} has shape {given.shape}, the depth map {truth.shape}")
-    known = np.isfinite(distance) & np.isfinite(truth) & (distance > 0) & (truth > 0)
-    if mask is not None:
-        known &= mask
+    (distance, truth), known = known_in_all(mask, distance=distance, truth=truth)
+    cos_alpha = of_shape(distance.shape, cos_alpha=cos_alpha)[0]
     if not known.any():
         raise ValueError("no pixel has both an estimate and a true distance")
     if np.any(np.isinf(cos_alpha[known])):
         raise ValueError("cos_alpha must be finite where both distances are known")
     true = truth[known]
-    factor = float(np.median(true / distance[known])) if scale == "median" else 1.0
+    factor = scale_to(true, distance[known], scale)
     error = np.abs(factor * distance[known] - true)
     degrees = np.array([np.nan])
     if normals is not None and true_normals is not None:
+        vectors = {"normals": normals, "true_normals": true_normals}
+        normals, true_normals = of_shape((*distance.shape, 3), **vectors)
         degrees = angle_between(normals[known], true_normals[known])
     return Errors(
         pixels=int(known.sum()),

