@@ -8,7 +8,7 @@ import numpy as np
 
 from endolab.calibration.geometric.fit import GeometricFit
 from endolab.calibration.geometric.projection import NAMES, camera_vector
-from endolab.calibration.photometric.result import HeldOut, PhotometricFit
+from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.session import Session, describe_target
 from endolab.calibration.uncertainty import fall_off_uncertainty, places, ray_uncertainty
@@ -40,9 +40,8 @@ def _known_to(values: FloatArray, camera: Camera, seen: float) -> dict[str, floa
 
 
 def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
-    seen = geometry.max_angle_seen
+    seen, good = geometry.max_angle_seen, np.concatenate(geometry.inliers)
     rays = ray_uncertainty(geometry.camera, geometry.covariance, max_angle=seen)
-    inliers = int(sum(np.sum(good) for good in geometry.inliers))
     return {
         "rmse_px": geometry.rmse,
         "sigma_px": geometry.sigma,
@@ -51,19 +50,16 @@ def _camera_facts(geometry: GeometricFit) -> dict[str, Any]:
         "rays_turn_mrad": rays.mrad_turn,
         "views": len(geometry.views),
         "views_dropped": geometry.dropped,
-        "points": inliers,
-        "outliers": sum(len(good) for good in geometry.inliers) - inliers,
+        "points": int(good.sum()),
+        "outliers": int(np.sum(~good)),
         "max_angle_deg": np.rad2deg(seen),
         "status": geometry.status.value,
     }
 
 
-def _fall_off_known(light: PhotometricFit, camera: Camera) -> dict[str, float]:
-    return _known_to(fall_off_uncertainty(light, camera), camera, light.alpha_range[1])
-
-
 def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[str, Any]:
-    names, scores = list(session.poses), session.scores
+    names, scores = [list(session.poses)[frame] for frame in light.frames], session.scores
+    fall_off = fall_off_uncertainty(light, session.camera)
     held_out = scores and {
         "edges_deg": np.rad2deg(scores.edges),
         "error": scores.error,
@@ -73,7 +69,7 @@ def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[
     }
     return {
         "standard_errors": light.standard_errors,
-        "fall_off_percent": _fall_off_known(light, session.camera),
+        "fall_off_percent": _known_to(fall_off, session.camera, light.alpha_range[1]),
         "k/gamma": light.ratio,
         "correlation": {"names": light.names, "matrix": light.correlation},
         "reflectance": light.reflectance,
@@ -86,8 +82,8 @@ def _light_facts(light: PhotometricFit, session: Session, channel: str) -> dict[
         "distance_range_mm": light.distance_range,
         "verdict": light.verdict,
         "status": light.status.value,
-        "gains": {names[frame]: gain for frame, gain in zip(light.frames, light.gains, strict=True)},
-        "gain_errors": {names[frame]: e for frame, e in zip(light.frames, light.gain_errors, strict=True)},
+        "gains": dict(zip(names, light.gains, strict=True)),
+        "gain_errors": dict(zip(names, light.gain_errors, strict=True)),
         "held_out": held_out,
         "channel": channel,
         "brdf_of": "the calibration sheet",
@@ -160,41 +156,25 @@ def camera_values(session: Session) -> list[tuple[str, float, float, str]]:
 def light_values(light: PhotometricFit) -> list[tuple[str, float, float, str]]:
     """Name, value, standard error and unit of the light's numbers."""
     errors = light.standard_errors
-    rows = [
-        ("k", light.k, errors["k"], ""),
-        ("γ", light.photometry.gamma, errors["gamma"], ""),
-        ("k/γ", light.ratio, errors["k/gamma"], ""),
-    ]
-    for material in range(1, len(light.reflectance)):
-        error = errors.get(f"reflectance {material}", 0.0)
-        rows.append((f"reflectance {material}", float(light.reflectance[material]), error, ""))
+    values = {"k": light.k, "gamma": light.photometry.gamma, "k/gamma": light.ratio}
+    values |= {f"reflectance {m}": float(a) for m, a in enumerate(light.reflectance) if m}
     for spot in light.photometry.lights:
         tilt = np.array(spot.direction[:2]) / spot.direction[2]
-        for axis, place in zip("xyz", spot.position, strict=True):
-            rows.append((f"light {axis}", place, errors[f"light {axis}"], "mm"))
-        for axis, value in zip("xy", tilt, strict=True):
-            rows.append((f"light tilt {axis}", float(value), errors[f"light tilt {axis}"], ""))
-    return rows
-
-
-def _held_out(scores: HeldOut) -> str:
-    known = scores.count >= LEAST_SCORED
-    if not known.any():
-        return "frames held out: too few samples for a score"
-    worst, to = 100 * np.abs(scores.error[known]).max(), np.rad2deg(scores.edges[1:][known].max())
-    return f"frames held out: their light is as predicted within {worst:.2g} %, to {to:.0f}° off the axis"
-
-
-def _rounded(value: float) -> str:
-    return f"{float(f'{value:.2g}'):g}"
+        values |= {f"light {axis}": place for axis, place in zip("xyz", spot.position, strict=True)}
+        values |= {f"light tilt {axis}": float(value) for axis, value in zip("xy", tilt, strict=True)}
+    units = {f"light {axis}": "mm" for axis in "xyz"}
+    return [
+        (name.replace("gamma", "γ"), value, errors.get(name, 0.0), units.get(name, ""))
+        for name, value in values.items()
+    ]
 
 
 def _known(what: str, known: Mapping[str, float], unit: str, to: float) -> str:
     """Say how well a map of the picture is known within `to` degrees off the axis."""
     if not known:
         return f"{what}: not told by these frames"
-    median, worst = (_rounded(known[name]) for name in ("median", "largest"))
-    return f"σ of {what}: {median} {unit} in the median, {worst} {unit} at worst, to {to:.0f}° off the axis"
+    median, worst = (f"{float(f'{known[name]:.2g}'):g} {unit}" for name in ("median", "largest"))
+    return f"σ of {what}: {median} in the median, {worst} at worst, to {to:.0f}° off the axis"
 
 
 def _camera_lines(session: Session) -> list[str]:
@@ -203,16 +183,17 @@ def _camera_lines(session: Session) -> list[str]:
         return [f"camera: as given, {session.camera.model}"]
     rows = [f"{name} {plus_minus(value, error)}" for name, value, error, _ in camera_values(session)]
     facts = _camera_facts(geometry)
+    seen = facts["max_angle_deg"]
     lines = [
         f"camera: {', '.join(rows[:4])} px",
         f"        {', '.join(rows[4:])}",
         f"reprojection: RMSE {geometry.rmse:.3f} px of {facts['points']} points "
         f"in {counted(facts['views'], 'view')}, {counted(facts['outliers'], 'outlier')}; "
-        f"seen to {facts['max_angle_deg']:.0f}° off the axis",
-        _known("a ray", facts["rays_mrad"], "mrad", facts["max_angle_deg"]),
+        f"seen to {seen:.0f}° off the axis",
+        _known("a ray", facts["rays_mrad"], "mrad", seen),
     ]
     if facts["rays_mrad"]:
-        lines[-1] += f"; beside a turn of {_rounded(facts['rays_turn_mrad'])} mrad that all rays share"
+        lines[-1] += f"; beside a turn of {facts['rays_turn_mrad']:.2g} mrad that all rays share"
     if geometry.agreement < AGREEMENT:
         why = "the lens is of another kind, or the sheet was not flat"
         lines.append(f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: {why}")
@@ -223,23 +204,24 @@ def _camera_lines(session: Session) -> list[str]:
 
 
 def _light_lines(session: Session) -> list[str]:
-    light = session.light
+    light, scores = session.light, session.scores
     if light is None:
         return [f"light: refused: {session.refused}"]
     values = light_values(light)
     rows = [f"{name} = {plus_minus(value, error)} {unit}".rstrip() for name, value, error, unit in values]
-    (a, b), (c, d) = np.rad2deg(light.alpha_range), np.rad2deg(light.theta_range)
+    facts = _light_facts(light, session, "")
     near, far = light.distance_range
     lines = [
         f"light: {', '.join(rows)}",
-        f"residuals: {light.sigma:.2f} grey levels, of {counted(int(light.used.sum()), 'sample')}; "
-        f"{int(np.sum(~light.used))} left out",
-        f"sampled: {a:.0f}° to {b:.0f}° off the axis, incidence {c:.0f}° to {d:.0f}°, "
-        f"{near:.0f} to {far:.0f} mm",
-        _known("the fall-off μ′", _fall_off_known(light, session.camera), "%", b),
+        f"residuals: {light.sigma:.2f} grey levels, of {counted(facts['samples'], 'sample')}, "
+        f"{near:.0f} to {far:.0f} mm away; {facts['samples_left_out']} left out",
+        _known("the fall-off μ′", facts["fall_off_percent"], "%", facts["alpha_range_deg"][1]),
     ]
-    if session.scores is not None:
-        lines.append(_held_out(session.scores))
+    known = scores is not None and scores.count >= LEAST_SCORED
+    if scores is not None and np.any(known):
+        worst, to = 100 * np.abs(scores.error[known]).max(), np.rad2deg(scores.edges[1:][known].max())
+        said = f"their light is as predicted within {worst:.2g} %, to {to:.0f}° off the axis"
+        lines.append(f"frames held out: {said}")
     return lines + light.verdict
 
 

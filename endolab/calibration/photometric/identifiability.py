@@ -194,10 +194,6 @@ def widened(covariance: FloatArray, model: LightModel, stiff: LightModel) -> Flo
     return result
 
 
-def _angle(radians: float) -> str:
-    return f"{np.rad2deg(radians):.0f}°"
-
-
 def gain_jumps(frames: IntArray, gains: FloatArray) -> list[tuple[int, float]]:
     """Find the frames where the gain changes at once, far more than around: (frame, ratio), largest first."""
     if len(gains) < JUMP_WINDOW:
@@ -249,11 +245,11 @@ def describe_verdict(
     if lambertian:
         also = "" if isinstance(model.gamma, float) else " and γ"
         say(f"The surface was taken to be matt (Lambertian): a sheen would show as wrong k{also}.")
-    low, high = used_range["alpha"]
-    say(f"The fall-off was seen from {_angle(low)} to {_angle(high)} off the axis; it is a guess beyond.")
+    low, high = np.rad2deg(used_range["alpha"])
+    say(f"The fall-off was seen from {low:.0f}° to {high:.0f}° off the axis; it is a guess beyond.")
     if not lambertian:
-        low, high = used_range["theta"]
-        seen = f"The BRDF was seen from {_angle(low)} to {_angle(high)} and is constant beyond"
+        low, high = np.rad2deg(used_range["theta"])
+        seen = f"The BRDF was seen from {low:.0f}° to {high:.0f}° and is constant beyond"
         say(f"{seen}; its scale and that of the gains cannot be told apart.")
     for material in model.loose_materials:
         value, error = np.exp(unknowns.log_reflectance[material]), errors[f"reflectance {material}"]
@@ -261,12 +257,12 @@ def describe_verdict(
     if model.free_light:
         place = [f"{v:.2f} ± {errors[f'light {a}']:.2f}" for v, a in zip(unknowns.light, "xyz", strict=False)]
         say(f"The virtual light is at ({', '.join(place)}) mm.")
-    room = GREY * min(model.levels[0], 1 - model.levels[1])
-    if room < CLIPPED * sigma:
+    low, high = GREY * model.levels[0], GREY * model.levels[1]
+    if min(low, GREY - high) < CLIPPED * sigma:
         say(
             f"The residuals, of {sigma:.1f} grey levels, reach out of the sensor's range from the levels "
-            f"that were used, {GREY * model.levels[0]:.0f} to {GREY * model.levels[1]:.0f}, which biases "
-            f"the result: keep {CLIPPED * sigma:.0f} inside 0 and 255."
+            f"that were used, {low:.0f} to {high:.0f}, which biases the result: keep "
+            f"{CLIPPED * sigma:.0f} inside 0 and 255."
         )
     if locked:
         say("One gain was fitted for all frames.")
