@@ -11,15 +11,10 @@ import numpy as np
 from endolab import datasets
 from endolab.calibration.detection.detect import detect
 from endolab.calibration.geometric.fit import calibrate_camera
-from endolab.calibration.geometric.projection import NAMES
 from endolab.calibration.geometric.reprojection import View, views_of
-from endolab.calibration.photometric.fit import calibrate_light
-from endolab.calibration.photometric.samples import sample_sheet
-from endolab.calibration.session import channel_of
 from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid, Target
 from endolab.io.images import read_image
 from endolab.model.cameras import KannalaBrandt
-from endolab.model.photometry import CHANNELS
 from tests.benchmarks.report import table
 
 PAPER = datasets.load_calibration("paper").camera
@@ -56,24 +51,6 @@ def row(name: str, files: list[Path], target: Target, oracle: bool = True, **opt
     return [name, *counts, *rmse, reference, f"{fit.camera.fx:.1f} ± {fit.standard_errors['fx']:.1f}"]
 
 
-def paper(file: Path, target: Target) -> None:
-    """Grey levels of the real sheet, matt: one frame cannot tell more (its BRDF is refused)."""
-    image = read_image(file)
-    views = views_of(file.name, detect(image, target), target)
-    fit = calibrate_camera(views, target, PAPER.width, PAPER.height, start=PAPER)
-    rows = []
-    for channel in ("grey", *CHANNELS):
-        samples = sample_sheet(channel_of(image, channel), target, fit.poses, fit.camera, most=400)
-        found = calibrate_light(samples, brdf="lambertian")
-        shape = np.exp((2.5 * np.log(samples.cos_alpha) + np.log(samples.cos_theta)) / 2.2)
-        shape /= samples.distance ** (2 / 2.2)
-        given = 255 * (samples.level - np.median(samples.level / shape) * shape)
-        k = f"{found.k:.2f} ± {found.standard_errors['k']:.2f}"
-        rows.append([channel, str(len(samples)), k, f"{found.sigma:.2f}", f"{given.std():.2f}"])
-    head = ("channel", "samples", "k, γ 2.2", "σ grey", "σ with k 2.5, gain alone fitted")
-    table("The Vicalib frame's light", head, rows)
-
-
 def main() -> None:
     """Print the tables."""
     data = datasets.data_folder()
@@ -85,7 +62,6 @@ def main() -> None:
     image = read_image(boards[0])
     lens = KannalaBrandt(image.shape[1], image.shape[0], *LAPAROSCOPE)
     rows = [
-        row("Vicalib, the paper's intrinsics", sheet, big, oracle=False, start=PAPER, fixed=NAMES),
         row("Vicalib, refined", sheet, big, start=PAPER),
         row("fetoscope, circles", circles, CircleGrid(3, 11, 1.0, radius=0.4)),
         row("capsule, chessboard", capsule, Chessboard(8, 7, 2.0)),
@@ -93,7 +69,6 @@ def main() -> None:
     ]
     head = ("target", "frames", "points that count", "RMSE px", "of all", "cv2.fisheye, of all", "fx px")
     table("Published pictures", head, rows)
-    paper(sheet[0], big)
 
 
 if __name__ == "__main__":

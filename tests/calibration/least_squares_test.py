@@ -143,23 +143,6 @@ def test_standard_errors_are_honest():
     assert 0.85 < np.sqrt(np.mean(np.square(pulls))) < 1.15
 
 
-def test_ten_percent_of_outliers_do_no_harm(rng):
-    model, found = fitted(rng, outliers=0.1)
-    assert found.status is Status.CONVERGED
-    assert not found.iterate.used[model.bad].any()
-    assert found.iterate.used[~model.bad].mean() > 0.99
-    assert found.iterate.sigma == pytest.approx(0.01, rel=0.1)
-    error = np.sqrt(np.diag(found.covariance.common))
-    assert np.all(np.abs(found.iterate.unknowns.common - model.truth.common) < 4 * error)
-
-
-def test_a_prior_counts_as_one_more_measurement(rng):
-    assert abs(fitted(np.random.default_rng(1))[1].iterate.unknowns.common[1] - 0.3) < 0.02
-    _, found = fitted(np.random.default_rng(1), prior=(1, 0.5, 1e-6))
-    assert found.iterate.unknowns.common[1] == pytest.approx(0.5, abs=1e-4)
-    assert np.sqrt(found.covariance.common[1, 1]) == pytest.approx(1e-6, rel=1e-2)
-
-
 def test_an_unknown_that_nothing_tells_is_infinitely_uncertain(rng):
     class Twins(Decays):
         """The offset of each group and a common one cannot be told apart."""

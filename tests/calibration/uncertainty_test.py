@@ -7,14 +7,10 @@ import pytest
 import scipy
 from scipy.spatial.transform import Rotation
 
-import endolab as el
 from endolab import datasets
-from endolab.calibration.geometric.fit import calibrate_camera
 from endolab.calibration.geometric.projection import camera_of, camera_vector
 from endolab.calibration.uncertainty import fall_off_uncertainty, places, ray_uncertainty
 from endolab.model.lights import SpotLight
-from tests.tools.sheet_views import PAPER as LARGE
-from tests.tools.sheet_views import make_views
 from tests.tools.simulated_session import simulated
 
 PAPER = datasets.load_calibration("paper", width=160).camera
@@ -111,20 +107,3 @@ def test_the_light_of_a_free_lamp_is_as_uncertain_as_lamps_that_are_drawn():
         logs.append(at[0] - at[1])
     assert found == pytest.approx(100 * np.std(logs, axis=0), rel=0.06)
     assert fall_off_uncertainty(light, camera, pixels) != pytest.approx(found, rel=1e-3)
-
-
-def test_true_errors_of_calibrations_are_as_large_as_said():
-    """Six fits know their rays, turned onto the true ones: measured are 0.6 to 1.45 times what they say."""
-    ratios = []
-    for seed in range(6):
-        views, _ = make_views(
-            LARGE, el.TARGETS["charuco"], 8, np.random.default_rng(seed), noise=0.1, tilt=45
-        )
-        fit = calibrate_camera(views, el.TARGETS["charuco"], LARGE.width, LARGE.height)
-        pixels = places(LARGE, 16)[1:-1, 2:-2]
-        found = ray_uncertainty(fit.camera, fit.covariance, pixels)
-        true, rays = (camera.unproject(pixels).reshape(-1, 3) for camera in (LARGE, fit.camera))
-        turn = turned_back(fit.camera, LARGE, true)
-        off = np.linalg.norm(turn.apply(rays) - true, axis=1)
-        ratios.append(np.sqrt(np.mean((1e3 * off / found.mrad_shape.ravel()) ** 2)))
-    assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.6

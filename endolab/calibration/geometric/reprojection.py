@@ -85,7 +85,8 @@ class Reprojection:
 
     def linearise(self, unknowns: Geometry) -> Linearised:  # noqa: D102
         seen = project(*self._at(unknowns))
-        residual, by_common = self.pixels - seen.pixels, -seen.by_camera @ self.basis
+        residual = self.pixels - seen.pixels
+        by_common = np.tensordot(-seen.by_camera, self.basis, 1)
         prior, by_prior = self._prior(unknowns), self.basis[4:] / USUAL_K[:, None]
         return Linearised(residual, by_common, -seen.by_pose, prior, by_prior)
 

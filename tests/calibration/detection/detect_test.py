@@ -187,41 +187,9 @@ def test_other_targets_in_place(name):
     assert np.median(off) < (0.05 if name == "circles" else 0.2)
 
 
-def test_a_chessboard_that_looks_the_same_when_turned_is_not_mirrored():
-    """Either order of its 180° is right; rows run to the right in the picture."""
-    target = TARGETS["chessboard"]
-    image = picture(target, [posed(target, 75, 10)], noise=1)
-    for turn in range(4):
-        found = detect(np.ascontiguousarray(np.rot90(image, turn)), target)
-        grid = np.full((7, 11, 2), np.nan)
-        grid.reshape(-1, 2)[found.ids] = found.pixels
-        along, down = (np.nanmean(np.diff(grid, axis=axis), axis=(0, 1)) for axis in (1, 0))
-        assert along[0] * down[1] - along[1] * down[0] > 0
-        if turn % 2 == 0:
-            assert along[0] > 0
-
-
-def test_types_and_colours_do_not_matter():
-    image = picture(DOTS, [posed(DOTS, 45, 20)])
-    reference = detect(image, DOTS)
-    for same in (image.astype(np.uint16) * 257, image / 255, np.repeat(image[..., None], 3, axis=2)):
-        found = detect(same, DOTS)
-        assert np.array_equal(found.ids, reference.ids)
-        assert np.allclose(found.pixels, reference.pixels, atol=0.01)
-
-
-@pytest.mark.parametrize(
-    ("image", "said"),
-    [
-        (np.zeros((4, 4, 2)), "shape"),
-        (np.zeros(7), "shape"),
-        (np.zeros((40, 40), int), "uint8"),
-        (np.full((40, 40), 200.0), r"\[0, 1\]"),
-        (np.full((40, 40), np.nan), "finite"),
-    ],
-)
-def test_bad_pictures(image, said):
-    with pytest.raises(ValueError, match=said):
+@pytest.mark.parametrize("image", [np.zeros((4, 4, 2)), np.zeros((40, 40), int), np.full((40, 40), np.nan)])
+def test_bad_pictures(image):
+    with pytest.raises(ValueError, match="image must"):
         detect(image, DOTS)
 
 

@@ -40,26 +40,12 @@ def test_the_papers_camera_is_found_without_a_guess(twenty, fitted):
     assert np.abs(off[:2]).max() < 0.15
     assert np.abs(off[2:4]).max() < 0.06
     assert np.all(np.abs(off) < 4.5 * np.array(list(fitted.standard_errors.values())))
+    assert fitted.sigma == pytest.approx(0.08, rel=0.04)
+    assert fitted.rmse == pytest.approx(np.sqrt(2) * 0.08, rel=0.04)
     assert map_error(fitted.camera, PAPER, np.radians(68)).max() < 0.15
     for pose, true in zip(fitted.poses, twenty[1], strict=True):
         assert turn_between(pose, true) < np.radians(0.05)
         assert pose.translation == pytest.approx(true.translation, abs=0.05)
-
-
-def test_the_noise_and_the_wrong_points_are_found_and_residuals_are_measured_less_predicted(twenty, fitted):
-    assert fitted.sigma == pytest.approx(0.08, rel=0.04)
-    assert fitted.rmse == pytest.approx(np.sqrt(2) * 0.08, rel=0.04)
-    for view, true, inliers in zip(fitted.views, twenty[1], fitted.inliers, strict=True):
-        apart = PAPER.project(true.transform(SHEET.points[view.ids])) - view.pixels
-        assert not inliers[np.linalg.norm(apart, axis=1) > 6].any()  # a neighbour's id
-    assert 0.97 < fitted.agreement < 1
-    for view, pose, residual, inliers in zip(
-        fitted.views, fitted.poses, fitted.residuals, fitted.inliers, strict=True
-    ):
-        centre = fitted.camera.project(pose.transform(SHEET.points[view.ids]))
-        apart = (view.pixels - centre - residual)[inliers]
-        assert np.abs(apart).max() < 6  # the dots' centroids against their centres
-        assert np.linalg.norm(residual[inliers], axis=1).max() < 5 * fitted.sigma
 
 
 def test_standard_errors_are_honest():
@@ -202,16 +188,6 @@ def test_poses_are_found_and_wrong_points_with_them(camera):
         assert not inliers[wrong].any()
         assert inliers[~wrong].mean() > 0.97
         assert np.sqrt(np.mean(residual[inliers] ** 2)) == pytest.approx(0.08, rel=0.15)
-
-
-def test_points_that_half_of_them_deny_or_on_one_line_tell_no_pose(twenty):
-    view = twenty[0][0]
-    with pytest.raises(ValueError, match="do not lie to each other as"):
-        find_pose(replace(view, ids=np.random.default_rng(0).permutation(view.ids)), SHEET, PAPER)
-    points = np.column_stack([np.arange(10.0), np.zeros((10, 2))])
-    rays = points + np.array([0, 0, 30])
-    with pytest.raises(ValueError, match="on one line"):
-        pose_from_rays(rays / np.linalg.norm(rays, axis=1, keepdims=True), points)
 
 
 def test_the_linear_pose_is_exact_for_exact_rays_in_any_direction(rng):

@@ -8,9 +8,8 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.calibration.photometric.model import GREY, LightModel, LightUnknowns, place_nodes
-from endolab.calibration.photometric.samples import Samples, sample_depth, sample_surface
+from endolab.calibration.photometric.samples import Samples, sample_depth
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
-from endolab.model.surface import normals, points
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
 TRUTH = el.Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
@@ -85,14 +84,6 @@ def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
     scale = fit.gains / gains
     assert np.std(scale / scale.mean()) < 0.008
     np.testing.assert_allclose(scale.mean() * ratio.mean(), 1.0, atol=0.01)
-
-
-@pytest.mark.parametrize("gamma", [1.0, 3.2])
-def test_a_gamma_far_from_the_usual_one_is_found(gamma):
-    samples, _ = video("vicalib_folded", 80, replace(TRUTH, gamma=gamma), fold=np.deg2rad(60), seed=2)
-    fit = el.calibrate_light(samples, gamma="free")
-    assert abs(fit.photometry.gamma / gamma - 1) < 0.02
-    assert abs(fit.k - 2.5) < 0.06
 
 
 def test_standard_errors_are_honest():
@@ -213,15 +204,6 @@ def test_a_light_beside_the_camera_is_found():
     np.testing.assert_allclose(GREY * (samples.level - free.predict(samples)), free.residuals, atol=1e-9)
 
 
-def test_a_matt_fit_of_a_sheet_with_sheen_is_biased():
-    samples, _ = video(count=100, tilt=np.deg2rad(20))
-    assert abs(el.calibrate_light(samples).k - 2.5) < 0.03
-    matt = el.calibrate_light(samples, brdf="lambertian")
-    assert matt.k > 2.6
-    assert matt.sigma > 3.3
-    assert matt.photometry.brdf == el.Lambertian(1.0)
-
-
 def test_held_out_frames_are_predicted(flat_fit):
     other, _ = video(count=100, seed=77)
     score = flat_fit.held_out(other)
@@ -243,25 +225,6 @@ def test_a_frame_without_usable_samples_has_a_gain_of_no_weight(flat, flat_fit):
     fit = el.calibrate_light(replace(flat, level=level))
     np.testing.assert_array_equal(np.isinf(fit.gain_errors), fit.frames == 7)
     assert abs(fit.k - flat_fit.k) < 3 * flat_fit.standard_errors["k"]
-
-
-def test_a_known_surface_gives_everything_by_the_same_call(rng):
-    """A wavy wall, seen twice; three colours."""
-    field = datasets.load_calibration("simple", width=160).camera.field
-    parts, albedo = [], np.array([0.7, 0.4, 0.3])
-    true = replace(TRUTH, brdf=el.Lambertian(1.0))
-    for frame, gain in enumerate((2500.0, 4000.0)):
-        row, column = np.indices(field.cos_alpha.shape)
-        v = np.log(45 + 12 * np.sin(column / 23 + frame) + 10 * np.cos(row / 17))
-        x, n = points(v, field), normals(v, field)
-        level = replace(true, gain=gain).intensity(x, n)[..., None] * albedo ** (1 / 2.2)
-        image = np.clip(level + rng.normal(0, 3 / 255, level.shape), 0, 1)
-        parts.append(sample_surface(image, x, n, np.ones(v.shape, bool), frame=frame, most=3000))
-    fit = el.calibrate_light(Samples.concatenate(parts), **WALL)
-    assert abs(fit.photometry.gamma - 2.2) < 0.02
-    assert abs(fit.k - 2.5) < 0.04
-    np.testing.assert_allclose(fit.reflectance, albedo / 0.7, rtol=0.01)
-    np.testing.assert_allclose(fit.gains, [0.7 * 2500, 0.7 * 4000], rtol=0.03)
 
 
 def test_the_phantom_frames_agree_on_gain_and_response(data):

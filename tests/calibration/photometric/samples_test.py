@@ -87,15 +87,6 @@ def test_a_rendered_scene_gives_the_models_levels(albedo):
         assert here.cos_theta.min() > 0
 
 
-def test_columns_of_the_wrong_shape_and_frames_that_do_not_ascend_are_named():
-    good = some(10)
-    for name in ("level", "points", "normals", "material"):
-        with pytest.raises(ValueError, match=f"{name} must be of shape"):
-            replace(good, **{name: getattr(good, name)[:-1]})
-    with pytest.raises(ValueError, match="frame must be in ascending order"):
-        replace(good, frame=good.frame[::-1].copy() + np.arange(10)[::-1])
-
-
 def test_a_depth_map_gives_points_and_normals_away_from_its_edges():
     camera = CAMERA.resize(240, 180)
     frame = el.render(el.SCENES["colon"], camera, el.Photometry(k=2.0, gamma=2.2, brdf=el.Lambertian(0.6)))
