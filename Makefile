@@ -41,8 +41,8 @@ test: $(READY) ## run the tests, then every notebook with the solutions of its e
 test-browser: $(READY) ## run the browser's tests alone; they leave screenshots in build/screenshots
 	$(BIN)/python -m pytest tests/browser
 
-attack: $(READY) ## give endolab some 24000 damaged files, odd calls, full disks and kills (half an hour)
-	@export OPENBLAS_NUM_THREADS=1; $(BIN)/python -m tests.hostile.attack
+attack: $(READY) ## damage files 2000 times each and kill every command 20 times (a quarter of an hour)
+	@export OPENBLAS_NUM_THREADS=1 ENDOLAB_EXAMPLES=2000; $(BIN)/python -m pytest -n 2 --timeout 3600 tests/hostile
 
 html: $(READY) ## render notebooks and a reference to build/html; with SOLUTIONS=1, the solutions are open
 	@unset MPLBACKEND; $(BIN)/python -m tests.tools.render_pages notebooks build/html $(if $(SOLUTIONS),--solutions)

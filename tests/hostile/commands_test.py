@@ -1,0 +1,110 @@
+"""Commands that are killed, or find the disk full: what they leave is whole, and no process is left."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from tests.hostile.conftest import EXAMPLES, run, whole
+
+ROOT = Path(__file__).resolve().parents[2]
+KNOWN = ("--calibration", "endoscope.json")
+WEIGHTS = ",".join(f"{0.1 * k:.1f}" for k in range(1, 25))
+RESULT = {"depth.npz", "cloud.ply", "overview.png", "recording.rrd", "report.json"}
+SHEET = ("simulate", "sheet", "--width", 160, "--frames", 12)
+# Of each command: its words, what it writes, and the files that come together or not at all.
+COMMANDS = {
+    "reconstruct": (("reconstruct", "frame.png", *KNOWN, "--solver", "primal_dual"), "out", RESULT),
+    "video": (("reconstruct", "pictures", *KNOWN), "out", None),
+    "live": (
+        ("reconstruct", "file://{given}/video.mkv", *KNOWN),
+        "out",
+        RESULT - {"cloud.ply", "overview.png"} | {"frames.csv"},
+    ),
+    "sweep": (("sweep", "frame.png", *KNOWN, "--lam", WEIGHTS), "out.csv", None),
+    "calibrate": (("calibrate", "sheet", "--target", "vicalib_small"), "out.json", None),
+    "simulate": (("simulate", "colon", "--width", 320), "out", {"endoscope.json", "frame.png", "truth.npz"}),
+    "simulate sheet": ((*SHEET, "--video"), "out", {"sheet.mkv", "truth.json"}),
+    "target": (("target", "vicalib_small"), "out.pdf", {"out.pdf"}),
+    "convert": (("convert", "rig.xml"), "out.json", {"out.json"}),
+}
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGKILL)
+TIMES = max(EXAMPLES // 100, 1)  # that each command is killed
+PATIENCE = 5  # s until every process that a killed command started is gone
+
+
+def check(folder, together):
+    """All that is there is whole, and complete if it must be."""
+    results = [path for path in folder.rglob("[!.]*") if path.is_file() and "/." not in str(path)]
+    assert [path.name for path in results if not whole(path)] == []
+    names = {path.name for path in results} - {"report.json"}
+    assert together is None or names in (set(), together - {"report.json"})
+
+
+def left(session):
+    """The processes of a session that still live."""
+    found = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, ProcessLookupError):
+            if os.getsid(process.pid) == session and process.status() != psutil.STATUS_ZOMBIE:
+                found.append(" ".join(process.cmdline())[:100])
+    return found
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "convert"])  # it takes no time
+@pytest.mark.parametrize("seed", range(TIMES))
+def test_a_killed_command_leaves_what_is_whole_and_no_process(name, seed, given, tmp_path):
+    words, out, together = COMMANDS[name]
+    number = SIGNALS[(seed + list(COMMANDS).index(name)) % len(SIGNALS)]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "ENDOLAB_THREADS": "1"}
+    words = [*words, *(("--jobs", 2) if name == "sweep" else ()), "--out", tmp_path / out]
+    command = [sys.executable, "-m", "endolab", *(str(word).format(given=given) for word in words)]
+    streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "start_new_session": True}
+    process = subprocess.Popen(command, cwd=given, env=environment, text=True, **streams)
+    while process.poll() is None and not any(tmp_path.iterdir()):
+        time.sleep(0.01)  # until it has begun
+    time.sleep(np.random.default_rng(seed).uniform(0, 0.8))
+    with contextlib.suppress(ProcessLookupError):  # as a terminal does: to all of them
+        os.killpg(process.pid, number) if number is signal.SIGINT else process.send_signal(number)
+    _, said = process.communicate(timeout=30)
+    assert "Traceback" not in said
+    assert len([line for line in said.splitlines() if not line.startswith("Compiling ")]) <= 1
+    until = time.monotonic() + PATIENCE
+    while left(process.pid) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert left(process.pid) == []
+    check(tmp_path, together)
+    if number is not signal.SIGKILL:
+        assert not list(tmp_path.rglob(".endolab*"))
+
+
+@pytest.fixture(params=[8, 60])
+def disk(request, tmp_path):
+    """A small disk, of so many kB."""
+    (tmp_path / "disk").mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={request.param}k", "none", tmp_path / "disk"]
+    if sys.platform != "linux" or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no disk can be mounted here")
+    yield tmp_path / "disk"
+    subprocess.run(["umount", "--lazy", tmp_path / "disk"], check=True)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_full_disk_is_one_sentence_and_nothing_half_written(name, given, disk, capfd):
+    words, out, together = COMMANDS[name]
+    with contextlib.chdir(given):
+        status = run(*(str(word).format(given=given) for word in words), "--out", disk / out)
+    said = capfd.readouterr().err
+    assert (status, said.count("\n")) in ((0, 0), (2, 1)), said
+    assert status == 0 or "No space left" in said or "disk may be full" in said
+    check(disk, together)
+    assert not list(disk.rglob(".endolab*"))
+    assert status == 0 or together is None or not list(disk.iterdir())

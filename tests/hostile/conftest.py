@@ -1,0 +1,106 @@
+"""Good files, made once, that the tests here damage; and how many examples they try."""
+
+import contextlib
+import json
+import os
+import shutil
+from pathlib import Path
+
+import cv2
+import hypothesis
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab.calibration.targets import TARGETS
+from endolab.cli.main import main
+from endolab.datasets import traced
+from endolab.io.descriptions import write_target
+from endolab.io.detection_cache import detect_cached
+from endolab.io.settings import SolvingSettings, write_settings
+from endolab.io.video import open_frames
+
+EXAMPLES = int(os.environ.get("ENDOLAB_EXAMPLES", "20"))  # of every damage; `make attack` asks for more
+how = {"deadline": None, "database": None, "suppress_health_check": list(hypothesis.HealthCheck)}
+hypothesis.settings.register_profile("hostile", max_examples=EXAMPLES, derandomize=EXAMPLES == 20, **how)
+hypothesis.settings.load_profile("hostile")
+
+RIG = """<rig><camera><camera_model type="calibu_fu_fv_u0_v0_kb4" version="8">
+<width> 1440 </width> <height> 1080 </height>
+<right> [ 1; 0; 0 ] </right> <down> [ 0; 1; 0 ] </down> <forward> [ 0; 0; 1 ] </forward>
+<params> [ 717.7; 718.0; 734.7; 552.1; -0.14; -0.0003; 0.0015; -0.0001 ] </params>
+</camera_model></camera></rig>"""
+
+
+def run(*words):
+    """Run a command in this process; what it prints goes nowhere."""
+    with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stdout(nowhere):
+        return main([str(word) for word in words])
+
+
+@pytest.fixture(scope="session")
+def given(tmp_path_factory):
+    """A folder of files of every kind that endolab reads."""
+    folder = tmp_path_factory.mktemp("given")
+    with contextlib.chdir(folder):
+        assert run("simulate", "colon", "--width", 64, "--out", "colon", "--seed", 1) == 0
+        for name in ("frame.png", "endoscope.json", "truth.npz"):
+            shutil.copy(f"colon/{name}", name)
+        known = ("--calibration", "endoscope.json")
+        assert run("reconstruct", "frame.png", *known, "--solver", "facing", "--out", "result") == 0
+        shutil.copy("result/depth.npz", "depth.npz")
+        shutil.copy("result/recording.rrd", "run.rrd")
+        assert run("sweep", "frame.png", *known, "--solver", "facing", "--out", "table.csv") == 0
+        _make_pictures(cv2.imread("frame.png"))
+        assert run("reconstruct", "pictures", *known, "--solver", "facing", "--out", "video") == 0
+        sheet = ("--width", 240, "--frames", 6, "--target", "vicalib_small")
+        assert run("simulate", "sheet", *sheet, "--out", "sheet") == 0
+        detect_cached(open_frames("sheet"), TARGETS["vicalib_small"], "detections.jsonl")
+        write_target(TARGETS["vicalib_grey"], "target.json")
+        write_settings(SolvingSettings({"lam": 1.0, "xi": "d"}, {"k": 2.0}), "settings.json")
+        Path("rig.xml").write_text(RIG)
+        shutil.copy(traced.FOLDER / "matt.npz", "traced.npz")
+    return folder
+
+
+def _make_pictures(frame):
+    for name, code in (("video.mkv", "FFV1"), ("video.avi", "MJPG")):
+        writer = cv2.VideoWriter(name, cv2.VideoWriter.fourcc(*code), 30.0, frame.shape[1::-1])
+        for _ in range(4):
+            writer.write(frame)
+        writer.release()
+    for name in ("frame.jpg", "frame.tif", "frame.bmp"):
+        cv2.imwrite(name, frame)
+    cv2.imwrite("deep.png", frame.astype(np.uint16) * 257)
+    cv2.imwrite("mask.png", np.full(frame.shape[:2], 255, np.uint8))
+    depth = np.full((96, 120), round(20 * 655.35), np.uint16)
+    cv2.imwrite("0042_depth.png", depth)
+    Path("pictures").mkdir()
+    for number in range(6):  # ever darker
+        cv2.imwrite(f"pictures/{number}.png", np.round(frame * (1 - 0.01 * number)).astype(np.uint8))
+
+
+def whole(path):
+    """Whether a result can be read back."""
+    content = path.read_bytes()
+    match path.suffix:
+        case ".npz":
+            with np.load(path) as archive:
+                return all(len(archive[name].tobytes()) for name in archive.files)
+        case ".json":
+            return isinstance(json.loads(content), dict)
+        case ".csv":
+            return len({line.count(b",") for line in content.splitlines()}) == 1 and content.endswith(b"\n")
+        case ".png":
+            return cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) is not None
+        case ".mkv":
+            return all(image is not None for _, image in open_frames(path))
+        case ".rrd":
+            return el.read_recording(path) is not None
+        case ".pdf":
+            return content.rstrip().endswith(b"%%EOF")
+        case ".html":
+            return content.rstrip().endswith(b"</html>")
+        case ".ply":
+            return b"end_header" in content
+    return path.suffix == ".jsonl"  # whose last line may be cut off: that frame is searched again

@@ -1,0 +1,113 @@
+"""Damaged files: every reader takes them or refuses them in one sentence, in bounded memory."""
+
+import contextlib
+import json
+import re
+import shutil
+from pathlib import Path
+
+import psutil
+import pytest
+from hypothesis import given as tried
+from hypothesis import settings
+from hypothesis import strategies as st
+
+import endolab as el
+from endolab.batch.sweep import read_table
+from endolab.datasets import traced
+from endolab.datasets.endomapper import read_vicalib
+from endolab.datasets.folders import true_z
+from endolab.io.descriptions import read_target
+from endolab.io.detection_cache import read_detections
+from endolab.io.images import read_image, read_mask
+from endolab.io.settings import read_settings
+from endolab.io.surfaces import read_depth
+from endolab.io.video import open_frames
+from tests.hostile.conftest import EXAMPLES, run
+from tests.hostile.damage import damaged_arrays, damaged_bytes, damaged_json, damaged_table
+
+MOST_MEMORY = 600  # MB that reading a small file may take
+PICTURES = ("frame.png", "deep.png", "frame.jpg", "frame.tif", "frame.bmp")
+
+
+def read_recording(path):
+    """Read all that a recording holds."""
+    for one in el.read_recording(path).runs.values():
+        one.table()
+        for iteration in one.pictured:
+            one.depth(iteration)
+
+
+def read_video(path):
+    return [image is None for _, image in open_frames(path)]
+
+
+def read_kept(path):
+    """Read detections whose first line is as it should be, unless that is what is damaged."""
+    return read_detections(path, path.read_text(errors="replace").split("\n")[0])
+
+
+READERS = {
+    **dict.fromkeys(PICTURES, read_image),
+    **{"mask.png": read_mask, "0042_depth.png": true_z, "video.mkv": read_video, "video.avi": read_video},
+    **{"depth.npz": read_depth, "traced.npz": traced.read, "run.rrd": read_recording},
+    **{"endoscope.json": el.Calibration.load, "target.json": read_target, "settings.json": read_settings},
+    **{"table.csv": read_table, "detections.jsonl": read_kept, "rig.xml": read_vicalib},
+}
+INSIDE = {".npz": damaged_arrays, ".json": damaged_json, ".csv": damaged_table}
+SLOW = {"run.rrd": 5}  # how many times fewer examples: it takes a process each
+
+
+def peak():
+    """The most memory that this process has had, MB, since it was told to forget."""
+    return int(re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[1]) / 1024
+
+
+def damages(path):
+    """Damages of a file, from without or, where its format is known, from within."""
+    inside = INSIDE.get(path.suffix)
+    return damaged_bytes(path) if inside is None else st.one_of(damaged_bytes(path), inside(path))
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_what_is_damaged_is_taken_or_refused_in_one_sentence(name, given, tmp_path):
+    path = tmp_path / name
+    READERS[name](Path(shutil.copy(given / name, path)))  # undamaged
+
+    @settings(max_examples=max(EXAMPLES // SLOW.get(name, 1), 1))
+    @tried(damages(given / name))
+    def attack(content):
+        path.write_bytes(content)
+        with contextlib.suppress(OSError):
+            Path("/proc/self/clear_refs").write_text("5")
+        before = psutil.Process().memory_info().rss / 2**20
+        try:
+            READERS[name](path)
+        except (ValueError, OSError, MemoryError) as error:
+            assert str(path) in str(error)  # noqa: PT017
+            assert "\n" not in str(error)  # noqa: PT017
+        if Path("/proc/self/status").exists():
+            assert peak() - before < MOST_MEMORY
+
+    attack()
+
+
+@pytest.mark.parametrize("name", ["frames.csv", "report.json", "frames/0/depth.npz", "frames/5/depth.npz"])
+def test_a_video_goes_on_from_damaged_results_or_refuses_them(name, given, tmp_path, capfd):
+    known = ("--calibration", given / "endoscope.json", "--solver", "facing")
+
+    @settings(max_examples=max(EXAMPLES // 4, 1))
+    @tried(damages(given / "video" / name))
+    def attack(content):
+        shutil.rmtree(tmp_path / "video", ignore_errors=True)
+        shutil.copytree(given / "video", tmp_path / "video")
+        (tmp_path / "video" / name).write_bytes(content)
+        with contextlib.chdir(given):
+            status = run("reconstruct", "pictures", *known, "--out", tmp_path / "video")
+        said = capfd.readouterr().err
+        assert (status, said.count("\n")) in ((0, 0), (2, 1)), said
+        if status == 0:
+            report = json.loads((tmp_path / "video/report.json").read_text())
+            assert report["done"] == 6
+
+    attack()
