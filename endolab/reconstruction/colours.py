@@ -154,10 +154,6 @@ class Patches:
         orders = [one.orders[:, : walls.count][:, full] for one in lit]
         return cls(np.log(means[:, :3]), means[:, 3:-1].T, orders, means[:, -1])
 
-    def beside(self, factor: float, lamp: float, albedo: FloatArray, film: float) -> FloatArray:
-        """What is seen beside direct light of a matt wall, as a share of it, (P, 3)."""
-        return self.beside_and_slopes(factor, lamp, albedo, film)[0]
-
     def beside_and_slopes(
         self, factor: float, lamp: float, albedo: FloatArray, film: float
     ) -> tuple[FloatArray, FloatArray]:
@@ -264,7 +260,7 @@ def found_light(patches: Patches, belief: Belief) -> Light:
 
     def unexplained(x: FloatArray) -> FloatArray:
         """log E_c but for a constant, (P, 3)."""
-        return patches.light - np.log1p(patches.beside(x[0], x[1], np.exp(x[3:]), x[2])) - x[3:]
+        return patches.light - np.log1p(patches.beside_and_slopes(x[0], x[1], np.exp(x[3:]), x[2])[0]) - x[3:]
 
     low = np.array([0.0, 0.0, 0.0, *np.log(3 * [ALBEDOS[0]])])
     high = np.array([LARGEST, 1.0, SHINIEST, *np.log(3 * [ALBEDOS[1]])])

@@ -95,7 +95,7 @@ def _prepared(
     frame: Frame, calibration: Endoscope, channel: str | None, search: bool, how: dict[str, Any]
 ) -> OneChannel | Colours:
     if channel == SEPARATED or (channel == AUTO and frame.image.ndim == 3):
-        return Colours.of(frame, calibration, must=channel == SEPARATED, **how)
+        return Colours.of(frame, calibration, **how)
     if channel != AUTO:
         return OneChannel.of(frame, calibration, channel, search, **how)
     if how.get("highlights") is None:

@@ -30,7 +30,7 @@ from endolab.model.interreflection import Walls
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.side_by_side import by_rows
-from endolab.preprocessing.frame import BRIGHT, QUIET, Frame, noise_level
+from endolab.preprocessing.frame import QUIET, Frame, noise_level
 from endolab.reconstruction.colours import (
     ALBEDOS,
     ALIKE,
@@ -82,18 +82,14 @@ class Colours:
     albedo: FloatArray | None  # of the wall: (3,), green's alone, (), or None, as the calibration tells
 
     @classmethod
-    def of(cls, frame: Frame, calibration: Endoscope, must: bool = True, **options: Any) -> Colours:
-        """Prepare the three colours; see `make_problems`. Highlights are ignored by default.
-
-        Given albedos of which no use can be made are an error, if they `must` be used.
-        """
+    def of(cls, frame: Frame, calibration: Endoscope, **options: Any) -> Colours:
+        """Prepare the three colours; see `make_problems`. Highlights are ignored by default."""
         if frame.image.ndim == 2:
             raise ValueError(f"{frame.name} is grey, and channel='separated' needs its three colours")
-        albedo = _albedos(calibration, must)
         if options.get("highlights") is None:
             options["highlights"] = "ignore"
         fine, coarse = two_sizes(frame, calibration, CHANNELS, **options)
-        return cls(fine, coarse, albedo)
+        return cls(fine, coarse, _albedos(calibration))
 
 
 @dataclass(frozen=True)
@@ -115,7 +111,7 @@ def direct_light(
 
     `contours` says whether to tear the surface at those that are found, by default if that explains the
     picture much better; an earlier result of the same or the last frame, `before`, makes one round enough.
-    Returns the problem of direct light in full, or of the best single colour where the colours tell
+    Returns the problem of direct light in full, or of green alone where the colours tell
     nothing, and log d (H, W) to begin with, or None.
     """
     given = colours.albedo
@@ -129,10 +125,9 @@ def direct_light(
             surface = resampled(before.iterate, colours.coarse[1])
             found = yield from continued(colours.coarse, given, tear, surface)
     except NoColour as error:
-        index = max((1, 2, 0), key=lambda index: _signal(colours.fine[index]))  # of equals, not red
-        fine, coarse = colours.fine[index], colours.coarse[index]
-        note = f"The colours tell nothing of bounced light ({error}), so {CHANNELS[index]} is taken as it is."
-        return (yield from judged(OneChannel(remarked(fine, note), coarse), contours, before))
+        note = f"The colours tell nothing of bounced light ({error}), so green is taken as it is."
+        green = OneChannel(remarked(colours.fine[1], note), colours.coarse[1])
+        return (yield from judged(green, contours, before))
     three = given is not None and given.ndim == 1
     problem = _in_full(colours.fine, found, three, contours is not False)
     return problem, on_grid(found.surface, problem)
@@ -275,13 +270,6 @@ def _evidence(problem: Problem) -> NDArray[np.int8]:
     return np.zeros(problem.mask.shape, np.int8) if problem.evidence is None else problem.evidence
 
 
-def _signal(problem: Problem) -> float:
-    """Median grey level over noise; less where much is saturated."""
-    image = problem.image[problem.mask]
-    noise = max(noise_level(problem.image, problem.mask), QUIET)
-    return float(np.median(image) * np.mean(image < BRIGHT)) / noise
-
-
 def _check_colours(colours: Sequence[Problem]) -> None:
     """Raise NoColour if the three are one picture, such as a grey one that was stored as RGB."""
     mask = np.all([one.mask for one in colours], axis=0)
@@ -294,19 +282,12 @@ def _check_colours(colours: Sequence[Problem]) -> None:
 # Albedos and ι --------------------------------------------------------------------------
 
 
-def _albedos(calibration: Endoscope, must: bool) -> FloatArray | None:
-    """Return the wall's albedos in red, green and blue, (3,), green's alone, (), or None: what is told."""
+def _albedos(calibration: Endoscope) -> FloatArray | None:
+    """Albedos in red, green and blue, (3,), or green's alone, (), as far as they can be: else None."""
     albedo = np.asarray(getattr(calibration.photometry.brdf, "albedo", 0.0), dtype=np.float64)
-    if albedo.shape != (3,):
-        return albedo if ALBEDOS[0] < albedo < ALBEDOS[1] else None
-    problem = ""
-    if np.any(albedo <= 0) or np.any(albedo >= 1):
-        problem = "between 0 and 1"
-    elif np.ptp(albedo) < ALIKE * albedo.max():
-        problem = "that differ between colours"
-    if problem and must:
-        raise ValueError(f"channel='separated' needs albedos {problem}, got {tuple(albedo.tolist())}")
-    return None if problem else albedo
+    low, high = (0.0, 1.0) if albedo.ndim else ALBEDOS
+    alike = albedo.ndim > 0 and np.ptp(albedo) < ALIKE * albedo.max()
+    return albedo if np.all((low < albedo) & (albedo < high)) and not alike else None
 
 
 def _bounced(colours: Sequence[Problem], surface: Iterate, belief: Belief) -> tuple[FloatArray, Light]:

@@ -176,15 +176,3 @@ def test_colours_of_one_ratio_tell_nothing(dry):
     plain = without(dry.calibration, brdf=el.Lambertian(0.38))
     result = solved(el.Frame(white, dry.frame.mask, "w"), plain, width=160, smooth=0.0)
     assert "colours tell nothing of bounced light (they are as good as equal)" in note(result)
-
-
-@pytest.mark.parametrize(
-    ("albedo", "sentence"),
-    [
-        ((0.5, 0.5, 0.5), "needs albedos that differ between colours, got"),
-        ((1.0, 0.4, 0.3), "needs albedos between 0 and 1, got"),
-    ],
-)
-def test_albedos_that_cannot_be_used(dry, albedo, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        solved(dry.frame, without(dry.calibration, brdf=el.Lambertian(albedo)))
