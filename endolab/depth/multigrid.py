@@ -111,11 +111,6 @@ def multiply(m: FloatArray, x: FloatArray, out: FloatArray) -> None:
     _combine(out, m, x, 0.0, x, 1.0)
 
 
-def residual(m: SingleArray, x: SingleArray, b: SingleArray, out: SingleArray) -> None:
-    """out = b - M x."""
-    _combine(out, m, x, 1.0, b, -1.0)
-
-
 @kernel
 def _sweep_rows(m: Any, inverse: Any, x: Any, b: Any, first: int, last: int, step: int) -> None:
     """Gauss-Seidel on some rows in turn; in a row every third column at once: they are not coupled.
@@ -143,7 +138,10 @@ def _sweep_rows(m: Any, inverse: Any, x: Any, b: Any, first: int, last: int, ste
 
 @on_cores
 def _sweep(x: Any, m: Any, inverse: Any, b: Any, step: int) -> None:
-    """`SWEEPS` sweeps over every second band, then over those between, which see what these have become."""
+    """`SWEEPS` sweeps over every second band, then over those between, which see what these have become.
+
+    `step` 1 goes forwards, -1 back: the adjoint.
+    """
     last_row = x.shape[0] - PAD
     count = bands(last_row - PAD)
     for turn in range(2):
@@ -152,16 +150,6 @@ def _sweep(x: Any, m: Any, inverse: Any, b: Any, step: int) -> None:
             first, last = band_rows(2 * k + odd, PAD, last_row)
             for _ in range(SWEEPS):  # while the band's part of the matrix is near the core
                 _sweep_rows(m, inverse, x, b, first, last, step)
-
-
-def sweep_forwards(m: Any, inverse: Any, x: Any, b: Any) -> None:
-    """Gauss-Seidel sweeps."""
-    _sweep(x, m, inverse, b, 1)
-
-
-def sweep_backwards(m: Any, inverse: Any, x: Any, b: Any) -> None:
-    """Gauss-Seidel sweeps in the opposite order: the adjoint of the others."""
-    _sweep(x, m, inverse, b, -1)
 
 
 @kernel
@@ -276,12 +264,12 @@ class Multigrid:
             _settle(at.matrix, at.inverse, at.x, at.b)
             return
         below = self.levels[depth + 1]
-        sweep_forwards(at.matrix, at.inverse, at.x, at.b)
-        residual(at.matrix, at.x, at.b, at.r)
+        _sweep(at.x, at.matrix, at.inverse, at.b, 1)
+        _combine(at.r, at.matrix, at.x, 1.0, at.b, -1.0)  # what is left of b
         at.structure.way.adjoint(at.r, below.structure.active, below.b)
         self._cycle(depth + 1)
         at.structure.way.add(below.x, at.x)
-        sweep_backwards(at.matrix, at.inverse, at.x, at.b)
+        _sweep(at.x, at.matrix, at.inverse, at.b, -1)
 
     def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:
         """Conjugate gradients on M x = b, until the preconditioned residual is `tolerance` of what it was.

@@ -50,9 +50,9 @@ from endolab.numerics.derivatives import REFERENCE_WIDTH, gradient, hessian_sten
 from endolab.numerics.iteration import Status
 from endolab.numerics.threads import band_rows, bands, on_cores
 
-BALANCE, LEAST = 0.1, 1e-3  # τ_p and the least χ in units of 1/c at the start
+BALANCE = 0.1  # τ_p in units of 1/c at the start; χ is 1
+SAFETY = 0.7  # share of the bound on τ that is taken
 NORMS = {"first": 8, "second": 64}  # ‖K‖² of differences per pixel, at most
-RANGES = {"coupling": (LEAST, 1e6), "decay": (0, 1), "safety": (1e-3, 1), "patch": (0, 32)}
 
 
 # Numbers of single precision keep a loop's so.
@@ -257,7 +257,6 @@ def _advance(
     xi: Any,
     count: int,
     theta: float,
-    decay: float,
     state: Any,
     radius: int,
     slopes: Any,
@@ -268,12 +267,13 @@ def _advance(
     how: Any,
     table: Any,
     work: Any,
-) -> float:
-    """Take `count` steps, in place; return χ (in units of τ_p) after them."""
+) -> None:
+    """Take `count` steps, in place, with χ in units of τ_p."""
     x, _, ahead, q, _, p, other = state
     sign, steps, offsets, metric = slopes
     rows, lines, line_sums, running, sums = work
     height, width = xi.shape
+    current = SINGLE(theta)
     several, strips = bands(height - 2), 2 * max(width // STRIP, 1)
     for _ in range(count):
         for band in prange(several):
@@ -296,7 +296,6 @@ def _advance(
             for strip in prange(strips):
                 k, begin, end = _strip(strip, strips, width)
                 _along_columns(p, other, k, begin, end, radius, down, running, sums)
-        current = SINGLE(theta)
         for band in prange(several):
             begin, end = band_rows(band, 1, height - 1)
             pull, dark, turn = rows[band, 0], rows[band, 1], rows[band, 2]
@@ -304,8 +303,6 @@ def _advance(
                 _pull(pull, q, regulariser, i)
                 _tilt(dark, turn, p, metric, table, i)
                 _primal(i, current, state, (pull, dark, turn), metric, along[0], data, how)
-        theta = max(decay * theta, LEAST / BALANCE)
-    return theta
 
 
 def _windows(joined: BoolArray, mask: BoolArray, radius: int) -> tuple[FloatArray, Any, Any]:
@@ -417,11 +414,9 @@ class _Path:
             ),
         )
 
-    def advance(self, count: int, theta: float, decay: float) -> float:
-        """Take steps with χ, in units of 1/c at the start; return χ after them."""
-        return BALANCE * _advance(
-            self.state[0], count, theta / BALANCE, float(decay), self.state, *self.given
-        )
+    def advance(self, count: int, theta: float = 1.0) -> None:
+        """Take steps with χ, in units of 1/c at the start."""
+        _advance(self.state[0], count, theta / BALANCE, self.state, *self.given)
 
     @property
     def x(self) -> FloatArray:
@@ -435,10 +430,11 @@ class _Path:
         xi = np.where(problem.mask, self.x[1:-1, 1:-1] * problem.xi_median, 1.0)
         return from_xi(xi, problem.xi, np.where(problem.mask, problem.field.cos_alpha, 1.0))
 
-    def share(self, theta: float) -> float:
+    @property
+    def share(self) -> float:
         """Part of the way to its data that a pixel went in the last step, on average, c as at first."""
         limit = self.state[4][1:-1, 1:-1][self.problem.mask].astype(np.float64)
-        t = np.minimum(1 / limit, theta)  # χc
+        t = np.minimum(1 / limit, 1.0)  # χc
         return float(np.mean(t / (1 + t) * BALANCE / (BALANCE + t)))
 
 
@@ -446,10 +442,7 @@ def primal_dual(
     problem: Problem,
     start: FloatArray | None = None,
     *,
-    coupling: float = 1.0,
-    decay: float = 1.0,
     patch: float = 8.0,
-    safety: float = 0.7,
     tolerance: float = 2e-3,
     every: int = 10,
     max_iterations: int = 2000,
@@ -462,35 +455,32 @@ def primal_dual(
     regulariser is "curvature", or the BRDF has two slants for one brightness.
 
     - start: (H, W), log d to begin with, finite inside the mask; the paper's d₀ by default.
-    - coupling: χ in units of 1/c at the start; what is stable limits it further.
-    - decay: what χ is multiplied by after each step, down to 0.001. In DTAM it falls; here it stays.
     - patch: radius of the box over which slopes are averaged, twice, for the normals; in 1/320 of the
       width. 0 takes two neighbours, as the energy does, and thousands of steps.
-    - safety: share of the bound on τ that is taken, in (0, 1].
     - tolerance: the run has converged when v has less than this to go (root mean square): its change in
       a step over the part of the way that a step takes.
     - every, max_iterations: steps from one iterate to the next, and the most to take.
 
-    Iterates count steps (`k`); their scalars are steps, theta, and tau, the part of its way that a pixel
-    goes in one.
+    χ is 1/c at the start, or what is stable; in DTAM it falls with every step, here it stays. Iterates count
+    steps (`k`); their scalars are steps, and tau, the part of its way that a pixel goes in one.
     """
     if problem.regulariser == "curvature":
         raise ValueError("primal_dual takes regulariser='first' or 'second', got 'curvature'")
-    for (name, (low, high)), value in zip(RANGES.items(), (coupling, decay, safety, patch), strict=True):
-        number(name, value, low, high)
+    number("patch", patch, 0, 32)
     number("tolerance", tolerance, 0)
     whole("every", every, 1)
     whole("max_iterations", max_iterations)
     check_maps(problem.mask, start)
     v = problem.log_facing if start is None else start
     radius = round(patch * problem.camera.width / REFERENCE_WIDTH)
-    path, theta, steps, grid = _Path.at(problem, v, radius, safety), float(coupling), 0, Grid.of(problem)
+    path, steps, grid = _Path.at(problem, v, radius, SAFETY), 0, Grid.of(problem)
     iterate = Iterate.of(problem, v)
     yield iterate
     while steps < max_iterations:
         count = int(min(every, max_iterations - steps))
-        theta, steps = path.advance(count, theta, decay), steps + count
-        shown = {"steps": steps, "theta": theta, "tau": path.share(theta)}
+        path.advance(count)
+        steps += count
+        shown = {"steps": steps, "tau": path.share}
         terms = grid.terms(padded(path.log_distance), problem.lam)
         after = Iterate.of(problem, path.log_distance, iterate, terms=terms, scalars=shown)
         iterate = replace(after, k=steps)

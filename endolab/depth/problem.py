@@ -89,16 +89,13 @@ class Problem:
         for name in ("image", "mask"):
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, the camera {shape}")
-        for name in ("cuts", "evidence"):
-            if not isinstance(getattr(self, name), np.ndarray | None):
-                raise ValueError(f"{name} must be an array, got {told(getattr(self, name))}")
-        if self.cuts is not None and (self.cuts.shape != (2, *shape) or self.cuts.dtype != bool):
-            found = f"{self.cuts.dtype} of shape {self.cuts.shape}"
-            raise ValueError(f"cuts must be a bool array of shape {(2, *shape)}, found {found}")
+        for name, kind, wanted in (("cuts", bool, (2, *shape)), ("evidence", np.int8, shape)):
+            given = getattr(self, name)
+            fits = isinstance(given, np.ndarray) and (given.dtype, given.shape) == (kind, wanted)
+            if given is not None and not fits:
+                expected = f"an array of {np.dtype(kind)} of shape {wanted}"
+                raise ValueError(f"{name} must be {expected}, got {told(given)}")
         if self.evidence is not None:
-            if self.evidence.shape != shape or self.evidence.dtype != np.int8:
-                found = f"{self.evidence.dtype} of shape {self.evidence.shape}"
-                raise ValueError(f"evidence must be an int8 array of shape {shape}, found {found}")
             unknown = np.setdiff1d(self.evidence[self.mask], (EXACT, AT_LEAST, NONE))
             if unknown.size:
                 raise ValueError(f"evidence must be 0 (exact), 1 (at least) or 2 (none), found {unknown[0]}")
