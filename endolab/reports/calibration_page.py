@@ -8,31 +8,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from endolab._extras import lacking
+from endolab.calibration import summary
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.session import Named, Session, describe_target
-from endolab.calibration.summary import (
-    account,
-    brdf_of,
-    by_reason,
-    camera_values,
-    evidence,
-    light_values,
-    plus_minus,
-)
 from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
 from endolab.io.descriptions import write_camera
 from endolab.io.images import write_figure
 from endolab.io.video import Frames
 from endolab.model.brdf import TabulatedBRDF
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.calibration import (
-    best_frame,
-    frames_figure,
-    geometry_figure,
-    light_figure,
-    show_detection,
-    worst_frames,
-)
+from endolab.plots import calibration as figures
 from endolab.plots.style import PAGE_SIZE, house
 from endolab.plots.uncertainty import uncertainty_figure
 
@@ -50,17 +35,17 @@ def _symbol(name: str) -> str:
 
 
 def _values(rows: Iterable[tuple[str, float, float, str]]) -> list[tuple[str, str]]:
-    return [(name, f"{plus_minus(value, error)} {unit}") for name, value, error, unit in rows]
+    return [(name, f"{summary.plus_minus(value, error)} {unit}") for name, value, error, unit in rows]
 
 
 def _brdf(light: PhotometricFit) -> list[tuple[str, str, str]]:
     """Rows of its nodes; none if the surface was taken to be matt."""
     if not isinstance(light.photometry.brdf, TabulatedBRDF):
         return []
-    theta, relative, errors = brdf_of(light)
+    theta, relative, errors = summary.brdf_of(light)
     nodes = zip(np.rad2deg(theta), relative, errors, strict=True)
     return [
-        (f"f{j}", f"{angle:.1f}°", "1 (pinned)" if error == 0 else plus_minus(value, error))
+        (f"f{j}", f"{angle:.1f}°", "1 (pinned)" if error == 0 else summary.plus_minus(value, error))
         for j, (angle, value, error) in enumerate(nodes)
     ]
 
@@ -68,10 +53,10 @@ def _brdf(light: PhotometricFit) -> list[tuple[str, str, str]]:
 def _page(session: Session, source: str, shown: str) -> str:
     from jinja2 import Environment, StrictUndefined
 
-    light, lines = session.light, account(session)
+    light, lines = session.light, summary.account(session)
     blocks: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True}
     environment = Environment(autoescape=True, undefined=StrictUndefined, **blocks)
-    environment.filters["by_reason"] = by_reason
+    environment.filters["by_reason"] = summary.by_reason
     return environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
         session=session,
         light=light,
@@ -80,8 +65,8 @@ def _page(session: Session, source: str, shown: str) -> str:
         target=describe_target(session.target),
         account=lines,
         lines=[line for line in lines if light is None or line not in light.verdict],
-        camera_values=_values(camera_values(session)),
-        light_values=[] if light is None else _values(light_values(light)),
+        camera_values=_values(summary.camera_values(session)),
+        light_values=[] if light is None else _values(summary.light_values(light)),
         brdf=[] if light is None else _brdf(light),
         symbols=[] if light is None else [_symbol(name) for name in light.names],
         correlation=[] if light is None else np.nan_to_num(light.correlation),
@@ -107,24 +92,24 @@ def write_report(
     holds a report of endolab's; else `overwrite`.
     """
     source = str(frames.path) if isinstance(frames, Frames) else ""
-    name, worst = best_frame(session), worst_frames(session)
+    name, worst = figures.best_frame(session), figures.worst_frames(session)
     pictures = _pictures(frames, {name, *worst}, session)
     image = pictures[name]
-    facts: dict[str, Any] = {"endolab": 1} | evidence(session, source, channel)
-    facts |= {"account": account(session)}
+    facts: dict[str, Any] = {"endolab": 1} | summary.evidence(session, source, channel)
+    facts |= {"account": summary.account(session)}
     with staged_folder(folder, overwrite=overwrite) as staging:
         if session.geometry is None:
             with house(PAGE_SIZE):
                 figure = Figure(figsize=(10, 8), dpi=100, layout="constrained")
-                show_detection(image, session.detections[name], session.target, figure.subplots())
+                figures.show_detection(image, session.detections[name], session.target, figure.subplots())
             write_figure(staging / "detection.png", figure)
         else:
-            write_figure(staging / "camera.png", geometry_figure(session, image))
+            write_figure(staging / "camera.png", figures.geometry_figure(session, image))
         if worst:
             shown = {one: pictures[one] for one in worst}
-            write_figure(staging / "frames.png", frames_figure(session, shown))
+            write_figure(staging / "frames.png", figures.frames_figure(session, shown))
         if session.light is not None:
-            write_figure(staging / "light.png", light_figure(session, image))
+            write_figure(staging / "light.png", figures.light_figure(session, image))
         if session.geometry is not None or session.light is not None:
             write_figure(staging / "uncertainty.png", uncertainty_figure(session))
         if not lacking("jinja2"):

@@ -165,17 +165,6 @@ def test_an_unknown_that_nothing_tells_is_infinitely_uncertain(rng):
     assert np.all(np.isfinite(found.covariance.own[:, 0, 0]))
 
 
-def test_a_group_of_which_nothing_is_usable_stays_where_it_was(rng):
-    model = Decays(rng)
-    model.hidden = model.group == 3
-    found = fit(model, model.start())
-    assert found.status is Status.CONVERGED
-    assert found.iterate.unknowns.own[3] == pytest.approx(model.start().own[3])
-    assert np.all(np.isinf(np.diag(found.covariance.own[3])))
-    assert np.all(np.isfinite(np.diag(found.covariance.common)))
-    assert np.all(np.isfinite(found.covariance.own[np.arange(GROUPS) != 3]))
-
-
 def test_a_fit_that_runs_out_of_iterations_or_is_interrupted_keeps_its_last_iterate(rng):
     def interrupt(iterate):
         if iterate.k == 1:

@@ -112,19 +112,13 @@ def test_pictures_that_cannot_be_read_are_named(video):
         calibrate([("a.png", None)], SHEET)
 
 
-def test_frames_of_another_size_are_named_and_what_is_found_is_told_at_once(video):
+def test_frames_of_another_size_are_named(video):
     frames, _, _ = video
     other = ("small.png", np.zeros((90, 120)))
     with pytest.raises(ValueError, match=r"0\.png is 480x360 px, small\.png is 120x90 px"):
         detect_all([frames[0], other], SHEET)
     with pytest.raises(ValueError, match=r"the others are 480x360 px, small\.png is 120x90 px"):
         detect_all([other], SHEET, size=(480, 360))
-    kept, told = [], []
-    tell = {"found": lambda *what: kept.append(what), "progress": lambda *what: told.append(what)}
-    found, _ = detect_all(frames[:2], SHEET, count=2, **tell)
-    assert [(name, size) for name, _, size in kept] == [("0.png", (480, 360)), ("1.png", (480, 360))]
-    assert kept[1][1] is found["1.png"]
-    assert told == [("detecting", 1, 2), ("detecting", 2, 2)]
 
 
 def test_the_geometry_takes_the_best_of_every_few_frames():

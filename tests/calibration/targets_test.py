@@ -92,17 +92,6 @@ def test_corners_and_circles_are_in_opencvs_order(name):
     np.testing.assert_allclose(places, target.points[:, :2], atol=0.05)
 
 
-def test_a_fold_runs_between_columns_and_along_the_squares_of_a_board():
-    assert (FOLDED.panels, FOLDED.fold_x) == (2, 8.5 * FOLDED.spacing)
-    np.testing.assert_array_equal(FOLDED.panel_of(FOLDED.points).reshape(10, 19)[0], [0] * 9 + [1] * 10)
-    assert (SMALL.panels, SMALL.fold_x) == (1, None)
-    assert not SMALL.panel_of(SMALL.points).any()
-    target = Charuco(12, 8, 7.0, fold=6, marker=5.2)
-    for x, y, width, height in target.ink.rectangles:
-        sides = target.panel_of([[x + 1e-6, y], [x + width - 1e-6, y + height]])
-        assert sides[0] == sides[1]
-
-
 @pytest.mark.parametrize(
     ("make", "key", "value"),
     [

@@ -61,7 +61,7 @@ def refused(capsys):
     return run
 
 
-def test_the_camera_and_the_light_come_back(work):
+def test_the_camera_and_the_light_come_back_with_a_report(work):
     truth = json.loads((work / "v/truth.json").read_text())
     found = el.Calibration.load(work / "cal.json")
     for name in ("fx", "fy", "cx", "cy"):
@@ -75,13 +75,9 @@ def test_the_camera_and_the_light_come_back(work):
     ratio = np.array(list(gains.values())) / known[[int(name) for name in gains]]
     assert np.std(np.log(ratio)) < 0.02  # but for one factor, that of the paper
     assert len(found.evidence["frames"]["dropped"]) + len(gains) == FRAMES
-
-
-def test_the_report_is_a_page_with_pictures_and_numbers(work):
     pictures = {"camera.png", "frames.png", "light.png", "uncertainty.png"}
     names = {path.name for path in (work / "cal_report").iterdir()}
     assert {"report.html", "report.json", "camera.json", "recording.rrd"} | pictures <= names
-    assert json.loads((work / "cal_report/report.json").read_text())["account"]
     assert "γ = 2." in (work / "cal_report/report.html").read_text()
 
 
@@ -143,7 +139,6 @@ def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept(tmp_path, ref
     ("options", "word"),
     [
         (["--gamma", "two"], "--gamma"),
-        (["--gamma", "9"], "gamma"),
         (["--reflectance", "0.5"], "--reflectance"),
         (["--every", "0"], "--every"),
         (["--camera", "none.json"], "none.json"),

@@ -19,17 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from endolab.calibration.least_squares import Covariance, Fit, FitIterate, fit
-from endolab.calibration.photometric.identifiability import (
-    NotIdentifiableError,
-    Strength,
-    describe_verdict,
-    gain_jumps,
-    held,
-    refuse,
-    regress,
-    strengths,
-    widened,
-)
+from endolab.calibration.photometric import identifiability
+from endolab.calibration.photometric.identifiability import NotIdentifiableError, Strength
 from endolab.calibration.photometric.model import (
     FIRST_GAMMA,
     GREY,
@@ -115,7 +106,7 @@ def _start(model: LightModel) -> tuple[LightUnknowns, float]:
     matrix = np.concatenate(columns, axis=1)
     weight = level**2 * good
     for _ in range(5):
-        solved, residual = regress(matrix, target, weight, model.group)
+        solved, residual = identifiability.regress(matrix, target, weight, model.group)
         grey = GREY * level * residual / gamma
         sigma = 1.4826 * float(np.median(np.abs(grey[good]))) + 1e-12
         weight = level**2 * good / (1 + (grey / (3 * sigma)) ** 2) ** 2
@@ -205,11 +196,11 @@ def calibrate_light(
     theta, pinned = _nodes(samples, 1 if brdf == "lambertian" else nodes, levels)
     model = LightModel(samples, group, theta, pinned, known_gamma, known, light == "free", levels)
     begin, sigma = _start(model)
-    expected = strengths(model, begin, sigma)
-    refuse(model, expected)
-    stiff = held(model, expected)
+    expected = identifiability.strengths(model, begin, sigma)
+    identifiability.refuse(model, expected)
+    stiff = identifiability.held(model, expected)
     found = fit(stiff, begin, observers)
-    covariance = widened(found.covariance.common, model, stiff)
+    covariance = identifiability.widened(found.covariance.common, model, stiff)
     found = replace(found, covariance=Covariance(covariance, found.covariance.own))
     return _result(model, frames, expected, found)
 
@@ -292,8 +283,8 @@ def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], 
     seen = {"alpha": alpha, "theta": theta, "distance": samples.distance[used]}
     ranges = {name: (float(values.min()), float(values.max())) for name, values in seen.items()}
     known = np.isfinite(gain_errors)
-    jumps = [] if locked else gain_jumps(frames[known], gains[known])
-    verdict = describe_verdict(model, unknowns, expected, errors, last.sigma, ranges, jumps)
+    jumps = [] if locked else identifiability.gain_jumps(frames[known], gains[known])
+    verdict = identifiability.describe_verdict(model, unknowns, expected, errors, last.sigma, ranges, jumps)
     if found.status is not Status.CONVERGED:
         verdict.insert(0, f"The fit did not end as it should: {found.status.value}")
     residuals = last.residual[:, 0]
