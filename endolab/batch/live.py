@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import math
 import os
 import threading
 import time
-from collections import deque
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile
+from itertools import chain, islice
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from endolab.batch.table import Row, measured
+from endolab.batch.table import STEP, Row, step_row
 from endolab.io.atomic import PathLike
 from endolab.io.images import read_mask
 from endolab.io.video import Stream, as_image, open_stream
+from endolab.model.cameras import Camera
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import whole
@@ -26,9 +25,16 @@ from endolab.preprocessing.frame import Frame, check_size, shrunk_bytes
 from endolab.reconstruction.scale import check_scale
 from endolab.reconstruction.sequence import SCALES, Step, framed, reconstruct_sequence
 
+if TYPE_CHECKING:
+    from endolab.recording.sequence import SequenceRecorder
+    from endolab.recording.stream import Sink
+
 LIVE_WIDTH = 320  # px to which a wider picture is shrunk, so that two cores keep up
-WINDOW = 1.0  # s over which the rate is counted
 ENDING = 2.0  # s that a reader gets to end
+CURVES = {"Lag, s": ["lag"], "Frames dropped": ["dropped"], "Median distance": ["median_distance"]}
+COLUMNS = (*STEP[:-1], "dropped", "lag", "error")
+
+Shot = tuple[int, str, np.ndarray, float]  # frames that came before, name, picture, and when it came, s
 
 
 @dataclass(frozen=True)
@@ -39,107 +45,46 @@ class LiveStep(Step):
     lag: float = 0.0  # s from the frame's coming to its surface
 
 
-@dataclass(frozen=True)
-class _Shot:
-    """A frame that has come."""
-
-    count: int  # frames that came before
-    name: str
-    picture: np.ndarray
-    arrived: float  # s, of `time.perf_counter`
-
-
 class Newest:
     """Reads frames in a thread, as fast as they come, and keeps the last alone."""
 
     def __init__(self, frames: Iterable[tuple[str, np.ndarray]]) -> None:
-        self._frames = frames
-        self._changed = threading.Condition()
-        self._shot: _Shot | None = None
-        self._ended = False
-        self._failure: Exception | None = None
+        self._frames, self._changed = frames, threading.Condition()
+        self._newest: Shot | None = None
+        self._ended, self._failure = False, None  # type: tuple[bool, Exception | None]
         self._reader = threading.Thread(target=self._read, daemon=True, name="endolab camera")
         self._reader.start()
 
-    def take(self) -> _Shot | None:
+    def take(self) -> Shot | None:
         """Wait for a frame that was not taken yet; None at the end. What the reader raised is raised here."""
         with self._changed:
-            self._changed.wait_for(lambda: self._shot is not None or self._ended)
-            shot, self._shot = self._shot, None
-        if shot is None and self._failure is not None:
+            self._changed.wait_for(lambda: self._newest is not None or self._ended)
+            newest, self._newest = self._newest, None
+        if newest is None and self._failure is not None:
             raise self._failure
-        return shot
+        return newest
 
     def close(self) -> None:
         """End the reading; a camera that does not answer is left to itself."""
-        with self._changed:
-            self._ended = True
+        self._ended = True
         if isinstance(self._frames, Stream):
             self._frames.close()
         self._reader.join(ENDING)
 
     def _read(self) -> None:
-        frames = self._frames.stored() if isinstance(self._frames, Stream) else iter(self._frames)
+        frames = self._frames.stored() if isinstance(self._frames, Stream) else self._frames
         try:
             for count, (name, picture) in enumerate(frames):
                 with self._changed:
-                    if self._ended:
-                        break
-                    self._shot = _Shot(count, name, picture, time.perf_counter())
+                    self._newest = count, name, picture, time.perf_counter()
                     self._changed.notify()
+                if self._ended:
+                    break
         except Exception as failure:  # who takes is told
             self._failure = failure
-        finally:
-            if isinstance(frames, Generator):
-                frames.close()
-            with self._changed:
-                self._ended = True
-                self._changed.notify()
-
-
-class _Smaller:
-    """Makes frames of pictures, small enough, with a calibration and lengths that go with them."""
-
-    def __init__(self, calibration: Endoscope, mask: BoolArray | None, width: int | None) -> None:
-        full, self._mask = calibration.camera, mask
-        self._full, self._gamma = full, calibration.photometry.gamma
-        wide = min(LIVE_WIDTH, full.width) if width is None else whole("width", width, 1)
-        if wide > full.width:
-            raise ValueError(f"width must be at most the picture's {full.width} px, got {wide}")
-        self.size = wide, max(1, round(full.height * wide / full.width))
-        self.shrinks = wide < full.width
-        # Once for all frames, as the camera's rays take longer than a frame.
-        self.calibration = (
-            replace(calibration, camera=full.resize(*self.size)) if self.shrinks else calibration
-        )
-        if mask is not None and mask.shape != (full.height, full.width):
-            check_size("the mask", mask.shape[::-1], full)
-
-    def frame(self, shot: _Shot) -> Frame:
-        """Make a frame; one of another size than the calibration's stays so, to be refused."""
-        picture, mask = shot.picture, self._mask
-        right = picture.shape[:2] == (self._full.height, self._full.width)
-        if picture.dtype == np.uint8 and right and mask is None and self.shrinks:
-            image = shrunk_bytes(picture, *self.size, self._gamma)[..., ::-1]
-            return framed(shot.name, image)
-        image = as_image(picture) if picture.dtype == np.uint8 else picture
-        frame = framed(shot.name, image) if mask is None or not right else Frame(image, mask, shot.name)
-        return frame.resize(*self.size, self._gamma) if right and self.shrinks else frame
-
-    def lengths(self, known: dict[str, Any]) -> dict[str, Any]:
-        """Give known lengths, at pixels of the whole picture, at those of the small one."""
-        share = np.array(self.size) / [self._full.width, self._full.height]
-
-        def moved(pixel: Iterable[float]) -> tuple[float, float]:
-            column, row = (np.array([*pixel]) + 0.5) * share - 0.5
-            return float(column), float(row)
-
-        found = dict(known)
-        if (distance := known.get("known_distance")) is not None:
-            found["known_distance"] = (distance[0], *moved(distance[1:]))
-        if (diameter := known.get("known_diameter")) is not None:
-            found["known_diameter"] = (diameter[0], *map(moved, diameter[1:]))
-        return found
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
 
 
 def reconstruct_live(
@@ -186,77 +131,90 @@ def reconstruct_live(
         In one sentence, if the source cannot be opened or gives nothing, or if its first picture has
         not the calibration's size.
     """
-    if limit is not None:
-        whole("limit", limit, 1)
-    smaller = _Smaller(calibration, None if mask is None else read_mask(mask), width)
+    full = calibration.camera
+    limit = None if limit is None else whole("limit", limit, 1)
+    wide = min(LIVE_WIDTH, full.width) if width is None else whole("width", width, 1)
+    if wide > full.width:
+        raise ValueError(f"width must be at most the picture's {full.width} px, got {wide}")
+    # Once for all frames, as the camera's rays take longer than a frame.
+    camera = full.resize(wide, max(1, round(full.height * wide / full.width)))
+    inside = np.ones((full.height, full.width), dtype=bool) if mask is None else read_mask(mask)
+    check_size("the mask", inside.shape[::-1], full)
     check_scale(**{name: options.get(name) for name in SCALES})
-    options = smaller.lengths(options)
+    share = np.array([camera.width / full.width, camera.height / full.height])
+    given = {name: value for name, value in options.items() if value is not None}
+    given |= {name: _moved(given[name], share) for name in SCALES[1:] if name in given}
     named = isinstance(source, int | str | os.PathLike)
     newest = Newest(open_stream(source) if named else source)  # type: ignore[arg-type]
-    taken: list[tuple[int, float]] = []  # of the last two frames: their counts, and when they came
+    taken: list[Shot] = []
 
-    def handed(shot: _Shot | None) -> Iterator[tuple[str, Frame]]:
-        left = math.inf if limit is None else limit
-        while shot is not None:
-            taken[:] = [*taken[-1:], (shot.count, shot.arrived)]
-            yield shot.name, smaller.frame(shot)
-            left -= 1
-            shot = newest.take() if left > 0 else None
+    def frames(first: Shot) -> Iterator[tuple[str, Frame]]:
+        for shot in islice(chain([first], iter(newest.take, None)), limit):
+            taken.append(shot)
+            yield shot[1], _shrunk(shot, inside, camera, calibration.photometry.gamma)
 
     try:
         first = newest.take()
         if first is None:
             return
-        check_size(first.name, first.picture.shape[1::-1], calibration.camera)
-        usual = {"channel": "green" if first.picture.ndim == 3 else "grey", "regulariser": "second"}
-        given = {name: value for name, value in options.items() if value is not None}
-        for step in reconstruct_sequence(handed(first), smaller.calibration, **usual | given):
-            count, arrived = taken[-1]
-            dropped = count - taken[0][0] - 1 if len(taken) > 1 else count
-            seen = vars(step) | {"index": count}
-            yield LiveStep(**seen, dropped=dropped, lag=time.perf_counter() - arrived)
+        check_size(first[1], first[2].shape[1::-1], full)
+        usual = {"channel": "green" if first[2].ndim == 3 else "grey", "regulariser": "second"}
+        last = -1
+        for step in reconstruct_sequence(frames(first), replace(calibration, camera=camera), **usual | given):
+            count, _, _, arrived = taken.pop()
+            seen = vars(step) | {"index": count, "dropped": count - last - 1}
+            yield LiveStep(**seen, lag=time.perf_counter() - arrived)
+            last = count
     finally:
         newest.close()
 
 
+def _shrunk(shot: Shot, inside: BoolArray, camera: Camera, gamma: float) -> Frame:
+    """Make a small frame; one of another size than the mask's stays as it is, to be refused."""
+    _, name, picture, _ = shot
+    size, stored = (camera.width, camera.height), picture.dtype == np.uint8
+    right, smaller = picture.shape[:2] == inside.shape, size != inside.shape[::-1]
+    if stored and right and smaller and inside.all():
+        return framed(name, shrunk_bytes(picture, *size, gamma)[..., ::-1])
+    image = as_image(picture) if stored else picture
+    frame = Frame(image, inside, name) if right else framed(name, image)
+    return frame.resize(*size, gamma) if right and smaller else frame
+
+
+def _moved(length: Sequence[Any], share: FloatArray) -> tuple[Any, ...]:
+    """Give a known length at the pixels of a picture that is this share of the whole one."""
+    mm, *pixels = length
+    places = [tuple(place) for place in ((np.reshape(pixels, (-1, 2)) + 0.5) * share - 0.5).tolist()]
+    return (mm, *places) if len(places) > 1 else (mm, *places[0])
+
+
+# What is told of it ---------------------------------------------------------------------
 def live_row(step: LiveStep) -> Row:
     """What a table tells of a frame."""
-    row: Row = {"index": step.index, "status": "", "unit": "", "seconds": step.seconds}
-    row |= dict.fromkeys(("iterations", "energy", "gain", "median_distance"), math.nan)
-    row |= {"dropped": step.dropped, "lag": step.lag, "error": " ".join(step.error.split())}
-    if step.result is not None:
-        problem, found = step.result.problem, measured(step.result)
-        row |= {name: found[name] for name in ("status", "iterations", "energy")}
-        row |= {"unit": problem.unit, "gain": problem.photometry.gain}
-        row["median_distance"] = float(np.median(step.result.distance[problem.mask]))
-    return row
+    return step_row(step, step.index) | {"dropped": step.dropped, "lag": step.lag}
 
 
-class Tally:
-    """Counts what became of a camera's frames."""
+def live_summary(rows: list[Row], seconds: float) -> str:
+    """Sum the rows of so many seconds up in a sentence."""
+    told = f"taken {len(rows)} of {len(rows) + sum(row['dropped'] for row in rows)} frames"
+    if rows:
+        lag = 1000 * median(row["lag"] for row in rows)
+        told += f", {len(rows) / seconds:.1f} frames/s, lag {lag:.0f} ms median"
+    failed = [row["error"] for row in rows if row["error"]]
+    return told + (f"; {len(failed)} could not be used, such as {failed[-1]}" if failed else "")
 
-    def __init__(self) -> None:
-        self.taken = self.dropped = self.failed = 0
-        self.lags: deque[float] = deque(maxlen=100_000)  # s
-        self._times: deque[float] = deque(maxlen=100_000)  # s, of the surfaces
-        self.error = ""  # of the last frame that could not be used
 
-    def add(self, step: LiveStep) -> None:
-        """Count a frame."""
-        self.taken, self.dropped = self.taken + 1, self.dropped + step.dropped
-        self.failed, self.error = self.failed + bool(step.error), step.error or self.error
-        self.lags.append(step.lag)
-        self._times.append(time.perf_counter())
+def shown(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[LiveStep]:
+    """Give the steps on, each when its surface was logged where the `sinks` lead."""
+    from endolab.recording.sequence import SequenceRecorder
 
-    @property
-    def rate(self) -> float:
-        """Surfaces a second, of the last `WINDOW`; nan before there are two."""
-        late = [*takewhile(lambda moment: moment >= self._times[-1] - WINDOW, reversed(self._times))]
-        return (len(late) - 1) / (late[0] - late[-1]) if len(late) > 1 else math.nan
-
-    def __str__(self) -> str:
-        told = f"taken {self.taken} of {self.taken + self.dropped} frames"
-        if self.taken > 1:
-            rate = (len(self._times) - 1) / (self._times[-1] - self._times[0])
-            told += f", {rate:.1f} frames/s, lag {1000 * median(self.lags):.0f} ms median"
-        return told + (f"; {self.failed} could not be used, such as {self.error}" if self.failed else "")
+    recorders: list[SequenceRecorder] = []
+    for step in steps:
+        if step.result is not None:
+            result, problem, row = step.result, step.result.problem, live_row(step)
+            scalars = {name: row[name] for names in CURVES.values() for name in names}
+            surface = problem.shown, result.distance, result.normals, problem.camera
+            recorders = recorders or [SequenceRecorder(sink, problem.unit, curves=CURVES) for sink in sinks]
+            for recorder in recorders:
+                recorder.log(step.index, *surface, scalars)
+        yield step

@@ -3,20 +3,19 @@
 import itertools
 import math
 import os
-import sys
 import time
 import warnings
 import zlib
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from endolab._extras import MissingPackage
-from endolab.batch.table import Row, measured, read_numbers, read_rows, write_rows
+from endolab.batch.table import Row, measured, read_rows, write_rows
 from endolab.batch.workers import end_with
 from endolab.depth.problem import REGULARISERS
 from endolab.depth.result import Result
@@ -38,6 +37,7 @@ KEY = ("frame", "xi", "regulariser", "lam", "solver", "options")
 ERRORS = ("mean_mm", "median_mm", "mean_percent", "median_percent", "mean_degrees")
 MEASURED = ("iterations", "energy", "data", "regulariser_energy", "seconds", *ERRORS)
 COLUMNS = (*KEY, "status", *MEASURED, "error")
+WORDS = ("frame", "xi", "regulariser", "solver", "options", "status", "error")
 BACKENDS = ("loky", "threading", "dask")
 
 Truth = tuple[FloatArray, FloatArray | None] | FloatArray | PathLike
@@ -54,8 +54,8 @@ def sweep(
     solver: str = DEFAULT_SOLVER,
     truth: Sequence[Truth] | None = None,
     table: PathLike = "sweep.csv",
-    n_jobs: int | None = None,
-    backend: str | None = None,
+    n_jobs: int = 1,
+    backend: str = "loky",
     progress: Callable[[int, int, Row], object] | None = None,
     **options: Any,
 ) -> list[Row]:
@@ -82,9 +82,9 @@ def sweep(
         but for those with an error and those that lack a truth which is given now; other rows of
         it are kept. A checksum in the column `options` tells calibrations apart.
     n_jobs, backend
-        Of `joblib.Parallel`: how many at once, and by what: ``"loky"`` (processes), ``"threading"``,
-        ``"dask"`` for more than one machine… By default what ``joblib.parallel_config`` says. A
-        process takes one thread for each reconstruction.
+        How many at once, -1 for as many as cores, and by what: ``"loky"``, joblib's processes, which share
+        the cores; ``"threading"``; or ``"dask"``, by workers here, or those of the client that is open or
+        of the scheduler that ``DASK_SCHEDULER_ADDRESS`` names.
     progress : callable, optional
         Called as ``progress(done, total, row)`` after each reconstruction.
 
@@ -100,6 +100,8 @@ def sweep(
         or if there is nothing to do. What is in the table stays.
     """
     checked_solver(solver, {})
+    if backend not in BACKENDS:
+        raise unknown_name("backend", backend, BACKENDS)
     xi, regulariser = [check_xi(one) for one in xi], list(regulariser)
     for one in regulariser:
         if one not in ("auto", *REGULARISERS):
@@ -125,115 +127,75 @@ def sweep(
 
     todo = [task for task in tasks if _unfinished(rows.get(_key(task[0])), task[2] is not None)]
     total = len(tasks)
-    n_jobs = n_jobs if n_jobs is None or n_jobs < 1 else min(n_jobs, max(1, len(todo)))  # all are started
-    calibration = replace(calibration, camera=replace(calibration.camera))  # its ray field stays here
     done = total - len(todo)
+    calibration = replace(calibration, camera=replace(calibration.camera))  # its ray field stays here
+    solve = partial(_solved, calibration=calibration, options=options)
+    write()  # now, rather than after an hour's run
     try:
-        with _workers(backend) as client:
-            write()  # now, rather than after an hour's run
-            far = None if client is None else _from_dask(client, todo, calibration, options)
-            with closing(far or _from_joblib(n_jobs, todo, calibration, options)) as finished:
-                for row in finished:
-                    if row["status"] == Status.STOPPED.name:
-                        raise KeyboardInterrupt
-                    rows[_key(row)] = row
-                    write()
-                    done += 1
-                    if progress is not None:
-                        progress(done, total, row)
+        with closing(
+            _by_dask(todo, solve) if backend == "dask" else _by_joblib(todo, solve, n_jobs, backend)
+        ) as solved:
+            for row in solved:
+                if row["status"] == Status.STOPPED.name:
+                    raise KeyboardInterrupt
+                rows[_key(row)] = row
+                write()
+                done += 1
+                if progress is not None:
+                    progress(done, total, row)
     except KeyboardInterrupt as interrupt:
-        raise KeyboardInterrupt(_interruption(done, total)) from interrupt
-    except _losses() as error:
+        raise KeyboardInterrupt(f"interrupted; {_so_far(done, total)}") from interrupt
+    except BrokenExecutor as error:
         why = "a worker was lost, perhaps for want of memory"
         raise OSError(f"{why}; {_so_far(done, total)}") from error
     return [rows[_key(task[0])] for task in tasks]
-
-
-def _interruption(done: int, total: int) -> str:
-    return f"interrupted; {_so_far(done, total)}"
 
 
 def _so_far(done: int, total: int) -> str:
     return f"{done} of {total} rows are in the table, the same command goes on"
 
 
-def _losses() -> tuple[type[BaseException], ...]:
-    """Make a list of what is raised when a worker ends before its work; Dask's, where it is in use."""
-    dask = sys.modules.get("distributed")
-    others = () if dask is None else (dask.scheduler.KilledWorker, dask.comm.CommClosedError)
-    return (BrokenExecutor, CancelledError, *others)
-
-
-@contextmanager
-def _workers(backend: str | None) -> Iterator[Any]:
-    """Make ready who is to work, and give Dask's client, or None if it is joblib who hands out work."""
+def _by_joblib(todo: Sequence[Task], solve: Callable[..., Row], n_jobs: int, backend: str) -> Generator[Row]:
+    """Give rows as threads, or processes which end with this one, make them."""
     import joblib
 
-    if backend == "dask":
-        with _dask() as client:
-            yield client
-        return
-    threads = {"inner_max_num_threads": 1} if backend == "loky" else {}
-    try:
-        config = nullcontext() if backend is None else joblib.parallel_config(backend=backend, **threads)
-    except ValueError as error:
-        raise unknown_name("backend", str(backend), BACKENDS) from error
-    with config:
-        yield None
-
-
-def _from_joblib(
-    n_jobs: int | None, todo: Sequence[Task], calibration: Endoscope, options: dict[str, Any]
-) -> Generator[Row]:
-    """Rows as workers finish them."""
-    import joblib
-
+    jobs = n_jobs if n_jobs < 1 else min(n_jobs, max(1, len(todo)))  # all are started
     parallel = joblib.Parallel(
-        n_jobs=n_jobs,
+        n_jobs=jobs,
+        backend=backend,
         return_as="generator_unordered",
-        pre_dispatch="2*n_jobs",
-        initializer=end_with,  # of processes; other backends take no notice
+        initializer=end_with,  # of processes
         initargs=(os.getpid(),),
     )
+    solved = parallel(joblib.delayed(solve)(*task) for task in todo)
     try:
-        finished = parallel(joblib.delayed(_solved)(*task, calibration, options) for task in todo)
-    except ValueError as error:
-        why = "this backend of joblib tells nothing before all is done"
-        raise ValueError(f"{why}; choose loky, threading or dask") from error
-    try:
-        yield from (row for row in finished)  # else it would be closed before what follows
+        yield from (row for row in solved)  # else it would be closed before what follows
     finally:
         with warnings.catch_warnings(action="ignore"):  # joblib's: that some of it was in vain
-            finished.close()
+            solved.close()
 
 
-def _from_dask(
-    client: Any, todo: Sequence[Task], calibration: Endoscope, options: dict[str, Any]
-) -> Generator[Row]:
-    """Rows as Dask's workers finish them; by way of joblib one would wait for ever for a lost one's."""
-    import distributed
-
-    futures = [client.submit(_solved, *task, calibration, options, pure=False) for task in todo]
-    try:
-        for future in distributed.as_completed(futures):
-            yield future.result()
-    finally:
-        client.cancel(futures)
-
-
-def _dask() -> AbstractContextManager[Any]:
-    """Return who talks to Dask's workers, here or where DASK_SCHEDULER_ADDRESS says, unless somebody does."""
+def _by_dask(todo: Sequence[Task], solve: Callable[..., Row]) -> Generator[Row]:
+    """Give rows as Dask's workers make them."""
     try:
         import dask
         import distributed
     except ModuleNotFoundError as error:
         raise MissingPackage(f"{error.name} is not installed; pip install distributed brings it") from error
-
     try:
-        return nullcontext(distributed.get_client())
+        opened: Any = nullcontext(distributed.get_client())
     except ValueError:
         there = dask.config.get("scheduler-address", None)
-        return distributed.Client(there) if there else distributed.Client(dashboard_address=None)
+        opened = distributed.Client(there) if there else distributed.Client(dashboard_address=None)
+    with opened as client:
+        futures = [client.submit(solve, *task, pure=False) for task in todo]
+        try:
+            for future in distributed.as_completed(futures):
+                yield future.result()
+        except (CancelledError, distributed.KilledWorker, distributed.comm.CommClosedError) as error:
+            raise BrokenExecutor(str(error)) from error
+        finally:
+            client.cancel(futures)
 
 
 def _checksum(calibration: Endoscope) -> str:
@@ -267,7 +229,7 @@ def _unfinished(row: Row | None, compared: bool) -> bool:
 
 
 def _solved(
-    key: Row, frame: Frame | PathLike, truth: Truth | None, calibration: Endoscope, options: dict[str, Any]
+    key: Row, frame: Frame | PathLike, truth: Truth | None, *, calibration: Endoscope, options: dict[str, Any]
 ) -> Row:
     """Make one row; runs in a worker."""
     row: Row = key | dict.fromkeys(MEASURED, math.nan) | {"status": "", "error": ""}
@@ -302,13 +264,4 @@ def read_table(path: PathLike) -> dict[tuple[object, ...], Row]:
 
     ValueError or OSError in one sentence, if it cannot be read or is another table.
     """
-    rows = {}
-    for line, cells in read_rows(path, COLUMNS, "a sweep"):
-        try:
-            row = {**cells, **read_numbers(cells, ("lam", *MEASURED))} if cells else {}
-        except ValueError:
-            row = {}
-        if not row or math.isnan(row["lam"]):
-            raise ValueError(f"{path}, line {line}: not a row of a sweep")
-        rows[_key(row)] = row
-    return rows
+    return {_key(row): row | {"lam": float(row["lam"])} for row in read_rows(path, COLUMNS, WORDS)}

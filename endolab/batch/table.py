@@ -3,16 +3,20 @@
 import csv
 import io
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
+
+import numpy as np
 
 from endolab.depth.result import Result
 from endolab.io.atomic import PathLike, read_bytes, write_atomically
-
-COUNTS = ("iterations", "pixels")  # the columns of whole numbers
-MOST = 2.0**53  # below it, a float tells every whole number
+from endolab.reconstruction.sequence import Step
 
 Row = dict[str, Any]
+WORDS = ("frame", "status", "unit", "error")
+ENERGIES = ("energy", "data", "regulariser_energy")
+NUMBERS = ("iterations", *ENERGIES, "seconds", "gain", "median_distance", "pixels")
+STEP = ("index", "frame", "status", "warm", "torn", "unit", *NUMBERS, "error")  # columns of a video's table
 
 
 def measured(result: Result) -> Row:
@@ -27,33 +31,45 @@ def measured(result: Result) -> Row:
     }
 
 
-def read_rows(
-    path: PathLike, columns: Sequence[str], what: str
-) -> Iterator[tuple[int, dict[str, str] | None]]:
-    """Give the rows of a table as text, each with its number in the table, the head's being 1.
+def step_row(step: Step, index: int) -> Row:
+    """What a row tells of a frame of a video or of a camera; see `STEP`."""
+    row: Row = dict.fromkeys(STEP, math.nan) | {"index": index, "frame": step.name, "status": "", "unit": ""}
+    row |= {"warm": int(step.warm), "seconds": step.seconds, "error": " ".join(step.error.split())}
+    if step.result is not None:
+        problem, known = step.result.problem, step.result.distance[step.result.mask]
+        row |= measured(step.result) | {"unit": problem.unit, "gain": problem.photometry.gain}
+        row |= {"torn": int(problem.cuts is not None), "pixels": known.size}
+        row["median_distance"] = float(np.median(known))
+    return row
 
-    A row of fewer or more cells is None. ValueError or OSError in one sentence that names the file, if it
-    is not a table of `what`.
+
+def read_rows(path: PathLike, columns: Sequence[str], words: Collection[str]) -> list[Row]:
+    """Read a table that `write_rows` wrote: of the columns `words` as text, of all others as numbers.
+
+    ValueError or OSError in one sentence that names the file, if it is another table.
     """
     try:
         text = read_bytes(path, "table").decode(errors="surrogateescape")  # a file's name may be any bytes
-        head, *rows = csv.reader(io.StringIO(text, newline=""))
+        head, *lines = csv.reader(io.StringIO(text, newline=""))
     except (ValueError, csv.Error) as error:
-        raise ValueError(f"{path}: not a table of {what}") from error
+        raise ValueError(f"{path}: not a table of endolab's") from error
     if head != [*columns]:
-        raise ValueError(f"{path}: not a table of {what}; its columns must be {', '.join(columns)}")
-    for number, row in enumerate(filter(None, rows), start=2):
-        yield number, dict(zip(columns, row, strict=True)) if len(row) == len(columns) else None
+        raise ValueError(f"{path}: not a table of endolab's; its columns must be {', '.join(columns)}")
+    rows = []
+    for number, cells in enumerate(filter(None, lines), start=2):
+        try:
+            row = dict(zip(columns, cells, strict=True))
+            rows.append(row | {name: _number(row[name]) for name in columns if name not in words})
+        except ValueError as error:
+            raise ValueError(f"{path}, line {number}: not a row of such a table") from error
+    return rows
 
 
-def read_numbers(cells: Mapping[str, str], names: Iterable[str]) -> Row:
-    """Read the cells of these columns; ValueError if one is no number, or a count is not whole."""
-    values: Row = {name: float(cells[name].strip() or "nan") for name in names}
-    for name in (name for name in COUNTS if not math.isnan(values.get(name, math.nan))):
-        if not (0 <= values[name] < MOST and values[name].is_integer()):
-            raise ValueError(f"{name} must be a whole number, found {cells[name]}")
-        values[name] = int(values[name])
-    return values
+def _number(cell: str) -> float:
+    try:
+        return int(cell)
+    except ValueError:
+        return float(cell or "nan")
 
 
 def write_rows(path: PathLike, columns: Sequence[str], rows: Iterable[Row]) -> None:

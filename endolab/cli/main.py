@@ -1,17 +1,12 @@
 """The command line: python -m endolab reconstruct, sweep, calibrate, simulate, tune and others."""
 
 import argparse
-import atexit
-import gc
-import itertools
 import json
 import os
 import signal
 import sys
-import time
 import warnings
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import asdict, replace
 from typing import Any, NoReturn
 
@@ -24,13 +19,12 @@ from endolab.cli.calibrate import (
     add_sheet_options,
     simulate_sheet,
 )
-from endolab.cli.options import add_command, add_overwrite, number, threads_of, whole
+from endolab.cli.options import add_command, add_overwrite, number, whole
 from endolab.cli.reconstruct import add_reconstruct_commands
-from endolab.cli.signals import ended_like_interrupted
-from endolab.cli.stopwatch import process_began
-from endolab.cli.streams import in_one_line, patient_streams
 from endolab.cli.tune import add_tune_command
 
+INTERRUPTED, UNREAD = 128 + signal.SIGINT, 141  # exit statuses, as shells know them
+LONGEST = 600  # characters of a complaint; what was typed may be as long as it likes
 FRAME_OPTIONS = ("texture", "fog", "highlights")  # of `simulate`, but for its calibration video
 
 
@@ -49,7 +43,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
     import numpy as np
 
     from endolab.datasets.known_endoscopes import load_calibration
-    from endolab.io.atomic import staged_folder
+    from endolab.io.atomic import as_json, staged_folder, write_atomically
     from endolab.io.images import write_image
     from endolab.io.surfaces import save_depth
     from endolab.model.schema import unknown_name
@@ -76,9 +70,10 @@ def _simulate(arguments: argparse.Namespace) -> None:
         write_image(folder / "frame.png", rendered.image, arguments.bits)
         replace(calibration, photometry=rendered.photometry).save(folder / "endoscope.json")
         save_depth(folder / "truth.npz", rendered, True)
+        write_atomically(folder / "report.json", as_json({"endolab": 1, "scene": arguments.scene} | how))
     known = rendered.distance[rendered.mask]
     print(f"{arguments.scene}: {known.min():.1f} to {known.max():.1f} mm, median {np.median(known):.1f} mm")
-    print(f"written to {arguments.out}: endoscope.json, frame.png, truth.npz")
+    print(f"written to {arguments.out}: endoscope.json, frame.png, report.json, truth.npz")
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
@@ -145,15 +140,6 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"endolab: {in_one_line(message)}; see {self.prog} --help\n")
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        before = ""
-        for text in itertools.takewhile("--".__ne__, args or ()):
-            option, _, value = text.rpartition("=") if text.startswith("--") else (before, "", text)
-            if value == "" or text.endswith("=--"):  # of which argparse makes an empty list
-                self.error(f"{f'argument {option}: ' if option else ''}expected a value, found {value!r}")
-            before = text if text.startswith("-") else ""
-        return super().parse_known_args(args, namespace)
 
 
 class _Completion(argparse.Action):
@@ -234,51 +220,49 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def in_one_line(error: object) -> str:
+    """Return what an error says in one printable line, without the middle of what is too long."""
+    text = str(error) or "out of memory"
+    if isinstance(error, OSError) and error.strerror:  # the system's own words
+        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    text = text.replace("overwrite=True", "--overwrite")  # as one says it here
+    if len(text) > LONGEST:
+        text = f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}"
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def _interrupted(*_: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command: 0 when all is done, 2 after bad input, which is said in one sentence on stderr."""
-    ended: list[int] = []
-    began = time.perf_counter()
-    if argv is None:  # a process of its own
-        began = process_began()
-        # What is imported stays: to look for cycles in it again and again takes a sixth of all importing.
-        gc.set_threshold(50_000)
-        if not sys.warnoptions:  # others' warnings say nothing to its user
-            warnings.filterwarnings("ignore", module=r"(?!endolab\b)")
     try:
-        with patient_streams(), ended_like_interrupted(ended):
-            arguments = _parser().parse_args(sys.argv[1:] if argv is None else argv)
-            arguments.began = began
-            with threads_of(arguments):
-                arguments.run(arguments)
+        arguments = _parser().parse_args(sys.argv[1:] if argv is None else argv)
+        if getattr(arguments, "threads", None) is not None:
+            os.environ["ENDOLAB_THREADS"] = str(arguments.threads)
+        arguments.run(arguments)
+        sys.stdout.flush()
+    except BrokenPipeError:  # as after `| head -1`: nobody reads on
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return UNREAD
     except (ValueError, OSError, MemoryError, MissingPackage) as error:
-        return _failed(2, error)
+        print(f"endolab: {in_one_line(error)}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt as interrupt:
-        status = 128 + (ended or [signal.SIGINT])[0]
-        return _failed(status, str(interrupt) or "interrupted; nothing was written")
-    finally:
-        if argv is None:
-            gc.freeze()  # nothing of it need be looked through when Python ends
+        print(f"endolab: {interrupt or 'interrupted; nothing was written'}", file=sys.stderr)
+        return INTERRUPTED
     return 0
 
 
 def run() -> NoReturn:
-    """Run a command as a process of its own, and end it."""
-    ended: list[int] = []
-    atexit.register(_end, ended)  # called last, for it is the first
-    ended.append(main())
-    raise SystemExit(ended[0])
-
-
-def _end(ended: list[int]) -> None:
-    """End with this status at once: Python would take a tenth of a second to clear everything away."""
-    if ended:
-        with suppress(AttributeError, OSError, ValueError):  # no stream, or none to write to: Python's affair
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(ended[0])
-
-
-def _failed(status: int, why: object) -> int:
-    with patient_streams():
-        print(f"endolab: {in_one_line(why)}", file=sys.stderr)
-    return status
+    """Run a command as a process of its own, which ends on SIGTERM and SIGHUP as on Ctrl-C."""
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores it
+            signal.signal(number, _interrupted)
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    if not sys.warnoptions:  # others' warnings say nothing to its user
+        warnings.filterwarnings("ignore", module=r"(?!endolab\b)")
+    raise SystemExit(main())

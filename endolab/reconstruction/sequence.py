@@ -8,7 +8,7 @@ little and rigidly. `scale_between` weighs the one against the other.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -33,12 +33,6 @@ MOTION_STEP = 0.05  # of the camera's motion: median distances, and rad
 SAMPLES, INDEPENDENT = 8000, 100.0
 ROUNDS, SETTLED = 20, 1e-5  # of reweighting, and the change of its unknowns after which there is no other
 SCALES = ("median_distance", "known_distance", "known_diameter")  # options that fix a frame's scale
-HANDED = {
-    "log_distance": (np.float64, 2),
-    "numbers": (np.float64, 1),
-    "flags": (np.bool_, 1),
-}  # arrays of `Carried`: kind, dimensions
-FARTHEST = 100.0  # that a log-distance can be, in any unit
 GRAZING = 0.25  # cosine between ray and normal below which a surface says little of its place
 
 
@@ -59,44 +53,25 @@ class Surface:
 
 @dataclass(frozen=True)
 class Carried:
-    """All that a frame hands to the next: with it a sequence goes on as if it had never been left."""
+    """All that a frame hands to the next: with it a sequence goes on as if it had hardly been left."""
 
-    result: Result  # of which `from_arrays` knows only the surface, its unit, and whether it is torn
+    result: Result  # of which `again` knows only the surface, its unit, and whether it is torn
     light: float  # how bright the picture was, see `_light`
     least: float  # energy of the last cold start
     age: int  # frames since
 
-    def to_arrays(self) -> dict[str, np.ndarray]:
-        """Give it as arrays from which `from_arrays` makes the same, to the bit."""
-        problem = self.result.problem
-        numbers = problem.photometry.gain or 1.0, self.light, self.least, self.age
-        flags = problem.metric, problem.cuts is not None
-        return {
-            "log_distance": self.result.iterate.log_distance,
-            "numbers": np.array(numbers, dtype=np.float64),
-            "flags": np.array(flags),
-        }
-
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, np.ndarray], calibration: Endoscope) -> Self:
-        """Take it from arrays; ValueError in one sentence, if they cannot be what `to_arrays` gave."""
-        fits = {name: (array.dtype, array.ndim) for name, array in arrays.items()} == HANDED
-        if not (fits and arrays["numbers"].shape == (4,) and arrays["flags"].shape == (2,)):
-            raise ValueError("not what a frame hands to the next")
-        v, (gain, light, least, age), (metric, torn) = (arrays[name] for name in HANDED)
-        inside, finite = np.isfinite(v), np.isfinite([gain, light, least, age]).all()
-        if not (finite and min(gain, light) > 0 <= least and age >= 1):
-            raise ValueError("what a frame hands to the next must be finite and positive")
-        if not inside.any() or np.nanmax(np.abs(v)) > FARTHEST:
-            raise ValueError("what a frame hands to the next must be a surface")
-        camera = calibration.camera
+    def again(cls, surface: Surface, frame: Frame, calibration: Endoscope, torn: bool, least: float) -> Self:
+        """Take up a surface that was kept: of a frame, with the energy `least`, `torn` or not."""
+        v, camera = np.log(surface.distance), calibration.camera
         if v.shape != (camera.height, camera.width):
             camera = camera.resize(v.shape[1], v.shape[0])
-        photometry = replace(calibration.photometry, gain=float(gain))
+        photometry = replace(calibration.photometry, gain=surface.gain)
         cuts = np.zeros((2, *v.shape), dtype=bool) if torn else None
-        problem = Problem(np.zeros(v.shape), inside, camera, photometry, metric=bool(metric), cuts=cuts)
+        inside = np.isfinite(v)
+        problem = Problem(np.zeros(v.shape), inside, camera, photometry, metric=surface.metric, cuts=cuts)
         result = Result(Iterate(problem, 0, frozen(v), {}), Status.CONVERGED, [], 0.0)
-        return cls(result, float(light), float(least), int(age))
+        return cls(result, _light(frame, calibration.photometry.gamma), least, 1)
 
 
 @dataclass(frozen=True)
@@ -134,7 +109,7 @@ def reconstruct_sequence(
         For pictures of that size.
     before : Surface or Carried, optional
         Of the frame before the first: its surface, if its scale is to go on, or `Step.carried`, with which
-        all goes on as if there had been no break.
+        all goes on as if there had hardly been a break.
     **options
         See `endolab.reconstruct`. What fixes the scale, such as `median_distance`, is said of the
         first frame and fixes that of all; it is not used with `before`.
