@@ -109,7 +109,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
                 bar.set_postfix_str(f"energy {iterate.energy:.3e}", refresh=False)
                 bar.update(iterate.k - bar.n)  # the start is none
 
-            observers = [show] if recorder is None else [show, recorder]
+            observers = [show] if recorder is None else [recorder, show]
             picture = frame if prepared is None else prepared.frame
             result = reconstruct(picture, calibration, observers=observers, **keywords)
             trust = _trust(result, calibration) if arguments.trust else None
