@@ -5,7 +5,7 @@ from functools import partial
 import cv2
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from endolab.datasets import load_calibration
 from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
@@ -73,12 +73,6 @@ def test_kannala_brandt_goes_on_beyond_90_degrees(rng):
     assert_allclose(WIDE.unproject(expected), ray, rtol=0, atol=1e-12)
 
 
-def test_pinhole_is_a_division(rng):
-    points = rng.uniform([-50, -50, 1], [50, 50, 100], (200, 3))
-    expected = points[:, :2] / points[:, 2:] * [200, 210] + [159.5, 119.5]
-    assert_allclose(PINHOLE.project(points), expected, rtol=1e-12, atol=1e-10)
-
-
 def test_scaramuzza_is_its_polynomial(rng):
     p = rng.uniform([-670, -540], [670, 535], (500, 2))
     r = np.hypot(*p.T)
@@ -105,9 +99,8 @@ def test_the_endoscopes_polynomial_ends_where_it_stops_growing():
     at = np.array([735.37, 552.80])
     assert np.all(np.isfinite(ENDOSCOPE.unproject(at + np.array([0, 745.5]))))
     assert np.all(np.isnan(ENDOSCOPE.unproject(at + np.array([0, 746.5]))))
-    for degrees, seen in ((90.8, True), (90.9, False), (120.0, False)):
-        angle = np.deg2rad(degrees)
-        assert np.isfinite(ENDOSCOPE.project([np.sin(angle), 0, np.cos(angle)])).all() == seen
+    for camera in (ENDOSCOPE, PINHOLE, C3VD):
+        assert np.isnan(camera.project([[0, 0, 0], [1, 2, -1e3]])).all()
 
 
 def test_scaramuzzas_polynomial_ends_where_the_angle_stops_growing():
@@ -125,14 +118,6 @@ def test_scaramuzzas_polynomial_ends_where_the_angle_stops_growing():
         assert np.isfinite(camera.project([0, np.sin(at), np.cos(at)])).all() == seen
 
 
-@pytest.mark.parametrize("point", [(0, 0, 0), (0, 0, -1), (1, 2, -1e3), (0, 1, 0), (1, 0, 1e-6)])
-@every_camera
-def test_points_that_a_camera_cannot_see(camera, point):
-    theta = np.arctan2(np.hypot(point[0], point[1]), point[2])
-    seen = any(point) and 0 < theta < camera.max_angle
-    assert_array_equal(np.isfinite(camera.project(point)), [seen, seen])
-
-
 @every_camera
 def test_jacobian_is_the_derivative_of_the_rays(camera):
     camera = small(camera)
@@ -145,16 +130,6 @@ def test_jacobian_is_the_derivative_of_the_rays(camera):
     calm = (np.abs(field.jacobian).max(axis=(-2, -1)) < 0.3)[:-1, :-1] & field.valid[:-1, :-1]
     assert calm.mean() > 0.85
     assert_allclose(field.jacobian[:-1, :-1][calm], numerical[calm], rtol=0, atol=1e-7)
-
-
-@every_camera
-def test_inverse_metric_inverts_the_metric(camera):
-    field = small(camera).field
-    jacobian = field.jacobian[field.valid]
-    uu, uv, vv = field.inverse_metric[field.valid].T
-    inverse = np.moveaxis(np.array([[uu, uv], [uv, vv]]), -1, 0)
-    identity = inverse @ np.swapaxes(jacobian, -1, -2) @ jacobian
-    assert_allclose(identity, np.broadcast_to(np.eye(2), identity.shape), rtol=0, atol=1e-9)
 
 
 def test_solid_angle_of_a_picture():
@@ -220,15 +195,3 @@ def scaramuzza(**changes):
 def test_a_bad_camera_is_named(make, name, value, message):
     with pytest.raises(ValueError, match=message):
         make(**{name: value})
-
-
-def test_a_resampled_camera_and_its_rays_are_kept_and_not_too_many():
-    camera = load_calibration("paper", 64).camera
-    half, third = camera.resize(32, 24), camera.resize(21, 16)
-    assert camera.resize(32, 24) is half
-    assert half.resize(64, 48) == camera
-    for width in range(8, 40):
-        camera.resize(width, 6)
-    assert camera.resize(32, 24) is not half
-    assert camera.resize(21, 16) == third
-    assert len(camera._resized) == 2

@@ -73,13 +73,6 @@ def test_derivatives_of_the_simplified_model(rng, brdf):
     assert_allclose(by_p, slope(lambda h: photometry.shade(v, p + h, cos_alpha)[0], steps), rtol=2e-5)
 
 
-def test_the_dark_has_neither_light_nor_slope():
-    """Behind the camera, and turned away from the light."""
-    points = np.array([[5.0, 0.0, -10.0], [0.0, 0.0, 50.0]])
-    for value in model(lights=(SpotLight(),)).intensity_gradient(points, np.array([[0.0, 0.0, 1.0]] * 2)):
-        assert np.all(value == 0)
-
-
 @every_brdf
 def test_simplified_is_the_general_model_with_the_light_at_the_centre(rng, brdf):
     points, normals, distance, theta, cos_alpha = surface(rng)
@@ -138,13 +131,6 @@ def test_canonical_intensity_is_cosine_over_square(rng, brdf):
     points, normals, distance, theta, cos_alpha = surface(rng)
     canonical = model(brdf).canonical(model(brdf).intensity(points, normals), cos_alpha, theta)
     assert_allclose(canonical, np.cos(theta) / distance**2, rtol=1e-12)
-
-
-def test_canonical_intensity_without_gain_or_light():
-    image, cos_alpha = np.array([0.5, 0.5]), np.array([0.8, -0.1])
-    known, unknown = model(gain=50.0), model(gain=None)
-    assert unknown.canonical(image, cos_alpha)[0] == pytest.approx(50 * known.canonical(image, cos_alpha)[0])
-    assert np.isnan(known.canonical(image, cos_alpha)[1])
 
 
 def test_the_grey_channel_is_the_grey_of_the_channels(rng):

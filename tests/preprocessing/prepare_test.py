@@ -11,7 +11,6 @@ import endolab as el
 from endolab import datasets
 from endolab.plots.preparation import prepare_figure
 from endolab.preprocessing.prepare import (
-    canonical_picture,
     dark_lumen,
     deinterlace,
     interlaced,
@@ -114,15 +113,6 @@ def test_undistorted_pixels_are_where_the_cameras_say(known):
     # As fine as the frame at the centre.
     centre = pinhole.project([[0.0, 0, 1], [1e-3, 0, 1]]) - camera.project([[0.0, 0, 1], [1e-3, 0, 1]])
     assert np.abs(np.diff(centre, axis=0)).max() < 0.01 * pinhole.fx * 1e-3
-
-
-def test_the_canonical_picture_is_without_the_fall_off(known):
-    cosine = known.camera.field.cos_alpha
-    seen = np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(75))
-    image = np.where(seen, np.where(seen, cosine, 1) ** (2.5 / 2.2), 0)
-    flat = canonical_picture(el.Frame(0.8 * image, seen), known)
-    assert np.allclose(flat[seen], 0.9)
-    assert np.isnan(flat[~seen]).all()
 
 
 @pytest.mark.parametrize("way", ["ignore", "inpaint", "keep"])
