@@ -35,9 +35,9 @@ def _tune(arguments: argparse.Namespace) -> None:
     truth = None if arguments.truth is None else read_truth(arguments.truth, calibration)
 
     def make() -> Any:
-        from endolab.tuning.app import App
+        from endolab.tuning.widget import TunerBox
 
-        return App(pictures, calibration, first, truth, width=arguments.width)
+        return TunerBox(first, calibration, truth, width=arguments.width, pictures=pictures)
 
     _serve(arguments, port, first.name, make)
 

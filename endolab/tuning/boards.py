@@ -1,43 +1,39 @@
-"""Panels side by side: of one outcome, of two to be compared, of several λ; and how large they may be."""
+"""Panels that fill a board: of one answer, of two to be compared, of several in columns on one scale."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from endolab.numerics.arrays import FloatArray
-from endolab.tuning.engine import Outcome
-from endolab.tuning.panels import PANELS, View, end_of, limits_of, pixel_at
-from endolab.tuning.pictures import Look, Picture, coloured, map_panel, panel
-from endolab.tuning.sentences import error_of
+from endolab.tuning.engine import Answer
+from endolab.tuning.panels import PANELS, Panel, View, ratio_of
+from endolab.tuning.pictures import Box, Cell, Chart, Map, Picture, scale_bar
 
-Box = tuple[float, float, float, float]  # left, top, right, bottom, as shares of the board, in [0, 1]
-SCALES = 0.6, 2.0  # of panels: smaller ones are not read, larger ones take too long to draw
-STEP = 0.05  # of scales, so that a page which moves by a pixel is not drawn again
-ROOM = (1176.0, 548.0)  # px, before the page tells its own
-DIFFERENCE = "difference"
-SAME = ("frame", "mask and highlights", "section", "energy")  # panels that are not compared map by map
+COLUMNS = 3
+ROWS = ("distance", "model - frame", "section")  # of answers that are compared
+SCALE = 6  # width of a column of colour bars, in sizes of letters
 
 
 @dataclass(frozen=True)
 class Place:
     """A panel on a board."""
 
-    name: str
-    outcome: Outcome
-    picture: Picture
-    says: Callable[[int, int], str] | None = None  # of a pixel, if it is a map
+    answer: Answer
+    box: Box  # of the panel
+    spot: Box | None  # of its map, if it is one
+    panel: Panel
+    dots: Sequence[tuple[int, int]] = ()  # of a chart
 
-    def at(self, x: float, y: float) -> str:
+    def says(self, x: float, y: float) -> str:
         """What it says at a point of its map: shares to the right and down, in [0, 1]."""
-        assert self.outcome.result is not None
-        mask = self.outcome.result.mask
-        i, j = pixel_at(x, y, mask.shape)
-        if self.says is None:
+        mask = self.answer.result.mask
+        i, j = (min(int(share * size), size - 1) for share, size in zip((y, x), mask.shape, strict=True))
+        says = self.panel.says if isinstance(self.panel, Map) else None
+        if says is None:
             return ""
-        return self.says(i, j) if mask[i, j] else "left out"
+        return says(i, j) if mask[i, j] else "left out"
 
 
 @dataclass(frozen=True)
@@ -45,124 +41,96 @@ class Board:
     """A picture of panels, and where they are in it."""
 
     picture: Picture
-    places: tuple[Place, ...]
-    boxes: tuple[Box, ...]  # of the panels
-    spots: tuple[Box | None, ...]  # of their maps, if they are maps
+    places: list[Place]
 
-
-def fitting(
-    count: int, room: tuple[float, float], columns: int | None = None, bars: bool = True
-) -> tuple[int, Look]:
-    """Columns, unless they are given, and size of so many panels that fill a room, px, as they can."""
-    best = (0.0, 1)
-    for wide in range(1, count + 1) if columns is None else (columns,):
-        scale = SCALES[1]
-        while scale > SCALES[0]:
-            width, height = Look(scale, bars).size
-            if wide * width <= room[0] and -(-count // wide) * height <= room[1]:
-                break
-            scale = round(scale - STEP, 2)
-        best = max(best, (scale, wide))
-    return best[1], Look(best[0], bars)
-
-
-def _joined(places: Sequence[Place | None], columns: int, look: Look) -> Board:
-    """A board of places, row by row; None is left white."""
-    rows = -(-len(places) // columns)
-    wide, tall = look.size
-    paper = np.full((rows * tall, columns * wide, 3), 255, np.uint8)
-    boxes: list[Box] = []
-    spots: list[Box | None] = []
-    for index, place in enumerate(places):
-        if place is None:
-            continue
-        row, column = divmod(index, columns)
-        left, top = column * wide, row * tall
-        paper[top : top + tall, left : left + wide] = place.picture
-        boxes.append(_shares((left, top, left + wide, top + tall), paper))
-        assert place.outcome.result is not None
-        width, height = look.fitted(place.outcome.result.mask.shape)
-        x, y = left + look.edge, top + look.top
-        spots.append(None if place.says is None else _shares((x, y, x + width, y + height), paper))
-    return Board(paper, tuple(place for place in places if place is not None), tuple(boxes), tuple(spots))
-
-
-def _shares(box: tuple[int, int, int, int], paper: Picture) -> Box:
-    height, width = paper.shape[:2]
-    return box[0] / width, box[1] / height, box[2] / width, box[3] / height
-
-
-def _place(name: str, outcome: Outcome, view: View, who: str = "") -> Place:
-    one = PANELS[name]
-    reader = one.read
-    says = None if reader is None else lambda i, j: reader(outcome, i, j)
-    return Place(name, outcome, one.draw(outcome, replace(view, who=who)), says)
-
-
-def of_one(outcome: Outcome, names: Sequence[str], view: View, columns: int) -> Board:
-    """The panels of an outcome."""
-    return _joined([_place(name, outcome, view) for name in names], columns, view.look)
-
-
-def of_two(a: Outcome, b: Outcome, names: Sequence[str], view: View) -> Board:
-    """A beside B with the same limits, their difference, and their sections: three columns, two rows or more.
-
-    Compared are the distance and the first other map that is chosen.
-    """
-    view = replace(view, limits=limits_of(a) if comparable(a, b) else None)
-    others = [name for name in names if name not in (*SAME, "distance") and PANELS[name].read] or ["normals"]
-    last = [_difference(a, b, view), _place("section", b, replace(view, beside=a))]
-    places: list[Place | None] = []
-    for name, third in zip(("distance", others[0]), last, strict=True):
-        places += [
-            _place(name, a, view, "A"),
-            _place(name, b, view, "B"),
-            third if comparable(a, b) else None,
-        ]
-    return _joined(places, 3, view.look)
-
-
-def comparable(a: Outcome, b: Outcome) -> bool:
-    """Whether both are of the same frame, and of one size."""
-    assert a.result is not None
-    assert b.result is not None
-    return a.settings.scene == b.settings.scene and a.result.mask.shape == b.result.mask.shape
-
-
-def _difference(a: Outcome, b: Outcome, view: View) -> Place | None:
-    """B over A, in %, without what is common if one of them has no unit."""
-    if not comparable(a, b):
+    def at(self, x: float, y: float) -> Place | None:
+        """The panel at a point of the board, px."""
+        for place in self.places:
+            left, top, right, bottom = place.box
+            if left <= x < right and top <= y < bottom:
+                return place
         return None
-    assert a.result is not None
-    assert b.result is not None
-    ratio = b.result.distance / a.result.distance
-    title = "B / A - 1 [%]"
-    if not (a.result.metric and b.result.metric):
-        ratio, title = ratio / np.nanmedian(ratio), "B / A - 1 [%], but for the scale"
-    change: FloatArray = 100 * (ratio - 1)
-    end = end_of(change, 98)
-    picture = map_panel(
-        title, coloured(change, (-end, end), "diverging"), (-end, end), "diverging", view.look
-    )
-    return Place(DIFFERENCE, b, picture, lambda i, j: f"{change[i, j]:+.1f} %")
 
 
-def of_several(outcomes: Sequence[tuple[str, Outcome | None]], look: Look) -> Board:
-    """A strip of outcomes by name: their distances, and normals below; those to come are left white."""
-    known = [outcome for _, outcome in outcomes if outcome is not None]
-    if not known:
-        return Board(panel("solving ...", look), (), (), ())
-    view = View(look=look, limits=limits_of(known[len(known) // 2]))
-    assert view.limits is not None
-    rows: list[list[Place | None]] = [[], []]
-    for label, outcome in outcomes:
-        if outcome is None or outcome.result is None:
-            rows[0].append(None)
-            rows[1].append(None)
-            continue
-        error = "" if outcome.median_error is None else f": {error_of(outcome)}"
-        colours = coloured(outcome.result.distance, view.limits.depth)
-        one = _place("distance", outcome, view)
-        rows[0].append(replace(one, picture=map_panel(f"{label}{error}", colours, look=look)))
-        rows[1].append(_place("normals", outcome, view))
-    return _joined([*rows[0], *rows[1]], len(outcomes), look)
+def _board(
+    panels: Sequence[Sequence[tuple[Panel, Answer] | None]], room: tuple[int, int], text: int
+) -> Board:
+    """Rows of panels in cells of one size."""
+    width, height = room[0] // len(panels[0]), room[1] // len(panels)
+    paper = np.full((height * len(panels), width * len(panels[0]), 3), 255, np.uint8)
+    places = []
+    for i, row in enumerate(panels):
+        for j, one in enumerate(row):
+            if one is None:
+                continue
+            panel, answer = one
+            left, top = j * width, i * height
+            box = left, top, left + width, top + height
+            if isinstance(panel, Chart):
+                picture, dots = panel.draw(Cell(width, height, text))
+                places.append(Place(answer, box, None, panel, [(left + x, top + y) for x, y in dots]))
+            else:
+                picture, (x0, y0, x1, y1) = panel.draw(Cell(width, height, text))
+                spot = (left + x0, top + y0, left + x1, top + y1) if panel.says else None
+                places.append(Place(answer, box, spot, panel))
+            paper[top : top + height, left : left + width] = picture
+    return Board(paper, places)
+
+
+def of_one(answer: Answer, names: Sequence[str], view: View, room: tuple[int, int], text: int = 12) -> Board:
+    """The panels of an answer, three in a row."""
+    panels = [(PANELS[name](answer, view), answer) for name in names]
+    return _board([panels[i : i + COLUMNS] for i in range(0, len(panels), COLUMNS)], room, text)
+
+
+def comparable(a: Answer, b: Answer) -> bool:
+    """Whether both are of the same frame, and of one size."""
+    return a.result.mask.shape == b.result.mask.shape and a.settings.scene == b.settings.scene
+
+
+def of_two(a: Answer, b: Answer, view: View, room: tuple[int, int], text: int = 12) -> Board:
+    """A beside B with the same scales, their ratio and their sections."""
+    last = [(ratio_of(a, b), b), (PANELS["section"](b, replace(view, like=a, beside=a)), b)]
+    rows = []
+    for name, third in zip(ROWS[:2], last, strict=True):
+        pair = [
+            (PANELS[name](one, replace(view, like=a, name=who)), one) for one, who in ((a, "A"), (b, "B"))
+        ]
+        rows.append([*pair, third])
+    return _board(rows, room, text)
+
+
+def of_several(
+    answers: Sequence[tuple[str, Answer | None]],
+    like: Answer,
+    view: View,
+    room: tuple[int, int],
+    text: int = 12,
+) -> Board:
+    """Answers in columns, all on the scales of one of them; those to come are left white."""
+    wide = room[0] - SCALE * text
+    rows = []
+    for name in ROWS:
+        row: list[tuple[Panel, Answer] | None] = []
+        for label, answer in answers:
+            if answer is None:
+                row.append(None)
+                continue
+            panel = PANELS[name](answer, replace(view, like=like))
+            said = "" if answer.median_error is None else f", error {answer.median_error:.1f} %"
+            title = f"{label}{said}" if name == ROWS[0] else ""
+            if isinstance(panel, Map):
+                panel = replace(panel, barred=False)
+            row.append((replace(panel, title=title), answer))
+        rows.append(row)
+    board = _board(rows, (wide, room[1]), text)
+    strip = np.full((len(board.picture), SCALE * text, 3), 255, np.uint8)
+    for number, name in enumerate(ROWS[:2]):
+        panel = PANELS[name](like, replace(view, like=like))
+        top, height = number * len(strip) // len(ROWS), len(strip) // len(ROWS)
+        if isinstance(panel, Map) and panel.limits is not None:
+            unit = like.result.problem.unit.split()[0] if number == 0 else "grey"
+            strip[top : top + height] = Cell(SCALE * text, height, text).paper(f"[{unit}]")[0]
+            bar = strip[top + 2 * text : top + height - text // 2]
+            scale_bar(bar, text // 2, panel.limits, panel.palette, text)
+    return Board(np.concatenate([board.picture, strip], axis=1), board.places)

@@ -1,73 +1,237 @@
-"""What the tuner's knobs are made of."""
+"""The tuner's knobs: eight in sight, the others below *advanced*."""
 
-from collections.abc import Callable, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import ipywidgets as w
 
-FULL = {"width": "auto", "min_width": "0"}
-STYLE = {"description_width": "74px"}
+from endolab.depth.problem import REGULARISERS
+from endolab.tuning.panels import TEXTURES
+from endolab.tuning.source import Settings
+
+SIGHT = ("lam", "regulariser", "channel", "contours", "highlights", "scene", "width")  # and reset
+VIEWS = ("section", "across", "texture")  # knobs that change what is seen and not what is solved
+LOGARITHMIC = ("lam", "epsilon", "gain")
+LINES = {"smooth": 1, "max_iterations": 1, "albedo": 3}  # how many numbers each has
+TENTH = 0.1  # of a decade, by which an arrow key moves
+ROUNDED = 2  # digits of what a slider says: the number that is shown is the one that counts
+CHANNELS = ("auto", "separated", "red", "green", "blue", "grey")
+SOLVERS = [("Gauss-Newton", "gauss_newton"), ("primal-dual", "primal_dual")]
+SOLVERS += [("fast marching", "fast_marching"), ("facing", "facing")]
+AUTO = [("auto", "")]
 
 
-def choice(label: str, options: Sequence[Any], tip: str = "", **value: Any) -> w.Dropdown:
-    """One of some options, the first one unless there is a `value`."""
-    how = {"description": label, "tooltip": tip, "layout": FULL, "style": STYLE}
-    return w.Dropdown(options=options, **how, **value)
+def choice(name: str, options: Sequence[Any], tip: str, width: str = "112px") -> w.Dropdown:
+    """One of some options, at first the first one."""
+    return w.Dropdown(options=options, description=name, tooltip=tip, layout={"width": width})
 
 
-def slider(label: str, value: float, low: float, high: float, step: float, tip: str) -> w.FloatSlider:
+def log_slider(name: str, value: float, low: float, high: float, tip: str, width: str) -> w.FloatLogSlider:
+    """A number between two powers of ten, which can be typed too."""
+    how = {"description": name, "tooltip": tip, "readout_format": ".2g", "layout": {"width": width}}
+    return w.FloatLogSlider(value, min=low, max=high, step=TENTH, **how)
+
+
+def slider(name: str, value: float, low: float, high: float, step: float, tip: str) -> w.FloatSlider:
     """A number between two others."""
-    how = {"description": label, "tooltip": tip, "layout": FULL, "style": STYLE}
+    how = {"description": name, "tooltip": tip, "layout": {"width": "170px"}}
     return w.FloatSlider(value, min=low, max=high, step=step, **how)
 
 
-def log_slider(label: str, value: float, low: float, high: float, tip: str) -> w.FloatLogSlider:
-    """A number between two powers of ten."""
-    how = {"description": label, "tooltip": tip, "readout_format": ".2g", "layout": FULL, "style": STYLE}
-    return w.FloatLogSlider(value, min=low, max=high, step=0.05, **how)
-
-
-def line(label: str, hint: str, tip: str) -> w.Text:
+def line(name: str, hint: str, tip: str) -> w.Text:
     """A line that may stay empty, read when it is done."""
-    how = {"description": label, "tooltip": tip, "layout": FULL, "style": STYLE}
+    how = {"description": name, "tooltip": tip, "layout": {"width": "130px"}}
     return w.Text(placeholder=hint, continuous_update=False, **how)
 
 
-def button(label: str, tip: str, action: Callable[..., object]) -> w.Button:
+def button(name: str, tip: str, action: Callable[[], object]) -> w.Button:
     """A button as wide as its name."""
-    made = w.Button(description=label, tooltip=tip, layout=w.Layout(width="auto"))
-    made.on_click(action)
+    made = w.Button(description=name, tooltip=tip, layout={"width": "auto"})
+    made.on_click(lambda _: action())
     return made
 
 
-def group(name: str, knobs: Sequence[w.Widget]) -> w.VBox:
-    """Knobs below a heading."""
-    heading = w.HTML(f"<b>{name}</b>", layout=w.Layout(margin="2px 0 0 4px"))
-    return w.VBox([heading, *knobs], layout=w.Layout(min_width="0", overflow="visible"))
+class Knobs:
+    """All of them, by the names of `Settings`, and those of `VIEWS`; `changed` is called with a name."""
+
+    def __init__(
+        self, scenes: Sequence[tuple[str, Any]], width: int, changed: Callable[[str], object]
+    ) -> None:
+        channels = [("green or grey", ""), *((name, name) for name in CHANNELS)]
+        kept = [(name, name) for name in ("keep", "ignore", "inpaint")]
+        self.all: dict[str, Any] = {
+            "lam": log_slider(
+                "λ", 1.0, -4, 2, "More makes the surface smoother, less lets it follow the picture.", "330px"
+            ),
+            "regulariser": choice(
+                "regulariser",
+                ["auto", *REGULARISERS],
+                "What is smoothed: slope (first), bends (second), or the surface's curvature, which leaves planes and tubes whole.",
+            ),
+            "channel": choice(
+                "channel",
+                channels,
+                "Which colour is explained; separated takes out light that bounced, which makes folds deeper.",
+            ),
+            "contours": choice(
+                "contours",
+                [*AUTO, ("torn", True), ("not torn", False)],
+                "Whether the surface is torn where a fold hides what lies behind it.",
+            ),
+            "highlights": choice(
+                "highlights",
+                [*AUTO, *kept],
+                "Whether mirrored light is taken as near, passed over, or filled in.",
+            ),
+            "scene": choice(
+                "frame or scene",
+                scenes,
+                "What is looked at: the frame, or a rendered scene whose true surface is known.",
+                "170px",
+            ),
+            "width": choice(
+                "width [px]",
+                sorted({160, 320, 480, 640, width}),
+                "More columns show finer relief and take longer.",
+                "80px",
+            ),
+            "xi": choice(
+                "ξ", ["1/d", "1/z", "d"], "The map that is smoothed: with 1/d what is near keeps more relief."
+            ),
+            "epsilon": log_slider(
+                "ε", 1e-3, -5, -1, "More makes creases round, less makes them sharp.", "170px"
+            ),
+            "solver": choice(
+                "solver", SOLVERS, "How the surface is found; facing and fast marching do not smooth it."
+            ),
+            "max_iterations": line(
+                "iterations",
+                "as it takes",
+                "The most steps of the solver: few leave the surface near its start.",
+            ),
+            "smooth": line(
+                "smooth [px]", "by the noise", "Blurs the light first: more hides noise, and small folds."
+            ),
+            "k": slider(
+                "k", 2.5, 0, 8, 0.1, "Light spread that the solver believes in: a wrong one bends the rim."
+            ),
+            "gamma": slider(
+                "γ",
+                2.2,
+                1,
+                3,
+                0.05,
+                "Response that the solver believes in: a wrong one bends all, the dark most.",
+            ),
+            "gain": log_slider(
+                "gain ×",
+                1.0,
+                -1,
+                1,
+                "Brightness that the solver believes in: more puts all farther away.",
+                "170px",
+            ),
+            "albedo": line(
+                "albedo",
+                "red, green, blue",
+                "Colour of the wall that the solver believes in, from 0 to 1: it decides how much light bounced.",
+            ),
+            "noise": slider(
+                "noise",
+                0.0,
+                0,
+                8,
+                0.5,
+                "Noise of a rendered scene, grey levels of 255: more roughens the surface.",
+            ),
+            "section": slider(
+                "section [%]", 50, 0, 100, 0.5, "Where the surface is cut; a press on a map lays it there."
+            ),
+            "across": choice("section along", ["column", "row"], "Which way the surface is cut."),
+            "texture": choice("3D shows", TEXTURES, "What lies on the surface in 3D."),
+        }
+        self.all["width"].value = width
+        self._quiet = False
+        self.frame = 0  # which one is looked at, of those among the scenes
+        for name, knob in self.all.items():
+            knob.observe(lambda _, name=name: None if self._quiet else changed(name), "value")
+
+    def __getitem__(self, name: str) -> Any:
+        return self.all[name]
+
+    def reset_light(self, k: float, gamma: float) -> None:
+        """Set k and γ to what the calibration says."""
+        self._calibrated = {"k": k, "gamma": gamma}
+        with self.quiet():
+            for name, value in self._calibrated.items():
+                self._set(name, value)
+
+    @contextmanager
+    def quiet(self) -> Iterator[None]:
+        """Move knobs without a word."""
+        self._quiet = True
+        try:
+            yield
+        finally:
+            self._quiet = False
+
+    def settings(self) -> Settings:
+        """What the knobs say; ValueError, in one sentence, if a line cannot be read."""
+        values = {name: knob.value for name, knob in self.all.items() if name not in VIEWS}
+        for name in LOGARITHMIC:
+            values[name] = float(f"{values[name]:.{ROUNDED}g}")
+        for name, calibrated in self._calibrated.items():
+            is_so = abs(values[name] - calibrated) < 1e-9
+            values[name] = None if is_so else float(f"{values[name]:.6g}")
+        for name, count in LINES.items():
+            found = numbers(values[name], name, count)
+            values[name] = found if found is None or count > 1 else found[0]
+        most = values["max_iterations"]
+        if most is not None and most != round(most):
+            raise ValueError(f"max_iterations: expected a whole number, found {most:g}")
+        values["max_iterations"] = None if most is None else int(most)
+        for name in ("channel", "highlights", "contours"):
+            values[name] = None if values[name] == "" else values[name]
+        values["scene"] = values["scene"] if isinstance(values["scene"], str) else None
+        return Settings(**values)
+
+    def take(self, settings: Settings) -> None:
+        """Say what settings do, without a word; which frame is looked at stays."""
+        with self.quiet():
+            for name, value in vars(settings).items():
+                if name in self._calibrated and value is None:
+                    value = self._calibrated[name]
+                if name in LINES:
+                    value = "" if value is None else ", ".join(f"{one:g}" for one in numbers_of(value))
+                elif value is None:
+                    value = self.frame if name == "scene" else ""
+                self._set(name, value)
+
+    def _set(self, name: str, value: Any) -> None:
+        knob = self.all[name]
+        if isinstance(knob, w.FloatSlider):
+            knob.min, knob.max = min(knob.min, value), max(knob.max, value)
+        if name not in LOGARITHMIC or f"{knob.value:.{ROUNDED}g}" != f"{value:.{ROUNDED}g}":
+            knob.value = value
 
 
-def numbers(text: str, name: str, count: int, separator: str = ",") -> tuple[float, ...] | None:
+def numbers_of(value: Any) -> tuple[float, ...]:
+    """One number, or several, as several."""
+    return value if isinstance(value, tuple) else (value,)
+
+
+def numbers(text: str, name: str, count: int) -> tuple[float, ...] | None:
     """So many numbers of a line, or None of an empty one; ValueError, in one sentence, otherwise."""
     if not text.strip():
         return None
     try:
-        found = tuple(float(one) for one in text.split(separator))
+        found = tuple(float(one) for one in text.split(","))
     except ValueError:
         found = ()
     if len(found) != count:
         expected = "a number" if count == 1 else f"{count} numbers with commas between"
         raise ValueError(f"{name}: expected {expected}, found {text!r}")
     return found
-
-
-def close_parts(widget: w.Widget) -> None:
-    """Close all that a widget is made of: Jupyter keeps what is open, and with it all that it knows."""
-    parts = [
-        *getattr(widget, "children", ()),
-        getattr(widget, "layout", None),
-        getattr(widget, "style", None),
-    ]
-    for part in parts:
-        if isinstance(part, w.Widget):
-            close_parts(part)
-            part.close()

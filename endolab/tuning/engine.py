@@ -1,15 +1,11 @@
-"""The tuner's engine: the latest wish wins, a rough answer comes first, and no wish waits in a queue.
+"""The tuner's engine: the latest wish wins, a rough answer comes first, and nothing waits in a queue.
 
-A thread of its own solves; `Tuner.ask` returns at once. A new wish stops the solve in flight at its
-next iterate. Every wish is answered twice. The first answer is quick, since it follows from the last one:
-after a change of λ or ε alone the last problem is solved again from where it ended, and otherwise a grid of
-half the size. The final one is what `reconstruct` makes of the whole frame from a cold start, so that it
-depends on nothing that was tried before and the lines of `Settings.code` give it again, bit for bit; an
-energy with more than one minimum can make the two differ, and the outcome holds both. While a long solve goes
-on, what it has so far is told now and then.
-
-How far the answer can be trusted is found besides if somebody looks at it:
-after the last answer, by another thread that leaves the solver a core, and is told as that answer once more.
+A thread of its own does one job at a time; a new one stops the one in flight at its next iterate. A wish is
+answered twice. The first answer is quick, since it follows from the last one: after a change of λ or ε alone
+the last problem is solved again from where it ended, and otherwise a grid of half the size. The final one is
+what `reconstruct` makes of the whole frame from a cold start, so that it depends on nothing that was tried
+before and the lines of `Settings.code` give it again, bit for bit; an energy with more than one minimum can
+make the two differ, and the answer holds both. While a long solve goes on, what it has so far is told.
 """
 
 from __future__ import annotations
@@ -17,23 +13,22 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.special
 
 from endolab.depth.energy import contradicted, model_image
-from endolab.depth.result import SCALED, SOLUTION, Iterate, Observer, Result, run
+from endolab.depth.result import Iterate, Observer, Result, run
 from endolab.depth.solvers import solve
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.derivatives import REFERENCE_WIDTH
 from endolab.numerics.iteration import Status
-from endolab.numerics.penalties import huber
-from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
-from endolab.tuning.source import SHRINK, Settings, Source, Subject, shrunk_map
+from endolab.tuning.source import Settings, Source, Subject, shrunk_map
 from endolab.uncertainty.causes import bounced_light
 from endolab.uncertainty.trust import Trust, noise_left, trust_of
 
@@ -41,48 +36,33 @@ if TYPE_CHECKING:
     from endolab.model.endoscope import Endoscope
 
 PATIENCE = 0.4  # s that a full solve takes between one picture and the next
-REST = 0.3  # s without a wish before anything is looked for besides
-LEAST_WIDTH = 64  # px, of a grid that is worth a coarse one
-TRUST = "trust"  # what can be found besides
+LEAST_WIDTH = 128  # px, of a frame that is worth solving at half its size first
 DRAWS = 8  # of random fields, for a trust that somebody waits for: σ is off by a quarter or less
 # The most steps of a quick answer, from a start and from nothing.
-COARSE_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
-FOLLOWED = ("lam", "epsilon")  # settings whose change leaves the light and the contours as they were found
-REMEMBERED = 64e6  # bytes of iterates that are kept of a run, for a recording; then every other is dropped
-QUICK, SOFAR, FINE = "coarse", "refining", "fine"  # stages of an answer
+QUICK_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
+FIRST, SOFAR, FINAL = "first look", "so far", "final"  # stages of an answer
+IsStale = Callable[[], bool]
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """An answer of the tuner: a result, or an error."""
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What the tuner found for one position of the knobs."""
 
-    serial: int  # of the wish, as `Tuner.ask` returned it
     settings: Settings
-    stage: str  # `QUICK`, `FINE`, and between them `SOFAR`: what a long full solve has so far
-    seconds: float  # from the start of this stage to its answer
-    subject: Subject | None = None  # what was looked at
-    result: Result | None = None
-    error: str | None = None  # one sentence
-    trust: Trust | None = None  # how far the result can be trusted, if somebody looks at it
-    untold: str | None = None  # one sentence: why there is no trust
-    followed: Result | None = None  # the quick answer at full size, which a fine one may differ from
-    path: tuple[Iterate, ...] = field(default=(), repr=False)  # of a fine answer: how it was found
-
-    @property
-    def label(self) -> str:
-        """The stage, or the one of a reconstruction on its way to its solution."""
-        if self.result is None or self.result.iterate.stage in (SOLUTION, SCALED):
-            return self.stage
-        stage, round = self.result.iterate.stage, self.result.iterate.round
-        return f"{stage}, round {round}" if round else stage
+    stage: str  # `FIRST`, `FINAL`, and between them `SOFAR`: what a long solve has so far
+    seconds: float  # that it took
+    subject: Subject  # what was looked at
+    result: Result
+    followed: Result | None = None  # the quick answer at full size, which the final one may differ from
+    trust: Trust | None = None  # how far the result can be trusted, once that was asked for
 
     @cached_property
     def truth(self) -> FloatArray | None:
         """True distance in the result's unit, (H, W), nan outside its mask; None if unknown."""
-        if self.result is None or self.subject is None or self.subject.truth is None:
-            return None
         truth, mask, distance = self.subject.truth, self.result.mask, self.result.distance
-        if truth.shape != mask.shape:  # a stage on a smaller grid
+        if truth is None:
+            return None
+        if truth.shape != mask.shape:  # a frame that was shrunk
             truth = shrunk_map(truth, mask.shape[::-1])
         truth = np.where(mask, truth, np.nan)
         known = np.isfinite(truth)
@@ -91,32 +71,30 @@ class Outcome:
         return truth if self.result.metric else truth * np.median(distance[known] / truth[known])
 
     @cached_property
+    def error(self) -> FloatArray | None:
+        """Distance over the true one, less one, (H, W), %; None if no truth is known."""
+        return None if self.truth is None else 100 * (self.result.distance / self.truth - 1)
+
+    @cached_property
+    def median_error(self) -> float | None:
+        """Median of |d - d*|/d*, %; None if no truth is known."""
+        return None if self.error is None else float(np.nanmedian(np.abs(self.error)))
+
+    @cached_property
     def residual(self) -> FloatArray:
         """Model minus frame, (H, W), grey levels of 255; nan where the picture says nothing against it."""
-        assert self.result is not None
         problem = self.result.problem
         residual = model_image(problem, self.result.iterate.log_distance) - problem.image
         return np.where(contradicted(problem, residual), 255 * residual, np.nan)
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of the noise that the explained picture has left, stored value."""
-        assert self.result is not None
-        return noise_left(self.result.problem)[0]
-
-    @cached_property
-    def noise_floor(self) -> float:
-        """What the data term would be of a surface that leaves the noise alone."""
-        assert self.result is not None
-        problem = self.result.problem
-        drawn = self.noise * scipy.special.ndtri((np.arange(200) + 0.5) / 200)
-        share = float(np.isfinite(self.residual).sum() / problem.mask.sum())
-        return share * float(huber(drawn, problem.threshold).mean())
+        """Standard deviation of the noise that the explained picture has left, grey levels of 255."""
+        return 255 * noise_left(self.result.problem)[0]
 
     @cached_property
     def bounced(self) -> FloatArray:
         """Share of the light that came by way of other walls, (H, W), %, as this surface makes it."""
-        assert self.result is not None
         problem = self.result.problem
         log_ratio = bounced_light(problem, self.result.iterate.log_distance)
         return np.where(problem.mask, -100 * np.expm1(-log_ratio), np.nan)
@@ -124,55 +102,43 @@ class Outcome:
     @cached_property
     def change(self) -> FloatArray | None:
         """By what the quick answer differs from this one, (H, W), %; None if it is not of this size."""
-        if self.result is None or self.followed is None or self.stage != FINE:
-            return None
-        if self.followed.mask.shape != self.result.mask.shape:
+        if self.followed is None or self.followed.mask.shape != self.result.mask.shape:
             return None
         return 100 * (self.followed.distance / self.result.distance - 1)
 
+    @property
+    def data(self) -> float:
+        """The energy's data term, [1]: how badly the picture is explained."""
+        return self.result.iterate.terms["data"]
+
     @cached_property
-    def median_error(self) -> float | None:
-        """Median of |d - d*|/d*, %; None if no truth is known."""
-        if self.truth is None or self.result is None:
-            return None
-        return float(100 * np.nanmedian(np.abs(self.result.distance / self.truth - 1)))
+    def roughness(self) -> float:
+        """Mean angle between normals that are 1/320 of the width apart, degrees, but across what is torn."""
+        normals, cuts = self.result.normals, self.result.problem.cuts
+        right = np.linalg.norm(np.diff(normals, axis=1), axis=-1)
+        below = np.linalg.norm(np.diff(normals, axis=0), axis=-1)
+        if cuts is not None:
+            right[cuts[0, :, :-1]], below[cuts[1, :-1]] = np.nan, np.nan
+        mean = np.nanmean(np.concatenate([right.ravel(), below.ravel()]))
+        return float(np.degrees(mean)) * normals.shape[1] / REFERENCE_WIDTH
 
+    @cached_property
+    def relief(self) -> tuple[float, float]:
+        """How much the surface departs from a sphere around the camera, and from a plane, %."""
+        seen = self.result.mask[::4, ::4]
+        distance = self.result.distance[::4, ::4][seen]
+        rays = self.result.problem.field.rays[::4, ::4][seen]
+        low, high = np.percentile(np.log(distance), [5, 95])
+        plane = np.linalg.lstsq(rays, 1 / distance, rcond=None)[0]
+        return 100 * float(high - low), float(
+            np.percentile(np.abs(100 * (distance * (rays @ plane) - 1)), 95)
+        )
 
-class _Progress:
-    """Stops a solve that is stale, tells now and then what a long one has so far, remembers its path."""
-
-    def __init__(
-        self, is_stale: Callable[[], bool], tell: Callable[[Result, float], object] | None = None
-    ) -> None:
-        self.is_stale, self.tell = is_stale, tell
-        self.started = self.told = time.perf_counter()
-        self.history: list[dict[str, float]] = []
-        self.stage: tuple[str, int] | None = None
-        self.path: list[Iterate] = []
-        self._every, self._seen = 1, 0
-
-    def __call__(self, iterate: Iterate) -> bool:
-        if self.is_stale():
-            return True
-        now = time.perf_counter()
-        self._remember(iterate)
-        if self.stage != (iterate.stage, iterate.round):
-            self.stage, self.history = (iterate.stage, iterate.round), []
-        self.history.append({"k": iterate.k, "energy": iterate.energy, **iterate.terms})
-        if self.tell is not None and now - self.told > PATIENCE:
-            result = Result(iterate, Status.STOPPED, list(self.history), now - self.started)
-            self.tell(result, now - self.started)
-            self.told = time.perf_counter()
-        return self.is_stale()
-
-    def _remember(self, iterate: Iterate) -> None:
-        """Keep it, as long as there is room, and else every other one of all that were seen."""
-        if self._seen % self._every == 0:
-            self.path.append(iterate)
-            if sum(one.log_distance.nbytes for one in self.path) > REMEMBERED:
-                del self.path[1::2]
-                self._every *= 2
-        self._seen += 1
+    @property
+    def torn(self) -> int:
+        """Steps between pixels over which the surface is torn."""
+        cuts = self.result.problem.cuts
+        return 0 if cuts is None else int(cuts.sum())
 
 
 def sentence_of(error: BaseException) -> str:
@@ -181,39 +147,32 @@ def sentence_of(error: BaseException) -> str:
 
 
 class Tuner:
-    """Solves what is asked for in a thread of its own.
+    """Does what is asked for in a thread of its own.
 
-    `on_outcome` is given every `Outcome` in that thread; if it raises, the sentence is kept in
-    `complaint` and the tuner goes on. Scenes are rendered by the calibration, at any size;
-    ``Settings(scene=None)`` looks at `frame`, whose true distance, mm, is `truth`, (H, W). `solve`
-    takes what `reconstruct` takes.
+    `tell` is given every `Answer`, and `refuse` a sentence for what cannot be answered, in that thread.
+    Scenes are rendered by the calibration, at any size; ``Settings(scene=None)`` looks at `frame`, whose
+    true distance, mm, is `truth`, (H, W).
     """
 
     def __init__(
         self,
         calibration: Endoscope,
-        on_outcome: Callable[[Outcome], object] | None = None,
+        tell: Callable[[Answer], object] = lambda answer: None,
+        refuse: Callable[[str], object] = lambda sentence: None,
         *,
         frame: Frame | None = None,
         truth: FloatArray | None = None,
-        solve: Callable[..., Result] = reconstruct,
     ) -> None:
-        self.on_outcome, self.complaint = on_outcome, ""
-        self._solve = solve
+        self.tell, self.refuse = tell, refuse
         self._changed = threading.Condition()
-        self._serial = 0  # of the latest wish
-        self._wish: Settings | None = None
-        self._others: list[tuple[int, Settings]] = []  # to be tried out, by number
-        self._tell_other: Callable[[int, Outcome], object] = lambda number, outcome: None
-        self._final: Outcome | None = None
+        self._asked = self._done = 0  # numbers of jobs
+        self._job: Callable[[IsStale], object] | None = None
         self._closed = False
-        self._besides: tuple[str, ...] = ()  # what is to be found
-        self._telling = threading.Lock()
+        self._final: Answer | None = None
+        self._failure: Exception | None = None
         self.use(calibration, frame, truth)
-        work = {"endolab tuner": self._work, "endolab tuner, besides": self._work_besides}
-        self._threads = [threading.Thread(target=job, name=name, daemon=True) for name, job in work.items()]
-        for thread in self._threads:
-            thread.start()
+        self._thread = threading.Thread(target=self._work, name="endolab tuner", daemon=True)
+        self._thread.start()
 
     # From any thread ---------------------------------------------------------------------
 
@@ -224,226 +183,186 @@ class Tuner:
 
         Raises ValueError if they are not of one size; then nothing changes.
         """
-        source = Source(calibration, frame, truth)
-        with self._changed:
-            self._source = source
+        self.source = Source(calibration, frame, truth)
+        self._starts: dict[tuple[str | None, int], Result] = {}  # of quick answers, by their grid
+        self._settled: Answer | None = None  # the last final answer
 
-    def ask(self, settings: Settings) -> int:
-        """Wish for a result, drop what was wished for before, and return the wish's serial number."""
-        with self._changed:
-            if self._closed:
-                raise ValueError("the tuner is closed")
-            self._serial += 1
-            self._wish, self._others = settings, []
-            self._changed.notify_all()
-            return self._serial
+    def ask(self, settings: Settings) -> None:
+        """Wish for an answer, and drop what was wished for before; returns at once."""
+        source = self.source
+        self._do(lambda is_stale: self._answer(source, settings, is_stale))
 
-    def try_out(self, others: Sequence[Settings], tell: Callable[[int, Outcome], object]) -> None:
-        """Solve these one by one, until the next wish; `tell` is given the number and the outcome of each."""
-        with self._changed:
-            self._others, self._tell_other = list(enumerate(others)), tell
-            self._changed.notify_all()
+    def compare(
+        self, answer: Answer, several: Sequence[Settings], tell: Callable[[int, Answer], object]
+    ) -> None:
+        """Solve these, torn where an answer is; `tell` is given the number and the answer of each."""
+        cuts = answer.result.problem.cuts
+        held: dict[str, Any] = {"contours": False} if cuts is None else {"contours": None, "cuts": cuts}
 
-    def look_at(self, *besides: str) -> None:
-        """Find these besides from now on, of which there is "trust"; returns at once."""
-        with self._changed:
-            self._besides = besides
-            if self._final is not None and self._final.untold:
-                self._final = replace(self._final, untold=None)
-            self._changed.notify_all()
+        def job(is_stale: IsStale) -> None:
+            for number, settings in enumerate(several):
+                if settings == answer.settings:
+                    continue
+                solved = self._solved(answer.subject, settings, [_watch(is_stale)], **held)
+                if is_stale():
+                    return
+                tell(number, solved)
 
-    def wait(self, timeout: float | None = None) -> Outcome:
-        """Wait so many seconds for the last answer to the latest wish: fine, or with an error."""
+        self._do(job)
+
+    def find_trust(self, answer: Answer) -> None:
+        """Find how far an answer can be trusted, and tell it once more."""
+
+        def job(is_stale: IsStale) -> None:
+            known = _known(answer.subject, answer.settings)
+            with suppress(KeyboardInterrupt):  # stopped before there was anything to tell
+                trust = trust_of(answer.result, known, draws=DRAWS, observers=[lambda _: is_stale()])
+                if not is_stale():
+                    self._tell_final(replace(answer, trust=trust))
+
+        self._do(job)
+
+    def recall(self, answer: Answer) -> None:
+        """Drop what is in flight, and take an answer of before as the last one."""
+        self._final = self._settled = answer
+        self._do(lambda is_stale: None)
+
+    def wait(self, timeout: float | None = None) -> Answer:
+        """Wait so many seconds for the end of what was asked for last, and return the last final answer.
+
+        Raises ValueError, in one sentence, if there is none to that.
+        """
         with self._changed:
-            if self._serial == 0:
-                raise ValueError("nothing was asked for")
-            self._changed.wait_for(lambda: self._closed or self._is_answered(), timeout)
-            if self._final is None or not self._is_answered():
+            self._changed.wait_for(lambda: self._closed or self._done == self._asked, timeout)
+            if self._done != self._asked:
                 raise TimeoutError("the tuner was closed" if self._closed else f"no answer in {timeout} s")
+            if self._failure is not None or self._final is None:
+                raise ValueError(sentence_of(self._failure or ValueError("nothing was asked for")))
             return self._final
 
-    def cold(self, settings: Settings, observers: Iterable[Observer] = ()) -> Outcome:
+    def cold(self, settings: Settings, observers: Iterable[Observer] = ()) -> Answer:
         """Solve here and now: what the lines of `Settings.code` give, and the last answer to a wish."""
-        started = time.perf_counter()
-        with self._changed:
-            source = self._source
-        subject = source.subject(settings)
-        result = self._result(subject, settings, observers=observers)
-        return Outcome(self._serial, settings, FINE, time.perf_counter() - started, subject, result)
+        return self._solved(self.source.subject(settings), settings, observers)
 
     def close(self) -> None:
-        """Stop the solve in flight and end the threads; a second call does nothing."""
+        """Stop the solve in flight and end the thread; a second call does nothing."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-        for thread in self._threads:
-            if thread is not threading.current_thread():
-                thread.join()
+        if self._thread is not threading.current_thread():
+            self._thread.join()
 
-    def _result(self, subject: Subject, settings: Settings, **options: Any) -> Result:
-        given = settings.keywords(subject.frame.image.ndim == 2)
-        if subject.width is not None:
-            given["width"] = subject.width
-        return self._solve(subject.frame, _known(subject, settings), **given | options)
+    def _do(self, job: Callable[[IsStale], object]) -> None:
+        with self._changed:
+            if self._closed:
+                raise ValueError("the tuner is closed")
+            self._asked += 1
+            self._job = job
+            self._changed.notify_all()
+
+    def _solved(
+        self, subject: Subject, settings: Settings, observers: Iterable[Observer], **options: Any
+    ) -> Answer:
+        """Solve a subject."""
+        started, given = time.perf_counter(), settings.keywords(subject.grey) | options
+        known = _known(subject, settings)
+        result = reconstruct(subject.frame, known, width=subject.width, observers=observers, **given)
+        return Answer(settings, FINAL, time.perf_counter() - started, subject, result)
 
     # In the tuner's thread ---------------------------------------------------------------
-
-    def _is_answered(self) -> bool:
-        return self._final is not None and self._final.serial == self._serial
-
-    def _is_stale(self, serial: int) -> bool:
-        return self._closed or self._serial != serial
 
     def _work(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._closed or self._wish is not None or self._others)
-                if self._closed:
+                self._changed.wait_for(lambda: self._closed or self._job is not None)
+                job, number, self._job = self._job, self._asked, None
+                if self._closed or job is None:
                     return
-                serial, settings, source = self._serial, self._wish, self._source
-                number, other = (0, None) if settings is not None else self._others.pop(0)
-                self._wish = None
-            if settings is None:
-                if other is not None:
-                    self._try(source, number, other, serial)
-                continue
-            followed: Result | None = None
-            for stage, solved in ((QUICK, self._quick), (FINE, self._fine)):
-                started = time.perf_counter()
-                try:
-                    outcome = solved(source, settings, serial)
-                except Exception as error:  # whatever it is, the next wish may do better
-                    if stage == QUICK:
-                        continue  # what is wrong with the whole frame, if anything, is said of that
-                    outcome = Outcome(serial, settings, stage, 0.0, error=sentence_of(error))
-                if self._is_stale(serial):
-                    break
-                if outcome is not None:
-                    followed = followed or outcome.followed
-                    seconds = time.perf_counter() - started
-                    self._tell(replace(outcome, seconds=seconds, followed=followed))
 
-    def _try(self, source: Source, number: int, settings: Settings, serial: int) -> None:
-        """Solve what is tried out."""
-        started, tell = time.perf_counter(), self._tell_other
-        try:
-            subject = source.subject(settings)
-            result = self._result(subject, settings, observers=[_Progress(lambda: self._is_stale(serial))])
-            seconds = time.perf_counter() - started
-            outcome = Outcome(serial, settings, FINE, seconds, subject, result)
-        except Exception as error:
-            outcome = Outcome(serial, settings, FINE, 0.0, error=sentence_of(error))
-        if not self._is_stale(serial):
+            def is_stale(number: int = number) -> bool:
+                return self._closed or self._asked != number
+
+            failure = None
             try:
-                tell(number, outcome)
-            except Exception as error:
-                self.complaint = sentence_of(error)
-
-    def _tell(self, outcome: Outcome) -> None:
-        with self._telling:
-            self._show(outcome)
-        if outcome.stage == FINE or outcome.error is not None:
+                job(is_stale)
+            except Exception as error:  # whatever it is, the next wish may do better
+                failure = error
+                if not is_stale():
+                    self.refuse(sentence_of(error))
             with self._changed:
-                self._final = outcome
+                self._done, self._failure = number, failure
                 self._changed.notify_all()
 
-    def _show(self, outcome: Outcome) -> None:
-        try:
-            if self.on_outcome is not None:
-                self.on_outcome(outcome)
-        except Exception as error:
-            self.complaint = sentence_of(error)
+    def _tell_final(self, answer: Answer) -> None:
+        self._final = answer
+        self.tell(answer)
 
-    def _quick(self, source: Source, settings: Settings, serial: int) -> Outcome | None:
-        """What follows from the last answer, or a coarse one; None if there is no point in either."""
-        steps = COARSE_STEPS.get(settings.solver)
-        watch = _Progress(lambda: self._is_stale(serial))
-        before, result = source.settled or (None, None)
-        followed = {name: getattr(settings, name) for name in FOLLOWED}
-        if steps and before and result and settings == replace(before, **followed):
-            problem = replace(result.problem, lam=settings.lam, epsilon=settings.epsilon)
-            start = {"start": result.iterate.log_distance, "max_iterations": steps[0]}
-            found = run(solve(problem, settings.solver, **start), [watch])
-            return Outcome(serial, settings, QUICK, 0.0, source.subject(settings), found, followed=found)
-        if settings.width < SHRINK * LEAST_WIDTH or settings.solver == "facing":
+    def _answer(self, source: Source, settings: Settings, is_stale: IsStale) -> None:
+        followed = None
+        with suppress(Exception):  # what is wrong with the whole frame, if anything, is said of that
+            first = self._quick(source, settings, is_stale)
+            if first is not None and not is_stale():
+                followed = first.followed
+                self.tell(first)
+        if is_stale():
+            return
+        subject = source.subject(settings)
+
+        def tell(sofar: Result) -> None:
+            self.tell(Answer(settings, SOFAR, sofar.seconds, subject, sofar))
+
+        answer = self._solved(subject, settings, [_watch(is_stale, tell)])
+        if not is_stale():
+            self._settled = replace(answer, followed=followed)
+            self._tell_final(self._settled)
+
+    def _quick(self, source: Source, settings: Settings, is_stale: IsStale) -> Answer | None:
+        """What follows from the last answer, or one of half the size; None if there is no point in either."""
+        started, steps, before = time.perf_counter(), QUICK_STEPS.get(settings.solver), self._settled
+        moved: dict[str, Any] = {
+            "lam": settings.lam,
+            "epsilon": settings.epsilon,
+        }  # leave light and contours as they are
+        if steps and before and settings == replace(before.settings, **moved):
+            problem = replace(before.result.problem, **moved)
+            start = before.result.iterate.log_distance
+            solver = solve(problem, settings.solver, start=start, max_iterations=steps[0])
+            found = run(solver, [_watch(is_stale)])
+            seconds = time.perf_counter() - started
+            return Answer(settings, FIRST, seconds, before.subject, found, followed=found)
+        if settings.width < LEAST_WIDTH or settings.solver == "facing":
             return None
         options: dict[str, Any] = {}
         grid = (settings.scene, settings.width)
         if steps is not None:
-            if grid in source.last:
-                options["start"] = source.last[grid]
+            if grid in self._starts:
+                options["start"] = self._starts[grid]
             options["max_iterations"] = steps["start" not in options]
-        subject = source.coarse(settings)
-        if self._is_stale(serial):
-            return None
-        lengths = settings.shrunk(source.subject(settings).frame.width / subject.frame.width)
-        result = self._result(subject, lengths, observers=[watch], **options)
-        if not self._is_stale(serial):
-            source.keep(grid, result)
-        return Outcome(serial, settings, QUICK, 0.0, subject, result)
+        answer = self._solved(source.coarse(settings), settings, [_watch(is_stale)], **options)
+        if not is_stale():
+            self._starts[grid] = answer.result
+        return replace(answer, stage=FIRST)
 
-    def _fine(self, source: Source, settings: Settings, serial: int) -> Outcome | None:
-        """The answer."""
-        subject = source.subject(settings)
-        if self._is_stale(serial):
-            return None
 
-        def tell(sofar: Result, seconds: float) -> None:
-            self._tell(Outcome(serial, settings, SOFAR, seconds, subject, sofar))
+def _watch(is_stale: IsStale, tell: Callable[[Result], object] | None = None) -> Observer:
+    """Stop a solve that is stale, and tell now and then what a long one has so far."""
+    started = told = time.perf_counter()
+    history: list[dict[str, float]] = []
 
-        watch = _Progress(lambda: self._is_stale(serial), tell)
-        result = self._result(subject, settings, observers=[watch])
-        if not self._is_stale(serial):
-            source.settled = settings, result
-        return Outcome(serial, settings, FINE, 0.0, subject, result, path=tuple(watch.path))
+    def watch(iterate: Iterate) -> bool:
+        nonlocal told
+        if is_stale():
+            return True
+        now = time.perf_counter()
+        if iterate.k == 0:
+            history.clear()
+        history.append({"k": iterate.k, "energy": iterate.energy, **iterate.terms})
+        if tell is not None and now - told > PATIENCE:
+            tell(Result(iterate, Status.STOPPED, [*history], now - started))
+            told = time.perf_counter()
+        return is_stale()
 
-    # In the thread beside it ---------------------------------------------------------------
-
-    def _lacking(self) -> str | None:
-        """What is still to be found of the last answer."""
-        final = self._final
-        if final is None or final.result is None or final.untold or not self._is_answered():
-            return None
-        return next((one for one in self._besides if getattr(final, one) is None), None)
-
-    def _rested(self) -> Outcome | None:
-        """Wait until somebody looks at an answer that lacks something; None when it is closed."""
-        with self._changed:
-            while True:
-                self._changed.wait_for(lambda: self._closed or self._lacking() is not None)
-                if self._closed:
-                    return None
-                outcome = self._final
-                self._changed.wait_for(lambda: self._closed or self._lacking() is None, REST)
-                if outcome is not None and outcome is self._final and self._lacking() is not None:
-                    return outcome
-
-    def _work_besides(self) -> None:
-        while (wanted := self._rested()) is not None:
-            outcome = wanted
-            try:
-                with limited_threads(1):  # the next wish finds a core
-                    found = self._trusted(outcome)
-            except Exception as error:
-                found = replace(outcome, untold=sentence_of(error))
-            with self._telling:
-                with self._changed:
-                    if self._final is not outcome or self._is_stale(outcome.serial):
-                        continue
-                    self._final = found
-                self._show(found)
-
-    def _trusted(self, outcome: Outcome) -> Outcome:
-        """The same with how far it can be trusted; a wish stops the search."""
-        assert outcome.result is not None
-        assert outcome.subject is not None
-        known = _known(outcome.subject, outcome.settings)
-        stop = [lambda _: self._is_stale(outcome.serial)]
-        try:
-            trust = trust_of(outcome.result, known, draws=DRAWS, observers=stop)
-        except KeyboardInterrupt:  # stopped before there was anything to tell
-            return outcome
-        return replace(outcome, trust=trust)
+    return watch
 
 
 def _known(subject: Subject, settings: Settings) -> Endoscope:

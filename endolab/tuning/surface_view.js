@@ -101,7 +101,7 @@ function render({ model, el }) {
   const root = add("div", "endolab-surface", el), canvas = add("canvas", "", root);
   const axes = ["x", "y", "z"].map(() => add("span", "endolab-axis", root));
   const size_of_box = add("div", "endolab-size", root), help = add("div", "endolab-help", root);
-  root.style.height = `${model.get("height")}px`;
+  root.style.height = model.get("height") ? `${model.get("height")}px` : "100%"; // 0: as high as its place
   canvas.tabIndex = 0;
   canvas.dataset.lmSuppressShortcuts = "true"; // arrows turn, they do not go to the next cell
   // Smooth edges cost a processor that draws by itself three times as long; they are short beside the picture.

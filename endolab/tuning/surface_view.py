@@ -18,17 +18,21 @@ import numpy as np
 import traitlets as t
 
 from endolab.depth.result import Iterate, Result
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
 from endolab.numerics.checks import told
 from endolab.numerics.derivatives import links
+from endolab.plots.scales import lifted
 from endolab.reconstruction.mesh import joined_triangles
-from endolab.tuning.pictures import jpeg
-from endolab.tuning.surface_grid import Shown, box_of, grid_of, keeps, thinned, thinned_links
+from endolab.tuning.pictures import Picture, grey_or_colour, jpeg
 
 HEIGHT = 360  # of the panel, px
 START = (35.0, 20.0, 1.0, 0.0, 0.0)  # pose: degrees to the left and up, zoom, shifted right and down (panels)
 PATIENCE = 0.5  # s; then the next surface is sent though the page has not said that the last is drawn
-
+COLUMNS, ROWS = 320, 240  # of points at most: what a panel can show
+TEXTURE = 640  # columns of the picture at most, px
+OUTLYING = 1.0  # %, of the points lie beyond each face of the box: spikes must not make the rest small
+KEPT = 1.25  # the box stays if the new one is larger or smaller, or its middle is off, by less than this
+Given = tuple[FloatArray, FloatArray, np.ndarray, BoolArray | None, str, bool]
 
 STYLE = """
 .endolab-surface { position: relative; overflow: hidden; color: var(--jp-content-font-color1, #222); }
@@ -49,7 +53,7 @@ class SurfaceView(anywidget.AnyWidget):
     Parameters
     ----------
     height : int
-        Of the panel, px; it is as wide as there is room.
+        Of the panel, px, or 0 for as high as there is room; it is as wide as there is room.
     """
 
     _esm, _css = Path(__file__).with_suffix(".js"), STYLE
@@ -71,9 +75,8 @@ class SurfaceView(anywidget.AnyWidget):
 
     def __init__(self, height: int = HEIGHT) -> None:
         self._showing = threading.RLock()
-        self._last: Shown | None = None  # what was given last
+        self._last: Given | None = None  # what was given last
         self._waits = False  # it has not been sent
-        self._joined = np.zeros((2, 0, 0), dtype=bool)  # what the triangles were made of
         self._sent = 0.0
         super().__init__(height=height)
         self.observe(lambda _: self._flush(), ["drawn", "visible"])
@@ -113,32 +116,33 @@ class SurfaceView(anywidget.AnyWidget):
         ValueError
             In one sentence, if arrays do not fit.
         """
+        check_surface(distance, rays, picture, cuts)
         with self._showing:
-            self._last, self._waits = Shown(distance, rays, picture, cuts, unit, lift), True
+            self._last, self._waits = (distance, rays, picture, cuts, unit, lift), True
             self._flush()
 
     def _flush(self) -> None:
         """Send what was given last, if someone sees it and has drawn the one before."""
         with self._showing:
             busy = self.number != self.drawn and time.monotonic() < self._sent + PATIENCE
-            last = self._last
-            if last is None or not self._waits or not self.visible or busy or self.comm is None:
+            if self._last is None or not self._waits or not self.visible or busy or self.comm is None:
                 return
             self._waits = False
-            rows, columns = thinned(last.distance.shape)
-            joined = thinned_links(links(last.known, last.cuts), rows, columns)
+            distance, rays, picture, cuts, unit, lift = self._last
+            known = np.isfinite(distance) & (distance > 0)
+            rows, columns = thinned(distance.shape)
+            joined = thinned_links(links(known, cuts), rows, columns)
             every = np.ix_(rows, columns)
-            seen, far = last.known[every], np.where(last.known, last.distance, 0)[every]
-            box = box_of((last.rays[every] * far[..., None])[seen]) if seen.any() else [0.0] * 3 + [1.0] * 3
+            far = np.where(known, distance, 0)[every]
+            points = (rays[every] * far[..., None])[known[every]]
             with self.hold_sync():  # which sends what differs, in one message
-                self.grid = grid_of(last.rays, rows, columns)
-                if not np.array_equal(joined, self._joined):
-                    self.triangles = joined_triangles(far, joined).astype(np.uint32).tobytes()
-                    self._joined = joined
-                if last.unit != self.unit or not keeps(self.box, box):
-                    self.box, self.unit = box, last.unit
+                self.grid = grid_of(rays, rows, columns)
+                self.triangles = joined_triangles(far, joined).astype(np.uint32).tobytes()
+                box = box_of(points) if len(points) else [0.0] * 3 + [1.0] * 3
+                if unit != self.unit or not keeps(self.box, box):
+                    self.box, self.unit = box, unit
                 self.far = far.astype(np.float32).tobytes()
-                self.picture = jpeg(last.texture)
+                self.picture = jpeg(textured(picture, lift))
                 self.number += 1
             self._sent = time.monotonic()
 
@@ -171,23 +175,21 @@ class SurfaceView(anywidget.AnyWidget):
 
         from endolab.plots.surface_view import show_cloud
 
-        last = self._last
-        if last is None:
+        if self._last is None:
             raise ValueError("there is no surface yet: call show")
-        every = np.ix_(*thinned(last.distance.shape))
-        distance = np.where(last.known, last.distance, np.nan)[every]
-        picture = cv2.resize(last.texture, distance.shape[::-1], interpolation=cv2.INTER_AREA)
+        distance, rays, picture, _, unit, lift = self._last
+        every = np.ix_(*thinned(distance.shape))
+        points = rays[every] * np.where(distance > 0, distance, np.nan)[every][..., None]
+        colours = cv2.resize(textured(picture, lift), points.shape[1::-1], interpolation=cv2.INTER_AREA) / 255
         figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-        show_cloud(
-            last.rays[every] * distance[..., None],
-            picture / 255,
-            figure.subplots(),
-            angle=START[0],
-            elevation=START[1],
-            unit=last.unit,
-            title="",
-            lift=False,
-        )
+        how: dict[str, Any] = {
+            "angle": START[0],
+            "elevation": START[1],
+            "unit": unit,
+            "title": "",
+            "lift": False,
+        }
+        show_cloud(points, colours, figure.subplots(), **how)
         content = io.BytesIO()
         figure.savefig(content, format="png", dpi=100)
         return content.getvalue()
@@ -211,13 +213,83 @@ def show_surface(shown: Result | Iterate, picture: np.ndarray | None = None) -> 
     """
     if not isinstance(shown, Result | Iterate):
         raise ValueError(f"a result or an iterate can be shown, got {told(shown)}")
-    problem, view = shown.problem, SurfaceView()
-    view.show(
-        shown.distance,
-        problem.field.rays,
-        problem.shown if picture is None else picture,
-        cuts=problem.cuts,
-        unit=problem.unit,
-        lift=picture is None,
-    )
+    view = SurfaceView()
+    show_on(view, shown, shown.problem.shown if picture is None else picture, picture is None)
     return view
+
+
+def show_on(view: SurfaceView, shown: Result | Iterate, picture: np.ndarray, lift: bool) -> None:
+    """Show a result, with a picture on it, in a view that is there."""
+    problem = shown.problem
+    how: dict[str, Any] = {"cuts": problem.cuts, "unit": problem.unit, "lift": lift}
+    view.show(shown.distance, problem.field.rays, picture, **how)
+
+
+def check_surface(distance: Any, rays: Any, picture: Any, cuts: Any) -> None:
+    """Raise a ValueError that says in one sentence what does not fit."""
+    given = {"distance": distance, "rays": rays, "picture": picture}
+    for name, array in given.items():
+        if not isinstance(array, np.ndarray) or not array.size or array.dtype.char not in "efdgB":
+            raise ValueError(f"{name} must be an array of real numbers, got {told(array)}")
+    if distance.ndim != 2:
+        raise ValueError(f"distance must have two axes, found the shape {distance.shape}")
+    if rays.shape != (*distance.shape, 3):
+        raise ValueError(f"rays must have shape {(*distance.shape, 3)}, found {rays.shape}")
+    if cuts is not None and (
+        not isinstance(cuts, np.ndarray) or cuts.dtype != bool or cuts.shape != (2, *distance.shape)
+    ):
+        raise ValueError(f"cuts must be a bool array of shape {(2, *distance.shape)}, got {told(cuts)}")
+    if picture.ndim not in (2, 3) or picture.shape[2:] not in ((), (3,)):
+        raise ValueError(f"picture must have shape (h, w, 3) or (h, w), found {picture.shape}")
+    (height, width), (tall, wide) = distance.shape, picture.shape[:2]
+    if abs(tall * width - wide * height) > max(height, width, tall, wide):  # shrunk to whole pixels
+        raise ValueError(f"picture of {wide}x{tall} px has not the proportions of {width}x{height} px")
+
+
+def textured(picture: np.ndarray, lift: bool) -> Picture:
+    """A picture as it is seen, (h, w, 3)."""
+    less = TEXTURE / picture.shape[1]
+    if less < 1:
+        picture = cv2.resize(picture, None, fx=less, fy=less, interpolation=cv2.INTER_AREA)
+    if picture.dtype == np.uint8:
+        picture = picture / 255
+    return grey_or_colour(lifted(picture) if lift else picture)
+
+
+def thinned(shape: tuple[int, ...]) -> tuple[IndexArray, IndexArray]:
+    """Rows and columns of a picture of that shape that have a point: evenly, the outermost ones too."""
+    less = max(1.0, shape[0] / ROWS, shape[1] / COLUMNS)
+    first, second = (np.linspace(0, n - 1, max(1, int(n / less))).round().astype(np.int32) for n in shape)
+    return first, second
+
+
+def thinned_links(joined: BoolArray, rows: IndexArray, columns: IndexArray) -> BoolArray:
+    """Steps between the points that are left, (2, h, w): those on whose way no step is missing."""
+    right = np.logical_and.reduceat(joined[0][rows], columns, axis=1)
+    below = np.logical_and.reduceat(joined[1][:, columns], rows, axis=0)
+    right[:, -1], below[-1] = False, False
+    return np.stack([right, below])
+
+
+def grid_of(rays: FloatArray, rows: IndexArray, columns: IndexArray) -> bytes:
+    """Of each point its ray, and its place in the picture, to the right and down, in [0, 1]."""
+    grid = np.empty((len(rows), len(columns), 5), np.float32)
+    grid[..., :3] = np.nan_to_num(rays[np.ix_(rows, columns)])
+    grid[..., 3] = (columns + 0.5) / rays.shape[1]
+    grid[..., 4] = ((rows + 0.5) / rays.shape[0])[:, None]
+    return grid.tobytes()
+
+
+def box_of(points: FloatArray) -> list[float]:
+    """Least and greatest x, y, z of points (n, 3), but for a few that lie far out."""
+    return [float(value) for value in np.percentile(points, [OUTLYING, 100 - OUTLYING], axis=0).ravel()]
+
+
+def keeps(box: list[float], other: list[float]) -> bool:
+    """Whether another surface can be seen in the box of the one before."""
+    if not box:
+        return False
+    corners = np.reshape([box, other], (2, 2, 3))  # box, end, axis
+    size, other_size = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=-1)
+    off = np.linalg.norm(corners[1].mean(axis=0) - corners[0].mean(axis=0))
+    return bool(other_size / KEPT <= size <= KEPT * other_size and off <= (KEPT - 1) * size)

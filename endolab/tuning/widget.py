@@ -1,8 +1,8 @@
 """The tuner: knobs under a hand, the surface under its eyes.
 
 `tune` makes a widget for JupyterLab. Its `engine` solves in a thread of its own; pictures are drawn
-and sent from there, so that neither a slow solve nor a running cell freezes the page. What goes
-wrong is said in one line above the board.
+and sent from there, so that neither a slow solve nor a running cell freezes the page. There is one answer,
+`TunerBox.answer`, that all which is shown, written and exported is of.
 """
 
 from __future__ import annotations
@@ -10,9 +10,7 @@ from __future__ import annotations
 import html
 import math
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,41 +19,35 @@ import ipywidgets as w
 import numpy as np
 
 from endolab import datasets
-from endolab.depth.problem import REGULARISERS
 from endolab.io.atomic import staged_folder, write_atomically
 from endolab.io.descriptions import Calibration
-from endolab.io.settings import SolvingSettings, write_settings
+from endolab.io.images import read_frame
+from endolab.io.settings import write_settings
 from endolab.model.endoscope import Endoscope
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame
-from endolab.reports.result import save_result
+from endolab.reports.result import write_files
 from endolab.synthetic.scenes import SCENES
-from endolab.tuning.clicks import SECTION, Clicks
-from endolab.tuning.controls import button, choice, close_parts, group, line, log_slider, numbers, slider
-from endolab.tuning.engine import Outcome, Tuner, sentence_of
-from endolab.tuning.panels import PANELS, Cut, map_alone, pixel_at
-from endolab.tuning.pictures import Look, png
-from endolab.tuning.saving import saved
-from endolab.tuning.screen import BESIDE, KEPT, NOW, Screen
-from endolab.tuning.sentences import NAMES, summary
+from endolab.tuning.board_view import BoardView
+from endolab.tuning.boards import Board, comparable, of_one, of_several, of_two
+from endolab.tuning.controls import SIGHT, VIEWS, Knobs, button
+from endolab.tuning.engine import FINAL, Answer, Tuner, sentence_of
+from endolab.tuning.panels import NEED_TRUST, PANELS, USUAL, Dot, View
+from endolab.tuning.pictures import Map, jpeg, png
+from endolab.tuning.sentences import summary, warnings
 from endolab.tuning.source import Settings
-from endolab.tuning.surface_view import SurfaceView
-from endolab.tuning.uploads import read_upload
+from endolab.tuning.surface_view import SurfaceView, show_on
 
 IMPORTS = "from dataclasses import replace\n\nimport endolab as el\n"
-VIEWS = ("section", "across", "count")  # knobs that change what is seen and not what is solved
-ROUNDED = 2  # digits of what a slider says: the number that is shown is the one that counts
-KEEP = "show this beside what comes, to compare; key A"
-STRIPS: dict[str, tuple[str, Sequence[Any]]] = {
-    "λ": ("lam", (0.1, 10**-0.5, 1.0, 10**0.5, 10.0)),  # times the slider's, on its own steps
-    "ξ": ("xi", ("1/d", "1/z", "d")),
-    "order": ("regulariser", REGULARISERS),
-}
-MASK_FILE = "mask.png"
-LENGTHS = ("median_distance", "known_distance", "known_diameter")
-OFF = "off"
-COLOURS = ("frame", "distance", "model - frame", "error", "normals", "σ", "bounced light")  # in 3D
+A, B, BESIDE = "A", "B", "A beside B"  # what is shown, if A is kept
+LAMS = (0.1, 10**-0.5, 1.0, 10**0.5, 10.0)  # times the present λ, to be compared
+REMEMBERED = 12  # final answers that come back without a solve
+MOST_DOTS = 200
+NEAR = 12  # px around a dot in which a click takes it
+ROOM = (1176.0, 620.0)  # px, before the page tells its own
+LEAST_ROOM, TALLEST = (420.0, 300.0), 0.75  # px; height over width
+TEXT, LARGE_TEXT, LARGE = 12, 14, 1500.0  # px: of letters, and of a page that has larger ones
 
 
 def tune(
@@ -99,139 +91,307 @@ def tune(
 class TunerBox(w.VBox):
     """The tuner's widget; `tune` makes it.
 
-    `engine` solves what the `knobs` say, by the names of `Settings`, and "section", "across", "count".
-    `screen` shows what there is now, and A. `status` is one line: how the solve went, or what went wrong.
+    `engine` solves what the `knobs` say. `now` is the last answer, B if A was kept, `kept` is A, and `answer`
+    the one of them that is shown. `pictures` are frames to choose among, of which `frame` is the first.
     """
 
     def __init__(
-        self, frame: Frame | None, calibration: Calibration, truth: FloatArray | None, scene: str, width: int
+        self,
+        frame: Frame | None,
+        calibration: Calibration,
+        truth: FloatArray | None = None,
+        scene: str = "colon",
+        width: int = 320,
+        pictures: Sequence[Path] = (),
     ) -> None:
-        self.engine = Tuner(calibration, self._on_outcome, frame=frame, truth=truth)
-        self._quiet = False
-        self._answered = False
-        self._calibration, self._frame, self._truth = calibration, frame, truth
-        self._whole = None if frame is None else frame.mask  # as it was given
-        self.screen = Screen(self._cut, lambda: self.knobs["count"].value)
-        self.clicks = Clicks(self._guarded, self._mark, self._use_mask, self.ask, self._forget, self._answer)
-        self._make_knobs(scene, width)
-        self._reset_light()
-        self.status = w.HTML("solving ...", layout=w.Layout(width="100%", min_height="28px"))
-        self.surface = SurfaceView(height=440)
-        self.code = w.Textarea(layout=w.Layout(width="100%", height="150px", display="none"))
-        self._make_buttons()
-        self._observe_page()
-        knobs = w.VBox(self._groups(), layout=w.Layout(flex="0 0 286px", min_width="0"))
-        knobs.add_class("endolab-knobs")
-        board = w.VBox([self.screen.view], layout=w.Layout(flex="1 1 600px", min_width="0"))
-        self._turned = w.VBox([self.surface], layout=w.Layout(flex="1 1 380px", display="none"))
-        both = w.HBox([board, self._turned], layout=w.Layout(flex_flow="row wrap", width="100%"))
-        shown = w.VBox(
-            [self.buttons, self.status, self.code, both], layout=w.Layout(flex="1 1 0", min_width="0")
-        )
-        row = w.HBox([knobs, shown], layout=w.Layout(width="100%", align_items="flex-start"))
-        super().__init__([w.HTML(f"<style>{STYLE}</style>", layout=w.Layout(display="none")), row])
+        self.now: Answer | None = None
+        self.kept: Answer | None = None
+        self.shows = B
+        self.columns: list[tuple[str, Answer | None]] = []  # answers that are compared
+        self.visited: list[Settings] = []  # for undo
+        self.dots: list[Dot] = []
+        self.names = list(USUAL)  # of the panels
+        self.board: Board | None = None
+        self._last: Answer | None = None  # the last final answer, ...
+        self._before: Answer | None = None  # ... and the one before it
+        self._calibration, self._frame, self._pictures = calibration, frame, list(pictures)
+        self.view, self.surface, self._lock = BoardView(), SurfaceView(0), threading.RLock()
+        self._lock = self.view.lock  # the solver's thread shows, the kernel's moves the section
+        self._room, self._ratio = ROOM, 1.0
+        self.engine = Tuner(calibration, self._take, self._refuse, frame=frame, truth=truth)
+        names = [path.name for path in self._pictures] or ([frame.name] if frame is not None else [])
+        scenes = [*((name, i) for i, name in enumerate(names)), *((name, name) for name in SCENES)]
+        self.knobs = Knobs(scenes, width, self._guarded(self._turned))
+        self.knobs.reset_light(calibration.photometry.k, calibration.photometry.gamma)
+        with self.knobs.quiet():
+            self.knobs["scene"].value = 0 if names else scene
+            self.knobs["channel"].value = "auto" if names else ""
+        self._first = self.knobs.settings()
+        super().__init__([self._make_bars(), self._make_stack()])
         self.add_class("endolab-tuner")
+        for name, action in (
+            ("point", self._point),
+            ("hover", self._say),
+            ("room", self._measured),
+            ("chosen", self._choose),
+            ("key", self._press),
+        ):
+            follow = self._guarded(lambda change, action=action: action(change["new"]))
+            self.view.observe(follow, name)
         self.ask()
 
-    # Knobs -------------------------------------------------------------------------------
+    def _make_bars(self) -> w.VBox:
+        made = lambda name, tip, action: button(name, tip, self._guarded(action))  # noqa: E731
+        row = {"flex_flow": "row wrap", "align_items": "center", "width": "100%"}
+        sight = [self.knobs[name] for name in SIGHT]
+        reset = made("reset", "All knobs as they were at first.", self.reset)
+        more = made("advanced", "All other knobs, the code, and the export.", self._unfold)
+        self.status = w.HTML("solving ...", layout={"flex": "1 1 0", "min_width": "300px"})
+        self.shown = w.ToggleButtons(options=[A, B, BESIDE], value=B, style={"button_width": "auto"})
+        self.shown.layout.display = "none"
+        self.shown.observe(self._guarded(lambda change: self.show(change["new"])), "value")
+        self.keeper = made(
+            "keep as A", "Keep this answer, to compare it with what comes; key A, and X drops it.", self.keep
+        )
+        self.comparing = w.Dropdown(
+            options=[("compare ...", ""), ("five λ", "lam"), ("regularisers", "regulariser")],
+            tooltip="Answers side by side on one scale; a click takes one over.",
+            layout={"width": "120px"},
+        )
+        self.comparing.observe(self._guarded(lambda change: self.compare(change["new"])), "value")
+        undo = made("undo", "Back to the answer before; Ctrl-Z.", self.undo)
+        actions = [self.status, undo, self.keeper, self.shown, self.comparing, more]
+        self.code = w.Textarea(layout={"width": "calc(100% - 8px)", "height": "110px"}, disabled=True)
+        self.folder = w.Text("tuned", tooltip="The folder that is exported into.", layout={"width": "130px"})
+        others = [knob for name, knob in self.knobs.all.items() if name not in SIGHT]
+        exported = made(
+            "export",
+            "Write what is shown: pictures, cloud, depth, settings, code and recording.",
+            self._export_aside,
+        )
+        trusted = made("find σ", "Find how far this answer can be trusted, pixel by pixel.", self.find_trust)
+        knobs = [
+            w.HBox([*sight, reset], layout=row),
+            w.HBox([*others, trusted, exported, self.folder], layout=row),
+        ]
+        for box in knobs:
+            box.add_class("endolab-knobs")
+        self.advanced = w.VBox([knobs[1], self.code], layout={"display": "none"})
+        bars = w.VBox([knobs[0], w.HBox(actions, layout=row), self.advanced])
+        bars.add_class("endolab-bars")
+        return bars
 
-    def _make_knobs(self, scene: str, width: int) -> None:
-        named = ("auto", "separated", "red", "green", "blue", "grey")
-        channels = [("green or grey", ""), *((name, name) for name in named)]
-        mine = self._frame is not None
-        auto = [("auto", "")]
-        self.knobs: dict[str, Any] = {
-            "lam": log_slider("λ", 1.0, -4, 2, "weight of the regulariser: more is smoother"),
-            "epsilon": log_slider("ε", 1e-3, -5, -1, "below it a derivative costs its square"),
-            "xi": choice("ξ", ["1/d", "1/z", "d"], "the map that is smoothed"),
-            "regulariser": choice("order", ["auto", *REGULARISERS], "what of it is smoothed"),
-            "solver": choice("solver", [(called, name) for name, called in NAMES.items()]),
-            "max_iterations": line("iterations", "as many as it takes", "the most steps of the solver"),
-            "channel": choice("channel", channels, value="auto" if mine else ""),
-            "highlights": choice("highlights", auto + [(one, one) for one in ("keep", "ignore", "inpaint")]),
-            "contours": choice("contours", [*auto, ("torn", True), ("not torn", False)]),
-            "smooth": line("smooth, px", "by the noise", "blur of the light before it is explained, σ in px"),
-            "k": slider("k", 2.5, 0, 8, 0.1, "light spread that the solver believes in"),
-            "gamma": slider("γ", 2.2, 1, 3, 0.05, "response that the solver believes in"),
-            "gain": log_slider("gain ×", 1.0, -1, 1, "gain that the solver believes in, over the true one"),
-            "albedo": line("albedo", "red, green, blue", "of the wall, that the solver believes in, 0 to 1"),
-            "scene": choice("scene", self._scenes(), value="" if mine else scene),
-            "noise": slider("noise", 0.0, 0, 8, 0.5, "of a rendered frame, grey levels of 255"),
-            "width": choice("width, px", sorted({160, 320, 480, 640, width}), value=width),
-            "section": slider("section", 50, 0, 100, 0.5, "where the cross-section lies, % of the picture"),
-            "across": choice("along", ["column", "row"]),
-            "count": choice("panels", [1, 2, 3, 4, 6, 8, 9], value=6),
-        }
-        for name, knob in self.knobs.items():
-            follow = self._look if name in VIEWS else self.ask
-            knob.observe(self._guarded(lambda _, follow=follow: follow()), "value")
+    def _make_stack(self) -> w.Box:
+        self.surface.layout.display = "none"
+        self.surface.add_class("endolab-3d")
+        stack = w.VBox([self.view, self.surface], layout={"width": "100%"})
+        stack.add_class("endolab-stack")
+        return stack
 
-    def _groups(self) -> list[w.Widget]:
-        """The knobs below their headings."""
-        parts = {
-            "Solve": ("lam", "epsilon", "xi", "regulariser", "solver", "max_iterations"),
-            "Picture": ("channel", "highlights", "contours", "smooth"),
-            "Light as believed": ("k", "gamma", "gain", "albedo"),
-            "Frame": ("scene", "noise", "width"),
-            "Look": ("count", "section", "across"),
-        }
-        groups = [group(name, [self.knobs[one] for one in ones]) for name, ones in parts.items()]
-        return [*groups[:-1], group("A click", self.clicks.knobs), groups[-1]]
+    # What is solved ----------------------------------------------------------------------
 
-    def _scenes(self) -> list[tuple[str, str]]:
-        scenes = [(name, name) for name in SCENES]
-        return scenes if self._frame is None else [(self._frame.name, ""), *scenes]
-
-    def _reset_light(self) -> None:
-        """Set k, γ and gain to what the calibration says."""
-        light = self._calibration.photometry
-        with self._unasked():
-            for name, value in (("k", light.k), ("gamma", light.gamma)):
-                knob = self.knobs[name]
-                knob.min, knob.max = min(knob.min, value), max(knob.max, value)
-                knob.value = value
-            self.knobs["gain"].value = 1.0
-
-    @contextmanager
-    def _unasked(self) -> Iterator[None]:
-        """Move knobs without asking the engine."""
-        self._quiet = True
-        try:
-            yield
-        finally:
-            self._quiet = False
+    @property
+    def answer(self) -> Answer | None:
+        """The one answer that is shown."""
+        return self.kept if self.shows == A else self.now
 
     def settings(self) -> Settings:
         """Return what the knobs say; ValueError, in one sentence, if a line cannot be read."""
-        values = {name: knob.value for name, knob in self.knobs.items() if name not in VIEWS}
-        light = self._calibration.photometry
-        for name in ("lam", "epsilon", "gain"):
-            values[name] = float(f"{values[name]:.{ROUNDED}g}")
-        for name in ("k", "gamma"):
-            close = abs(values[name] - getattr(light, name)) < 1e-9
-            values[name] = None if close else float(f"{values[name]:.6g}")
-        values["albedo"] = numbers(values["albedo"], "albedo", 3)
-        smooth = numbers(values["smooth"], "smooth", 1)
-        most = numbers(values["max_iterations"], "iterations", 1)
-        values["smooth"] = None if smooth is None else smooth[0]
-        if most is not None and most[0] != round(most[0]):
-            raise ValueError(f"iterations: expected a whole number, found {most[0]:g}")
-        values["max_iterations"] = None if most is None else int(most[0])
-        for name in ("scene", "channel", "highlights", "contours"):
-            values[name] = None if values[name] == "" else values[name]
-        return Settings(**values | (self.clicks.lengths if values["scene"] is None else {}))
+        return self.knobs.settings()
 
     def ask(self) -> None:
         """Ask the engine for what the knobs say; returns at once."""
-        if not self._quiet:
-            self._answered = False
-            settings = self.settings()
-            rendered = settings.scene is not None
-            self.knobs["noise"].disabled = not rendered
-            self.knobs["gain"].disabled = not rendered and self._calibration.photometry.gain is None
-            self.screen.several = []
-            self.strip.value = ""
-            self.engine.ask(settings)
+        settings = self.settings()
+        with self._lock:
+            self.columns = []
+            if self.shows == A:
+                self._set_shown(B)
+        self.comparing.value = ""
+        self.engine.ask(settings)
+
+    def _turned(self, name: str) -> None:
+        """Follow a knob."""
+        if name in VIEWS:
+            self.redraw()
+            return
+        index = self.knobs["scene"].value
+        if name == "scene" and self._pictures and isinstance(index, int) and index != self.knobs.frame:
+            self._open(index)
+        self.ask()
+
+    def _open(self, index: int) -> None:
+        """Look at another frame; one that cannot be used is passed by with a sentence, and the last stays."""
+        try:
+            frame = read_frame(self._pictures[index], self._calibration)
+        except (OSError, ValueError, MemoryError) as error:
+            with self.knobs.quiet():
+                self.knobs["scene"].value = self.knobs.frame
+            raise ValueError(f"{sentence_of(error)}: the frame before is still shown") from error
+        self.look_at(frame)
+        self.knobs.frame = index
+
+    def look_at(self, frame: Frame, truth: FloatArray | None = None) -> None:
+        """Look at another frame of the same endoscope; the knobs stay.
+
+        Raises ValueError if it is not of the calibration's size; then nothing changes.
+        """
+        self.engine.use(self._calibration, frame, truth)
+        self._frame, self.visited, self.dots, self._last = frame, [], [], None
+        self.drop()
+
+    def _take(self, answer: Answer) -> None:
+        """Show an answer; in the engine's thread."""
+        try:
+            with self._lock:
+                if answer.trust is not None:
+                    self._replace(answer)
+                else:
+                    self.now = answer
+                    if answer.stage == FINAL:
+                        self._remember(answer)
+                self._show()
+        except Exception as error:
+            self._refuse(sentence_of(error))
+
+    def _replace(self, answer: Answer) -> None:
+        """Have an answer in place of the one of the same settings, of which less was known."""
+        both = (self.kept, self.now)
+        self.kept, self.now = (
+            answer if one is not None and one.settings == answer.settings else one for one in both
+        )
+
+    def _remember(self, answer: Answer) -> None:
+        """Have an answer among those to come back to."""
+        if not self.visited or self.visited[-1] != answer.settings:
+            self.visited.append(answer.settings)
+        self._before, self._last = self._last, answer
+        self._dot(answer, answer)
+
+    def _dot(self, answer: Answer, kept: Answer | None) -> None:
+        """Have an answer among the dots of the λ curve; `kept` is what a click brings back without a solve."""
+        one = answer.settings
+        others = [dot for dot in self.dots if dot.settings != one][-MOST_DOTS:]
+        forgotten = [replace(dot, answer=None) for dot in others[:-REMEMBERED]]
+        new = Dot(kept, one, answer.data, answer.roughness, _picture_of(one))
+        self.dots = [*forgotten, *others[-REMEMBERED:], new]
+
+    def bring_back(self, settings: Settings) -> None:
+        """Show the answer of these settings, if it is remembered, or else ask for it."""
+        self.knobs.take(settings)
+        known = next((dot.answer for dot in self.dots if dot.settings == settings), None)
+        if known is None:
+            self.ask()
+            return
+        with self._lock:
+            self.columns = []
+            self._set_shown(B)
+            self.engine.recall(known)
+            self._before, self._last, self.now = None, known, known
+            if self.visited[-1:] != [settings]:
+                self.visited.append(settings)
+            self._show()
+        self.comparing.value = ""
+
+    def undo(self) -> None:
+        """Go back to the answer before."""
+        if len(self.visited) > 1:
+            self.visited.pop()
+            self.bring_back(self.visited[-1])
+
+    def reset(self) -> None:
+        """All knobs as they were at first."""
+        self.knobs.take(self._first)
+        self.ask()
+
+    def find_trust(self) -> None:
+        """Find how far the answer that is shown can be trusted."""
+        self.engine.find_trust(self._final())
+        self._word("finding σ ...")
+
+    def _final(self) -> Answer:
+        if self.answer is None or self.answer.stage != FINAL:
+            raise ValueError("the last answer is still to come")
+        return self.answer
+
+    # What is compared --------------------------------------------------------------------
+
+    def compare(self, what: str) -> None:
+        """Solve five λ around this one ("lam") or each "regulariser", and show them in columns."""
+        if not what:
+            with self._lock:
+                if self.columns:
+                    self.columns = []
+                    self._show()
+            return
+        now = self._final()
+        if what == "lam":
+            values: list[Any] = [float(f"{now.settings.lam * times:.2g}") for times in LAMS]
+            labels = [f"λ {value:g}" for value in values]
+        else:
+            values = labels = ["first", "second", *(["curvature"] if now.settings.xi == "1/d" else [])]
+        several = [replace(now.settings, **{what: value}) for value in values]
+        self.columns = [
+            (label, now if one == now.settings else None) for label, one in zip(labels, several, strict=True)
+        ]
+
+        def tell(number: int, answer: Answer) -> None:
+            with self._lock:
+                if self.columns:
+                    self.columns[number] = labels[number], answer
+                    if all(dot.settings != answer.settings for dot in self.dots):
+                        self._dot(answer, None)
+                    self._show()
+
+        self.engine.compare(now, several, tell)
+        self._show()
+
+    def keep(self) -> None:
+        """Keep what is shown as A, to compare; from now on it stands beside what is shown."""
+        self.kept = self._final()
+        self.keeper.description = "drop A"
+        self.shown.layout.display = None
+        self.shown.value = BESIDE
+
+    def drop(self) -> None:
+        """Forget A."""
+        self.shown.value, self.kept = B, None
+        self.keeper.description, self.shown.layout.display = "keep as A", "none"
+        self.redraw()
+
+    def show(self, which: str) -> None:
+        """Show A, B, or both; knobs, code and export are of the one that is shown, of both of B."""
+        with self._lock:
+            self._set_shown(which)
+            if self.answer is not None:
+                self.knobs.take(self.answer.settings)
+                self._show()
+
+    def _set_shown(self, which: str) -> None:
+        self.shows = which
+        self.shown.value = which
+
+    def _press(self, key: Sequence[Any]) -> None:
+        """Do what a key is for."""
+        frames, kept = len(self._pictures), self.kept is not None
+        name = str(key[0]) if key else ""
+        if name in ("n", "p") and frames > 1:
+            index = self.knobs.frame + (1 if name == "n" else -1)
+            self.knobs["scene"].value = min(max(index, 0), frames - 1)
+        elif name in ("b", "d", "x") and kept:
+            {
+                "b": lambda: self.show(A if self.shows == B else B),
+                "d": lambda: self.show(BESIDE),
+                "x": self.drop,
+            }[name]()
+        elif name in ("a", "c", "r", "u", "z"):
+            {"a": self.keep, "c": self._press_compare, "r": self.reset, "u": self.undo, "z": self.undo}[
+                name
+            ]()
+
+    def _press_compare(self) -> None:
+        self.comparing.value = "" if self.columns else "lam"
+
+    # What is shown -----------------------------------------------------------------------
 
     def _guarded(self, action: Callable[..., object]) -> Callable[..., None]:
         """Say what goes wrong in the status line."""
@@ -240,294 +400,205 @@ class TunerBox(w.VBox):
             try:
                 action(*given)
             except Exception as error:
-                self._answer(sentence_of(error), bad=True)
+                self._refuse(sentence_of(error))
 
         return guarded
 
-    # Pictures ----------------------------------------------------------------------------
+    def _refuse(self, sentence: str) -> None:
+        self._word(sentence, "endolab-wrong")
 
-    def _answer(self, text: str, bad: bool = False) -> None:
-        """Say what a button did; a solve that was asked for before does not wipe it off."""
-        self._answered = True
-        self._say(text, bad)
+    def _word(self, text: str, kind: str = "") -> None:
+        self.status.value = f'<span class="endolab-status {kind}">{html.escape(text)}</span>'
 
-    def _say(self, text: str, bad: bool = False) -> None:
-        text = html.escape(text)
-        colour = ' style="color: #C0392B"' if bad else ""
-        self.status.value = f'<span class="endolab-status"{colour}>{text}</span>'
+    def _view(self) -> View:
+        knobs, answer = self.knobs, self.answer
+        picture = None if answer is None else _picture_of(answer.settings)
+        dots = [dot for dot in self.dots if dot.picture == picture]
+        return View(knobs["across"].value == "row", knobs["section"].value / 100, dots=dots)
 
-    def _on_outcome(self, outcome: Outcome) -> None:
-        """Show an outcome; in the engine's thread."""
-        if outcome.result is None:
-            self._say(outcome.error or "there is no result", bad=True)
+    def picture(self) -> Any:
+        """The six panels of the one answer, (H, W, 3) bytes."""
+        if self.answer is None:
+            raise ValueError("there is no answer to show yet")
+        return self._of_one(self.answer).picture
+
+    def _pixels(self) -> tuple[tuple[int, int], int]:
+        wide, tall = (int(one * self._ratio) for one in self._room)
+        return (wide, tall), round(self._ratio * (LARGE_TEXT if self._room[0] > LARGE else TEXT))
+
+    def _of_one(self, answer: Answer) -> Board:
+        return of_one(answer, self.names, self._view(), *self._pixels())
+
+    def _composed(self, answer: Answer) -> tuple[Board, bool]:
+        """What is on the board, and whether that is the one answer alone."""
+        if self.columns:
+            return of_several(self.columns, answer, self._view(), *self._pixels()), False
+        if self.kept is not None and self.shows == BESIDE and comparable(self.kept, answer):
+            return of_two(self.kept, answer, self._view(), *self._pixels()), False
+        return self._of_one(answer), True
+
+    def redraw(self) -> None:
+        """Draw what there is again."""
+        with self._lock:
+            self._show()
+
+    def _show(self) -> None:
+        """Show the one answer: panels, surface, code and status line."""
+        answer = self.answer
+        if answer is None:
             return
-        started = time.perf_counter()
+        self.board, alone = self._composed(answer)
+        said = [html.escape(f"{self.shows}: " * (self.kept is not None) + summary(answer))]
+        said += [
+            f'<span class="endolab-warning">{html.escape(one)}</span>'
+            for one in warnings(answer, self._before)
+        ]
+        self.status.value = f'<span class="endolab-status">{" ".join(said)}</span>'
+        self.code.value = self.python()
+        self._send_board(self.board, alone)
+        self._show_surface(answer, alone)
 
-        def summarise() -> None:
-            if not self._answered:
-                self._say(summary(outcome, time.perf_counter() - started))
+    def _send_board(self, board: Board, alone: bool) -> None:
+        height, width = board.picture.shape[:2]
+        cells = []
+        for number, place in enumerate(board.places):
+            boxes = {"box": place.box, "spot": place.spot}
+            shares = {
+                name: box and [box[0] / width, box[1] / height, box[2] / width, box[3] / height]
+                for name, box in boxes.items()
+            }
+            cells.append({**shares, "name": self.names[number] if alone else ""})
+        known = self.answer is not None and self.answer.truth is not None
+        with self.view.hold_sync():
+            self.view.ratio, self.view.size, self.view.cells = self._ratio, [width, height], cells
+            self.view.choices = [name for name in PANELS if known or name != "error"] if alone else []
+            self.view.value = jpeg(board.picture)
+        self._say(self.view.hover)
 
-        try:
-            self.screen.show(outcome, summarise)
-            self._show_surface(outcome)
-        except Exception as error:
-            self._say(sentence_of(error), bad=True)
-            raise
-
-    def _look(self) -> None:
-        """Draw what is to be seen, and have found what it needs."""
-        seen = self.screen.names() + ([] if self.turning.value == OFF else [self.turning.value])
-        needs = {PANELS[name].besides for name in seen}
-        self.engine.look_at(*(one for one in ("trust",) if one in needs))
-        self.screen.redraw()
-
-    def _turn(self, what: str) -> None:
-        """Show the surface in 3D, or no longer."""
-        self._turned.layout.display = "none" if what == OFF else None
-        self._look()
-        if self.screen.shown is not None:
-            self._show_surface(self.screen.shown)
-
-    def _show_surface(self, outcome: Outcome) -> None:
-        what, result = self.turning.value, outcome.result
-        if what == OFF or result is None:
+    def _show_surface(self, answer: Answer, alone: bool) -> None:
+        layout = self.surface.layout
+        if not alone or "3D" not in self.names or self.board is None:
+            layout.display = "none"
             return
-        problem, framed = result.problem, what == "frame"
-        lies = problem.shown if framed else map_alone(outcome, what, Look(2.0))
-        how = {"cuts": problem.cuts, "unit": problem.unit, "lift": framed}
-        self.surface.show(result.distance, problem.field.rays, lies, **how)
+        spot = self.board.places[self.names.index("3D")].box
+        text, ratio = self._pixels()[1], self._ratio
+        with layout.hold_sync():
+            layout.left, layout.top = f"{spot[0] / ratio:.0f}px", f"{(spot[1] + 2 * text) / ratio:.0f}px"
+            layout.width = f"{(spot[2] - spot[0]) / ratio:.0f}px"
+            layout.height = f"{(spot[3] - spot[1] - 2 * text) / ratio:.0f}px"
+            layout.display = None
+        name = self.knobs["texture"].value
+        panel = PANELS[name](answer, View())
+        lies = panel.picture if name != "frame" and isinstance(panel, Map) else answer.result.problem.shown
+        show_on(self.surface, answer.result, lies, name == "frame")
 
-    def _cut(self) -> Cut:
-        return Cut(self.knobs["section"].value / 100, self.knobs["across"].value == "row")
+    def _unfold(self) -> None:
+        self.advanced.layout.display = None if self.advanced.layout.display == "none" else "none"
 
-    def _observe_page(self) -> None:
-        """Follow what the page tells."""
-        view = self.screen.view
-        for name, action in (
-            ("point", lambda change: self._point(change["new"])),
-            ("hover", lambda change: self.screen.say(change["new"])),
-            ("room", lambda change: self.screen.measured(change["new"])),
-            ("panels", lambda change: self._look()),
-            ("key", lambda change: self._press(change["new"])),
-        ):
-            view.observe(self._guarded(action), name)
+    # What the page says ------------------------------------------------------------------
+
+    def _measured(self, room: Sequence[Any]) -> None:
+        """Take the size of the page, and send it the board whatever it has."""
+        values = [float(one) for one in room[:3]]
+        if len(values) < 3 or not all(math.isfinite(one) and one > 0 for one in values):
+            raise ValueError(f"the room of a board is three positive numbers, got {list(room)}")
+        wide = max(values[0], LEAST_ROOM[0])
+        with self._lock:
+            self._room = wide, min(max(values[1], LEAST_ROOM[1]), TALLEST * wide)
+            self._ratio = min(max(values[2], 1.0), 3.0)
+            self._show()
+            # It may have been made while a picture was on its way, and have missed that.
+            self.view.send_state(["value", "size", "ratio", "cells", "choices"])
+
+    def _say(self, where: Sequence[Any]) -> None:
+        """Tell what all panels say of a point of their maps."""
+        if self.board is None or len(where) != 2:
+            self.view.said = []
+            return
+        x, y = (min(max(float(one), 0.0), 1.0) for one in where)
+        self.view.said = [place.says(x, y) for place in self.board.places]
+
+    def _choose(self, chosen: Sequence[Any]) -> None:
+        """Show something else in a panel."""
+        index, name = int(chosen[0]), str(chosen[1])
+        if name not in PANELS or not 0 <= index < len(self.names):
+            raise ValueError(f"there is no panel {name!r}")
+        self.names[index] = name
+        self.redraw()
+        if name in NEED_TRUST and self.answer is not None and self.answer.trust is None:
+            self.find_trust()
 
     def _point(self, where: Sequence[Any]) -> None:
-        """Take a point of a map: to the right, down, which map, whether just pressed, and when."""
-        if len(where) != 5 or not all(isinstance(one, int | float) and math.isfinite(one) for one in where):
-            raise ValueError(f"a point of a map is five numbers, got {where}")
-        x, y, index, pressed, _ = where
-        x, y = min(max(x, 0.0), 1.0), min(max(y, 0.0), 1.0)
-        if self.screen.several:
+        """Lay the section through a point of a map, take a dot of the λ curve, or one of what is compared."""
+        x, y, pressed, _ = (float(one) for one in where)
+        if self.board is None or not (math.isfinite(x) and math.isfinite(y)):
+            return
+        height, width = self.board.picture.shape[:2]
+        at = x * width, y * height
+        place = self.board.at(*at)
+        if place is None:
+            return
+        if self.columns:
             if pressed:
-                self._take_over(int(index))
-        elif self.clicks.kind.value == SECTION:
+                self.knobs.take(place.answer.settings)
+                self.ask()
+        elif place.spot is not None:
+            left, top, right, bottom = place.spot
+            share = (
+                (at[1] - top) / (bottom - top)
+                if self.knobs["across"].value == "row"
+                else (at[0] - left) / (right - left)
+            )
             knob = self.knobs["section"]
-            share = y if self.knobs["across"].value == "row" else x
-            knob.value = knob.step * round(knob.max * share / knob.step)
-        elif pressed:
-            frame = None if self.knobs["scene"].value else self._frame
-            self.clicks.press(x, y, frame, self._is_seen(x, y))
+            knob.value = min(max(knob.step * round(100 * share / knob.step), 0.0), 100.0)
+        elif pressed and place.dots:
+            away = [
+                math.hypot(at[0] - dot[0], at[1] - dot[1]) for dot in place.dots[: len(self._view().dots)]
+            ]
+            if away and min(away) < NEAR * self._ratio:
+                self.bring_back(self._view().dots[int(np.argmin(away))].settings)
 
-    def _is_seen(self, x: float, y: float) -> bool:
-        """Whether the surface that is shown has a point there."""
-        shown = self.screen.shown
-        if shown is None or shown.result is None:
-            return False
-        mask = shown.result.mask
-        return bool(mask[pixel_at(x, y, mask.shape)])
-
-    def _mark(self, points: Sequence[tuple[float, float]]) -> None:
-        self.screen.view.marks = [list(one) for one in points]
-
-    def _use_mask(self, mask: Any) -> None:
-        assert self._frame is not None
-        frame = replace(self._frame, mask=mask)
-        self.engine.use(self._calibration, frame, self._truth)
-        self._frame = frame
-        self.clicks.restart()
-        self.ask()
-
-    def _forget(self) -> None:
-        """Forget what was clicked: mask and length."""
-        self.clicks.lengths = {}
-        self.clicks.restart()
-        if self._frame is not None and self._whole is not None and self._frame.mask is not self._whole:
-            self._use_mask(self._whole)
-        else:
-            self.ask()
-
-    # Buttons -----------------------------------------------------------------------------
-
-    def _make_buttons(self) -> None:
-        def made(label: str, tip: str, action: Callable[[], object]) -> w.Button:
-            return button(label, tip, self._guarded(lambda _: action()))
-
-        self.keeper = made("keep as A", KEEP, lambda: (self.drop if self.screen.kept else self.keep)())
-        self.shows = w.ToggleButtons(
-            options=[KEPT, NOW, BESIDE],
-            value=NOW,
-            style={"button_width": "auto"},
-            tooltips=["", "key B", "D"],
-        )
-        self.shows.layout.display = "none"
-        self.shows.observe(self._guarded(lambda change: self._show_which(change["new"])), "value")
-        self.strip = w.Dropdown(
-            options=[("strip of ...", ""), *((f"strip of {one}", one) for one in STRIPS)],
-            tooltip="several values side by side; a click takes one over",
-            layout=w.Layout(width="120px"),
-        )
-        self.strip.observe(self._guarded(lambda change: self._try_out(change["new"])), "value")
-        self.turning = w.Dropdown(
-            options=[("3D: off", OFF), *((f"3D: {one}", one) for one in COLOURS)],
-            tooltip="a surface to turn with the mouse, and what lies on it",
-            layout=w.Layout(width="130px"),
-        )
-        self.turning.observe(self._guarded(lambda change: self._turn(change["new"])), "value")
-        self.folder = w.Text("tuned", description="into", layout=w.Layout(width="190px"))
-        self.folder.style.description_width = "34px"
-        accepted = ".png,.jpg,.jpeg,.tif,.tiff,.json"
-        self.upload = w.FileUpload(accept=accepted, multiple=True, description="frame, mask, endoscope.json")
-        self.upload.layout.width = "auto"
-        self.upload.observe(self._guarded(lambda _: self._take_upload()), "value")
-        self.buttons = w.HBox(
-            [
-                *(self.keeper, self.shows, self.strip, self.turning),
-                made("show code", "the lines of Python that make this", self.show_code),
-                made("export", "what is shown: pictures, cloud, depth and recording", self._export_aside),
-                *(self.folder, self.upload),
-            ],
-            layout=w.Layout(flex_flow="row wrap", align_items="center"),
-        )
-
-    def _press(self, key: Sequence[Any]) -> None:
-        """Do what a key is for: A keeps, B blinks between A and now, D shows both, X drops A."""
-        name, kept = (key[0] if key else ""), self.screen.kept is not None
-        if name == "a":
-            self.keep()
-        elif kept and name == "b":
-            self.shows.value = NOW if self.shows.value == KEPT else KEPT
-        elif kept and name == "d":
-            self.shows.value = BESIDE
-        elif kept and name == "x":
-            self.drop()
-
-    def keep(self) -> None:
-        """Keep what is shown as A, to compare; from now on it stands beside what is shown."""
-        kept = self.screen.keep()
-        self.shows.layout.display, self.shows.value = None, BESIDE
-        self.keeper.description, self.keeper.tooltip = "drop A", "back to one picture; key X"
-        self._answer(f"kept as A: {summary(kept)}")
-
-    def drop(self) -> None:
-        """Forget A."""
-        self.screen.drop()
-        self.shows.layout.display, self.shows.value = "none", NOW
-        self.keeper.description, self.keeper.tooltip = "keep as A", KEEP
-
-    def _show_which(self, which: str) -> None:
-        if self.screen.kept is not None and self.screen.shows != which:
-            self.screen.shows = which
-            self.screen.redraw()
-
-    def _try_out(self, what: str) -> None:
-        """Solve several values of a knob, to be seen side by side."""
-        if not what:
-            if self.screen.several:
-                self.screen.several = []
-                self.screen.redraw()
-            return
-        name, values = STRIPS[what]
-        now = self.settings()
-        if name == "lam":
-            values = [float(f"{now.lam * factor:.{ROUNDED}g}") for factor in values]
-        if name == "regulariser":
-            values = [one for one in values if one != "curvature" or now.xi == "1/d"]
-        others = [replace(now, **{name: value}) for value in values]
-        if name == "xi":
-            others = [replace(one, regulariser="auto") for one in others]
-        labels = [f"{what} = {value:g}" if name == "lam" else f"{what} = {value}" for value in values]
-        self._others = others
-        self.screen.several = [(label, None) for label in labels]
-        self.screen.redraw()
-
-        def tell(number: int, outcome: Outcome) -> None:
-            if outcome.result is None:
-                self._say(f"{labels[number]}: {outcome.error}", bad=True)
-            elif self.screen.several:
-                self.screen.several[number] = labels[number], outcome
-                self.screen.redraw()
-
-        self.engine.try_out(others, tell)
-        self._answer(f"{', '.join(labels)}: click on one to take it over")
-
-    def _take_over(self, index: int) -> None:
-        """Take the settings of a strip's outcome over."""
-        board = self.screen.board
-        if board is None or not 0 <= index < len(board.places):
-            return
-        taken = board.places[index].outcome.settings
-        with self._unasked():
-            for name in ("lam", "xi", "regulariser"):
-                self.knobs[name].value = getattr(taken, name)
-        self.ask()
+    # What is written ---------------------------------------------------------------------
 
     def python(self) -> str:
-        """Return the Python that makes what the knobs say, imports included."""
+        """Return the Python that makes the one answer, imports included."""
         source = 'calibration = el.Calibration.load("endoscope.json")  # the one given to the tuner'
+        imports = IMPORTS
         for name, known in datasets.CALIBRATIONS.items():
             if known == self._calibration:
                 source = f"calibration = datasets.load_calibration({name!r})"
-        settings = self.settings()
-        lines = [IMPORTS + ("from endolab import datasets\n" if "datasets" in source else ""), source]
+                imports = f"{IMPORTS}from endolab import datasets\n"
+        settings = self.settings() if self.answer is None else self.answer.settings
+        lines = [imports, source]
         if settings.scene is None and self._frame is not None:
-            mask = f", mask={MASK_FILE!r}" if self._masked else ""
-            lines.append(f"frame = el.read_frame({self._frame.name!r}, calibration{mask})")
-        grey = self._frame is not None and self._frame.image.ndim == 2
-        return "\n".join([*lines, settings.code(self._calibration, grey), ""])
+            lines.append(f"frame = el.read_frame({self._frame.name!r}, calibration)")
+        return "\n".join([*lines, settings.code(self._calibration, self._is_grey()), ""])
 
-    @property
-    def _masked(self) -> bool:
-        """Whether the frame's mask is not all of it."""
-        return self._frame is not None and not bool(self._frame.mask.all())
-
-    def show_code(self) -> None:
-        """Show these lines, or hide them."""
-        hidden = self.code.layout.display == "none"
-        self.code.value = self.python()
-        self.code.layout.display = None if hidden else "none"
+    def _is_grey(self) -> bool:
+        return self._frame is not None and self._frame.image.ndim == 2
 
     def export(self, folder: str | Path, *, overwrite: bool = False, timeout: float = 600.0) -> Path:
-        """Write all there is about the answer that is shown into a folder; one on its way is waited for.
+        """Write all there is about the one answer into a folder; one on its way is waited for.
 
-        That is `board.png`, `result.py`, `settings.json`, `recording.rrd`, the mask of a frame, and what
-        `save_result` writes; all or none. The folder is new, empty, or holds results of endolab's; else
-        `overwrite`.
+        That is `board.png`, `result.py`, `settings.json`, `recording.rrd`, and what `save_result` writes;
+        all or none. It is solved once more, to be recorded. A folder that holds files of others is written
+        into only if `overwrite`.
         """
         from endolab.recording.recorder import record
 
-        outcome = self.engine.wait(timeout)
-        if outcome.result is None:
-            raise ValueError(outcome.error or "there is no result to export")
-        code, grey = self.python(), self._frame is not None and self._frame.image.ndim == 2
-        settings = saved(
-            outcome.settings, outcome.subject.calibration if outcome.subject else self._calibration, grey
-        )
-        masks = (MASK_FILE,) if self._masked and outcome.settings.scene is None else ()
+        if self.answer is None or self.answer.stage != FINAL:
+            self.engine.wait(timeout)
+        answer = self._final()
+        calibration = self._calibration if answer.settings.scene is None else answer.subject.calibration
         with staged_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
-                for iterate in outcome.path:
-                    recorder(iterate)
-                if outcome.trust is not None:
-                    recorder.add_trust(outcome.trust, outcome.result)
-            save_result(outcome.result, staging, trust=outcome.trust, overwrite=True)
-            write_atomically(staging / "board.png", png(self.screen.picture()))
-            write_atomically(staging / "result.py", code.encode())
-            write_settings(settings, staging / "settings.json")
-            for mask in masks:
-                assert self._frame is not None
-                content = np.where(self._frame.mask, np.uint8(255), np.uint8(0))
-                write_atomically(staging / mask, png(np.repeat(content[..., None], 3, axis=-1)))
+                self.engine.cold(answer.settings, [recorder])
+                if answer.trust is not None:
+                    recorder.add_trust(answer.trust, answer.result)
+            write_files(answer.result, staging, trust=answer.trust)
+            write_atomically(staging / "board.png", png(self._of_one(answer).picture))
+            write_atomically(staging / "result.py", self.python().encode())
+            write_settings(answer.settings.saved(calibration, answer.subject.grey), staging / "settings.json")
         return Path(folder)
 
     def _export_aside(self) -> None:
@@ -535,82 +606,9 @@ class TunerBox(w.VBox):
         if not self.folder.value.strip():
             raise ValueError("name a folder to export into")
         folder = Path(self.folder.value.strip()).expanduser()
-        self._answer(f"exporting into {folder} ...")
-        work = self._guarded(lambda: self._answer(f"exported into {self.export(folder).resolve()}"))
+        self._word(f"exporting into {folder} ...")
+        work = self._guarded(lambda: self._word(f"exported into {self.export(folder).resolve()}"))
         threading.Thread(target=work, name="endolab export", daemon=True).start()
-
-    def _take_upload(self) -> None:
-        if self.upload.value:
-            files = {entry["name"]: bytes(entry["content"]) for entry in self.upload.value}
-            self.upload.value = ()
-            self.take(files)
-
-    def take(self, files: Mapping[str, bytes]) -> None:
-        """Look at another frame, or through another endoscope: pictures and calibration files by name.
-
-        A picture whose name ends with "mask" is that of the other, alone that of the frame that is looked
-        at. A calibration without a picture that it fits renders scenes. A file of settings, as an export
-        leaves it, sets the knobs. An OSError or ValueError says in one sentence what cannot be used; then
-        nothing changes.
-        """
-        found = read_upload(files, self._calibration)
-        if found.mask is not None and (self._frame is None or found.calibration is not None):
-            raise ValueError("there is no frame that this could be the mask of")
-        if found.mask is not None:
-            self._use_mask(found.mask)
-        elif found.frame is not None or found.calibration is not None:
-            self.look_at(found.frame, found.calibration)
-        if found.settings is not None:
-            self.use(found.settings)
-
-    def look_at(
-        self, frame: Frame | None, calibration: Calibration | None = None, truth: FloatArray | None = None
-    ) -> None:
-        """Look at another frame, or at scenes; the knobs stay, but for those of another calibration's light.
-
-        Raises ValueError if they are not of one size; then nothing changes.
-        """
-        known = self._calibration if calibration is None else calibration
-        self.engine.use(known, frame, truth)
-        other = known != self._calibration
-        self._calibration, self._frame, self._truth = known, frame, truth
-        self._whole, self.clicks.lengths = None if frame is None else frame.mask, {}
-        self.clicks.restart()
-        if other:
-            self._reset_light()
-        knob = self.knobs["scene"]
-        now = "" if frame is not None else knob.value or "colon"
-        with self._unasked():
-            knob.options, knob.value = self._scenes(), now
-        self.ask()
-
-    def use(self, settings: SolvingSettings) -> None:
-        """Set the knobs to what a file of settings says; what it does not say stays."""
-        said, light = dict(settings.keywords), dict(settings.photometry)
-        lengths = {name: said.pop(name) for name in LENGTHS if name in said}
-        gain, known = light.pop("gain", None), self._calibration.photometry.gain
-        if gain is not None and known is None:
-            raise ValueError(
-                "the settings have a gain, and the calibration has none that it could be compared to"
-            )
-        if gain is not None and known is not None:
-            light["gain"] = gain / known
-        said |= light
-        unknown = [name for name in said if name not in self.knobs]
-        if unknown or isinstance(said.get("lam"), str):
-            raise ValueError(f"the tuner has no knob for {unknown[0] if unknown else 'lam = auto'}")
-        with self._unasked():
-            for name, value in said.items():
-                knob = self.knobs[name]
-                if isinstance(knob, w.Text):
-                    value = ", ".join(f"{one:g}" for one in np.atleast_1d(value))
-                elif name == "width":
-                    knob.options = sorted({*knob.options, value})
-                elif isinstance(knob, w.FloatSlider):
-                    knob.min, knob.max = min(knob.min, value), max(knob.max, value)
-                knob.value = value
-        self.clicks.lengths = lengths
-        self.ask()
 
     def close(self) -> None:
         """Close the widget and end its thread."""
@@ -621,17 +619,19 @@ class TunerBox(w.VBox):
         super().close()
 
 
-# In a page that is lower than they are, knobs scroll by themselves; a wide one, a projector's maybe, has
-# larger letters.
-STYLE = """
-.endolab-knobs { max-height: calc(100vh - 130px); overflow-y: auto; overflow-x: hidden; }
-.endolab-knobs .widget-inline-hbox { margin: 1px 2px; }
-.endolab-knobs .widget-readout { min-width: 54px; }
-.endolab-tuner .endolab-status { white-space: normal; line-height: 1.4; }
-.endolab-app .endolab-knobs { max-height: calc(100vh - 24px); }
-@media (min-width: 1700px) {
-  .endolab-knobs { zoom: 1.2; max-height: calc(83vh - 110px); }
-  .endolab-app .endolab-knobs { max-height: calc(83vh - 24px); }
-  .endolab-tuner .endolab-status, .endolab-tuner .endolab-caption { font-size: 16px; }
-}
-"""
+def _picture_of(one: Settings) -> tuple[Any, ...]:
+    """What was explained: data terms of the same can be compared."""
+    return one.scene, one.noise, one.width, one.channel, one.smooth, one.highlights
+
+
+def close_parts(widget: w.Widget) -> None:
+    """Close all that a widget is made of: Jupyter keeps what is open, and with it all that it knows."""
+    parts = [
+        *getattr(widget, "children", ()),
+        getattr(widget, "layout", None),
+        getattr(widget, "style", None),
+    ]
+    for part in parts:
+        if isinstance(part, w.Widget):
+            close_parts(part)
+            part.close()
