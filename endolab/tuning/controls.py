@@ -18,33 +18,58 @@ LOGARITHMIC = ("lam", "epsilon", "gain")
 LINES = {"smooth": 1, "max_iterations": 1, "albedo": 3}  # how many numbers each has
 TENTH = 0.1  # of a decade, by which an arrow key moves
 ROUNDED = 2  # digits of what a slider says: the number that is shown is the one that counts
-CHANNELS = ("auto", "separated", "red", "green", "blue", "grey")
+CHANNELS = [(name, name) for name in ("auto", "separated", "red", "green", "blue", "grey")]
+HIGHLIGHTS = [(name, name) for name in ("keep", "ignore", "inpaint")]
 SOLVERS = [("Gauss-Newton", "gauss_newton"), ("primal-dual", "primal_dual")]
 SOLVERS += [("fast marching", "fast_marching"), ("facing", "facing")]
 AUTO = [("auto", "")]
+WIDE = {"lam": "330px", "scene": "170px", "width": "80px"}  # else as wide as their kind
+NAMES = {"lam": "λ", "scene": "frame or scene", "width": "width [px]", "xi": "ξ", "epsilon": "ε"}
+NAMES |= {"max_iterations": "iterations", "smooth": "smooth [px]", "gamma": "γ", "gain": "gain ×"}
+NAMES |= {"section": "section [%]", "across": "section along", "texture": "3D shows"}
+TIPS = {
+    "lam": "More makes the surface smoother, less lets it follow the picture.",
+    "regulariser": "What is smoothed: slopes (first), bends (second), or the surface's own curvature.",
+    "channel": "The colour that is explained; separated takes bounced light out and deepens folds.",
+    "contours": "Whether the surface is torn where a fold hides what lies behind it.",
+    "highlights": "Whether mirrored light is taken for a near wall, passed over, or filled in.",
+    "scene": "What is looked at: the frame, or a rendered scene whose true surface is known.",
+    "width": "More columns show finer relief and take longer.",
+    "xi": "The map that is smoothed: with 1/d what is near keeps more relief.",
+    "epsilon": "More makes creases round, less makes them sharp.",
+    "solver": "How the surface is found; facing and fast marching do not smooth it.",
+    "max_iterations": "The most steps of the solver: few leave the surface near its start.",
+    "smooth": "Blurs the light first: more hides noise, and small folds.",
+    "k": "Light spread that the solver believes in: a wrong one bends the rim.",
+    "gamma": "Response that the solver believes in: a wrong one bends all, the dark most.",
+    "gain": "Brightness that the solver believes in: more puts all farther away.",
+    "albedo": "The wall's colour that the solver believes in, 0 to 1: it tells how much light bounced.",
+    "noise": "Noise of a rendered scene, grey levels of 255: more roughens the surface.",
+    "section": "Where the surface is cut; a press on a map lays it there.",
+    "across": "Which way the surface is cut.",
+    "texture": "What lies on the surface in 3D.",
+}
 
 
-def choice(name: str, options: Sequence[Any], tip: str, width: str = "112px") -> w.Dropdown:
+def choice(options: Sequence[Any]) -> w.Dropdown:
     """One of some options, at first the first one."""
-    return w.Dropdown(options=options, description=name, tooltip=tip, layout={"width": width})
+    return w.Dropdown(options=options, layout={"width": "112px"})
 
 
-def log_slider(name: str, value: float, low: float, high: float, tip: str, width: str) -> w.FloatLogSlider:
+def log_slider(value: float, low: float, high: float) -> w.FloatLogSlider:
     """A number between two powers of ten, which can be typed too."""
-    how = {"description": name, "tooltip": tip, "readout_format": ".2g", "layout": {"width": width}}
-    return w.FloatLogSlider(value, min=low, max=high, step=TENTH, **how)
+    how = {"step": TENTH, "readout_format": ".2g", "layout": {"width": "170px"}}
+    return w.FloatLogSlider(value, min=low, max=high, **how)
 
 
-def slider(name: str, value: float, low: float, high: float, step: float, tip: str) -> w.FloatSlider:
+def slider(value: float, low: float, high: float, step: float) -> w.FloatSlider:
     """A number between two others."""
-    how = {"description": name, "tooltip": tip, "layout": {"width": "170px"}}
-    return w.FloatSlider(value, min=low, max=high, step=step, **how)
+    return w.FloatSlider(value, min=low, max=high, step=step, layout={"width": "170px"})
 
 
-def line(name: str, hint: str, tip: str) -> w.Text:
+def line(hint: str) -> w.Text:
     """A line that may stay empty, read when it is done."""
-    how = {"description": name, "tooltip": tip, "layout": {"width": "130px"}}
-    return w.Text(placeholder=hint, continuous_update=False, **how)
+    return w.Text(placeholder=hint, continuous_update=False, layout={"width": "130px"})
 
 
 def button(name: str, tip: str, action: Callable[[], object]) -> w.Button:
@@ -60,99 +85,35 @@ class Knobs:
     def __init__(
         self, scenes: Sequence[tuple[str, Any]], width: int, changed: Callable[[str], object]
     ) -> None:
-        channels = [("green or grey", ""), *((name, name) for name in CHANNELS)]
-        kept = [(name, name) for name in ("keep", "ignore", "inpaint")]
         self.all: dict[str, Any] = {
-            "lam": log_slider(
-                "λ", 1.0, -4, 2, "More makes the surface smoother, less lets it follow the picture.", "330px"
-            ),
-            "regulariser": choice(
-                "regulariser",
-                ["auto", *REGULARISERS],
-                "What is smoothed: slope (first), bends (second), or the surface's curvature, which leaves planes and tubes whole.",
-            ),
-            "channel": choice(
-                "channel",
-                channels,
-                "Which colour is explained; separated takes out light that bounced, which makes folds deeper.",
-            ),
-            "contours": choice(
-                "contours",
-                [*AUTO, ("torn", True), ("not torn", False)],
-                "Whether the surface is torn where a fold hides what lies behind it.",
-            ),
-            "highlights": choice(
-                "highlights",
-                [*AUTO, *kept],
-                "Whether mirrored light is taken as near, passed over, or filled in.",
-            ),
-            "scene": choice(
-                "frame or scene",
-                scenes,
-                "What is looked at: the frame, or a rendered scene whose true surface is known.",
-                "170px",
-            ),
-            "width": choice(
-                "width [px]",
-                sorted({160, 320, 480, 640, width}),
-                "More columns show finer relief and take longer.",
-                "80px",
-            ),
-            "xi": choice(
-                "ξ", ["1/d", "1/z", "d"], "The map that is smoothed: with 1/d what is near keeps more relief."
-            ),
-            "epsilon": log_slider(
-                "ε", 1e-3, -5, -1, "More makes creases round, less makes them sharp.", "170px"
-            ),
-            "solver": choice(
-                "solver", SOLVERS, "How the surface is found; facing and fast marching do not smooth it."
-            ),
-            "max_iterations": line(
-                "iterations",
-                "as it takes",
-                "The most steps of the solver: few leave the surface near its start.",
-            ),
-            "smooth": line(
-                "smooth [px]", "by the noise", "Blurs the light first: more hides noise, and small folds."
-            ),
-            "k": slider(
-                "k", 2.5, 0, 8, 0.1, "Light spread that the solver believes in: a wrong one bends the rim."
-            ),
-            "gamma": slider(
-                "γ",
-                2.2,
-                1,
-                3,
-                0.05,
-                "Response that the solver believes in: a wrong one bends all, the dark most.",
-            ),
-            "gain": log_slider(
-                "gain ×",
-                1.0,
-                -1,
-                1,
-                "Brightness that the solver believes in: more puts all farther away.",
-                "170px",
-            ),
-            "albedo": line(
-                "albedo",
-                "red, green, blue",
-                "Colour of the wall that the solver believes in, from 0 to 1: it decides how much light bounced.",
-            ),
-            "noise": slider(
-                "noise",
-                0.0,
-                0,
-                8,
-                0.5,
-                "Noise of a rendered scene, grey levels of 255: more roughens the surface.",
-            ),
-            "section": slider(
-                "section [%]", 50, 0, 100, 0.5, "Where the surface is cut; a press on a map lays it there."
-            ),
-            "across": choice("section along", ["column", "row"], "Which way the surface is cut."),
-            "texture": choice("3D shows", TEXTURES, "What lies on the surface in 3D."),
+            "lam": log_slider(1.0, -4, 2),
+            "regulariser": choice(["auto", *REGULARISERS]),
+            "channel": choice([("green or grey", ""), *CHANNELS]),
+            "contours": choice([*AUTO, ("torn", True), ("not torn", False)]),
+            "highlights": choice([*AUTO, *HIGHLIGHTS]),
+            "scene": choice(scenes),
+            "width": choice(sorted({160, 320, 480, 640, width})),
+            "xi": choice(["1/d", "1/z", "d"]),
+            "epsilon": log_slider(1e-3, -5, -1),
+            "solver": choice(SOLVERS),
+            "max_iterations": line("as it takes"),
+            "smooth": line("by the noise"),
+            "k": slider(2.5, 0, 8, 0.1),
+            "gamma": slider(2.2, 1, 3, 0.05),
+            "gain": log_slider(1.0, -1, 1),
+            "albedo": line("red, green, blue"),
+            "noise": slider(0.0, 0, 8, 0.5),
+            "section": slider(50, 0, 100, 0.5),
+            "across": choice(["column", "row"]),
+            "texture": choice(TEXTURES),
         }
+        self.named: dict[str, w.VBox] = {}  # each below its name
+        for name, knob in self.all.items():
+            knob.tooltip = TIPS[name]
+            knob.layout.width = WIDE.get(name, knob.layout.width)
+            said = w.Label(NAMES.get(name, name), tooltip=TIPS[name])
+            self.named[name] = w.VBox([said, knob])
+            self.named[name].add_class("endolab-knob")
         self.all["width"].value = width
         self._quiet = False
         self.frame = 0  # which one is looked at, of those among the scenes

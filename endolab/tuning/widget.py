@@ -114,9 +114,10 @@ class TunerBox(w.VBox):
         self.board: Board | None = None
         self._last: Answer | None = None  # the last final answer, ...
         self._before: Answer | None = None  # ... and the one before it
-        self._calibration, self._frame, self._pictures = calibration, frame, list(pictures)
+        self._calibration, self._pictures = calibration, list(pictures)
         self.view, self.surface, self._lock = BoardView(), SurfaceView(0), threading.RLock()
         self._lock = self.view.lock  # the solver's thread shows, the kernel's moves the section
+        self._said = ""  # a word on what was done last, until something else is
         self._room, self._ratio = ROOM, 1.0
         self.engine = Tuner(calibration, self._take, self._refuse, frame=frame, truth=truth)
         names = [path.name for path in self._pictures] or ([frame.name] if frame is not None else [])
@@ -143,7 +144,7 @@ class TunerBox(w.VBox):
     def _make_bars(self) -> w.VBox:
         made = lambda name, tip, action: button(name, tip, self._guarded(action))  # noqa: E731
         row = {"flex_flow": "row wrap", "align_items": "center", "width": "100%"}
-        sight = [self.knobs[name] for name in SIGHT]
+        sight = [self.knobs.named[name] for name in SIGHT]
         reset = made("reset", "All knobs as they were at first.", self.reset)
         more = made("advanced", "All other knobs, the code, and the export.", self._unfold)
         self.status = w.HTML("solving ...", layout={"flex": "1 1 0", "min_width": "300px"})
@@ -163,7 +164,7 @@ class TunerBox(w.VBox):
         actions = [self.status, undo, self.keeper, self.shown, self.comparing, more]
         self.code = w.Textarea(layout={"width": "calc(100% - 8px)", "height": "110px"}, disabled=True)
         self.folder = w.Text("tuned", tooltip="The folder that is exported into.", layout={"width": "130px"})
-        others = [knob for name, knob in self.knobs.all.items() if name not in SIGHT]
+        others = [knob for name, knob in self.knobs.named.items() if name not in SIGHT]
         exported = made(
             "export",
             "Write what is shown: pictures, cloud, depth, settings, code and recording.",
@@ -236,13 +237,14 @@ class TunerBox(w.VBox):
         Raises ValueError if it is not of the calibration's size; then nothing changes.
         """
         self.engine.use(self._calibration, frame, truth)
-        self._frame, self.visited, self.dots, self._last = frame, [], [], None
+        self.visited, self.dots, self._last = [], [], None
         self.drop()
 
     def _take(self, answer: Answer) -> None:
         """Show an answer; in the engine's thread."""
         try:
             with self._lock:
+                self._said = ""
                 if answer.trust is not None:
                     self._replace(answer)
                 else:
@@ -268,7 +270,7 @@ class TunerBox(w.VBox):
         self._dot(answer, answer)
 
     def _dot(self, answer: Answer, kept: Answer | None) -> None:
-        """Have an answer among the dots of the λ curve; `kept` is what a click brings back without a solve."""
+        """Have an answer among the dots of the λ curve; `kept` is what a click on it brings back."""
         one = answer.settings
         others = [dot for dot in self.dots if dot.settings != one][-MOST_DOTS:]
         forgotten = [replace(dot, answer=None) for dot in others[:-REMEMBERED]]
@@ -286,6 +288,7 @@ class TunerBox(w.VBox):
             self.columns = []
             self._set_shown(B)
             self.engine.recall(known)
+            self._said = ""
             self._before, self._last, self.now = None, known, known
             if self.visited[-1:] != [settings]:
                 self.visited.append(settings)
@@ -294,8 +297,9 @@ class TunerBox(w.VBox):
 
     def undo(self) -> None:
         """Go back to the answer before."""
-        if len(self.visited) > 1:
+        if self.visited and self.settings() == self.visited[-1]:
             self.visited.pop()
+        if self.visited:
             self.bring_back(self.visited[-1])
 
     def reset(self) -> None:
@@ -361,6 +365,7 @@ class TunerBox(w.VBox):
     def show(self, which: str) -> None:
         """Show A, B, or both; knobs, code and export are of the one that is shown, of both of B."""
         with self._lock:
+            self._said = ""
             self._set_shown(which)
             if self.answer is not None:
                 self.knobs.take(self.answer.settings)
@@ -408,7 +413,8 @@ class TunerBox(w.VBox):
         self._word(sentence, "endolab-wrong")
 
     def _word(self, text: str, kind: str = "") -> None:
-        self.status.value = f'<span class="endolab-status {kind}">{html.escape(text)}</span>'
+        self._said = f'<span class="endolab-status {kind}">{html.escape(text)}</span>'
+        self.status.value = self._said
 
     def _view(self) -> View:
         knobs, answer = self.knobs, self.answer
@@ -453,7 +459,7 @@ class TunerBox(w.VBox):
             f'<span class="endolab-warning">{html.escape(one)}</span>'
             for one in warnings(answer, self._before)
         ]
-        self.status.value = f'<span class="endolab-status">{" ".join(said)}</span>'
+        self.status.value = self._said or f'<span class="endolab-status">{" ".join(said)}</span>'
         self.code.value = self.python()
         self._send_board(self.board, alone)
         self._show_surface(answer, alone)
@@ -568,14 +574,12 @@ class TunerBox(w.VBox):
             if known == self._calibration:
                 source = f"calibration = datasets.load_calibration({name!r})"
                 imports = f"{IMPORTS}from endolab import datasets\n"
-        settings = self.settings() if self.answer is None else self.answer.settings
-        lines = [imports, source]
-        if settings.scene is None and self._frame is not None:
-            lines.append(f"frame = el.read_frame({self._frame.name!r}, calibration)")
-        return "\n".join([*lines, settings.code(self._calibration, self._is_grey()), ""])
-
-    def _is_grey(self) -> bool:
-        return self._frame is not None and self._frame.image.ndim == 2
+        if self.answer is None:
+            raise ValueError("there is no answer to write yet")
+        settings, frame, lines = self.answer.settings, self.answer.subject.frame, [imports, source]
+        if settings.scene is None:
+            lines.append(f"frame = el.read_frame({frame.name!r}, calibration)")
+        return "\n".join([*lines, settings.code(self._calibration, frame.image.ndim == 2), ""])
 
     def export(self, folder: str | Path, *, overwrite: bool = False, timeout: float = 600.0) -> Path:
         """Write all there is about the one answer into a folder; one on its way is waited for.

@@ -147,12 +147,11 @@ import re
 from pathlib import Path
 from endolab.io.images import read_frame
 from endolab.datasets import load_calibration
-from endolab.tuning.app import App
+from endolab.tuning.widget import TunerBox
 known = load_calibration({str(tmp_path / "large.json")!r})
 first = read_frame({str(tmp_path / "large.png")!r}, known)
-app = App([], known, first, width=160)
-outcome = app.tuner.engine.wait(200)
-assert outcome.error is None, outcome.error
+app = TunerBox(first, known, width=160)
+outcome = app.engine.wait(200)
 app.close()
 # Of this program alone: ru_maxrss begins with that of the one which started it.
 peak = re.search("VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]
