@@ -25,19 +25,12 @@ PALE = "0.7"
 
 
 # Pages ----------------------------------------------------------------------------------
-def _outline(unit: Outline, frames: FloatArray) -> Outline:
-    """Copies of a shape at (x, y, width, height), as one outline: then no renderer shows seams."""
+def _fill(axes: Axes, unit: Outline, frames: FloatArray, colour: str) -> None:
+    """Fill copies of a shape at (x, y, width, height), as one outline: then no renderer shows seams."""
     corners = np.asarray(unit.vertices, dtype=np.float64)
-    copies = (Outline(corners * frame[2:] + frame[:2], unit.codes) for frame in frames)
-    return Outline.make_compound_path(*copies)
-
-
-def _discs(circles: FloatArray) -> Outline:
-    return _outline(Outline.unit_circle(), circles[:, [0, 1, 2, 2]])
-
-
-def _fill(axes: Axes, outline: Outline, colour: str) -> None:
-    axes.add_patch(PathPatch(outline, facecolor=colour, edgecolor="none", linewidth=0))
+    copies = [Outline(corners * frame[2:] + frame[:2], unit.codes) for frame in frames]
+    if copies:
+        axes.add_patch(PathPatch(Outline.make_compound_path(*copies), facecolor=colour, linewidth=0))
 
 
 def _grey(reflectance: float) -> str:
@@ -71,11 +64,10 @@ def draw_sheet(target: Target, title: str | None = None) -> Figure:
     axes.add_patch(Rectangle((left, top), width, height, fill=False, edgecolor=PALE, linewidth=0.5))
     ink = target.ink
     for reflectance in np.unique(ink.greys[:, 3]):
-        _fill(axes, _discs(ink.greys[ink.greys[:, 3] == reflectance]), _grey(reflectance))
-    if len(ink.discs):
-        _fill(axes, _discs(ink.discs), "black")
-    if len(ink.rectangles):
-        _fill(axes, _outline(Outline.unit_rectangle(), ink.rectangles), "black")
+        same = ink.greys[ink.greys[:, 3] == reflectance]
+        _fill(axes, Outline.unit_circle(), same[:, [0, 1, 2, 2]], _grey(reflectance))
+    _fill(axes, Outline.unit_circle(), ink.discs[:, [0, 1, 2, 2]], "black")
+    _fill(axes, Outline.unit_rectangle(), ink.rectangles, "black")
 
     words: dict[str, Any] = {"fontsize": 8, "color": "0.2", "va": "center"}
     bottom = top + height
