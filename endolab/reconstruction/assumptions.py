@@ -57,16 +57,10 @@ def _of_scale(result: Result | Iterate) -> Iterator[str]:
 
 
 def _of_albedo(result: Result | Iterate) -> Iterator[str]:
-    brdf = result.problem.photometry.brdf
-    albedo = getattr(brdf, "albedo", None)
-    at_zero = float(np.pi * brdf.value(np.ones(1), np.ones(1))[0]) if albedo is None else albedo
-    name = "albedo" if albedo is not None else "reflectance (π times the BRDF, facing)"
-    by_gain = scale_of(result) == "gain"  # else the value cancels
     yield (
-        f"The wall is taken to have one {name}{f', {at_zero:.2g}' if by_gain else ''}; "
-        "a patch that reflects 10 % more comes out 5 % too near."
+        "The wall is taken to reflect alike all over; a patch that reflects 10 % more comes out 5 % too near."
     )
-    if by_gain:
+    if scale_of(result) == "gain":  # else the value cancels
         yield (
             "Distances go with the square root of albedo times gain: "
             "if that product is 10 % higher than taken, every distance is 5 % too short."
@@ -81,8 +75,7 @@ def _of_bounces(result: Result | Iterate) -> str:
             "120 % to red, 30 % to green and 20 % to blue."
         )
     values = ", ".join(f"{one:.2g}" for one in albedo)
-    told = f"with albedos of {values} (R, G, B)"
-    return f"Light that bounced from wall to wall was estimated, {told}, and taken out."
+    return f"Light that bounced was estimated, with albedos of {values} (R, G, B), and taken out."
 
 
 def _of_gamma(result: Result | Iterate) -> str:

@@ -24,9 +24,8 @@ SEPARATED = "separated"  # the channel that is made of all three, bounced light 
 AUTO = "auto"  # the one that the frame's evidence allows
 COARSE = 240  # px; light that has bounced is smooth, and contours are long: their surface need not be fine
 LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
-# Of a whole run of gauss_newton with its recording and its files, measured at 0.2 to 12 Mpx.
-BYTES, BYTES_PER_PIXEL = 400e6, 720  # at the peak, of any channel
-SECONDS_PER_PIXEL, TO_SEPARATE = 4e-6, 5e-6  # on two cores; with contours, and less without
+# At the peak of a whole run of gauss_newton with its recording and its files, measured at 0.2 to 12 Mpx.
+BYTES, BYTES_PER_PIXEL = 400e6, 720
 
 
 def make_problem(
@@ -127,17 +126,12 @@ def two_sizes(
     return fine, make_problems(frame, calibration, channels, **options)
 
 
-def effort(width: int, height: int, channel: str | None = None) -> tuple[float, float]:
-    """Seconds and bytes that a frame of this size, in colour, takes, roughly: see the constants."""
-    seconds = SECONDS_PER_PIXEL + (TO_SEPARATE if channel in (AUTO, SEPARATED) else 0)
-    return width * height * seconds, BYTES + width * height * BYTES_PER_PIXEL
-
-
 def _check_frame(width: int, height: int) -> None:
     if min(width, height) < LEAST_SIDE:
         least = f"expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
         raise ValueError(f"a frame of {width}x{height} px is too small to be solved: {least}")
-    check_memory(effort(width, height)[1], f"a frame of {width}x{height} px", "; make it smaller with width=")
+    needed = BYTES + width * height * BYTES_PER_PIXEL
+    check_memory(needed, f"a frame of {width}x{height} px", "; make it smaller with width=")
 
 
 def noted(problem: Problem, **settings: object) -> Problem:

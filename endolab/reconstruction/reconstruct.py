@@ -74,7 +74,9 @@ def _begun(
         if not isinstance(value, kind):
             raise ValueError(f"{name} must be {expected}, got {said(value)}")
     checked_solver(solver, own if start is None else own | {"start": start})
-    channel = channel_for(how.pop("channel", None), solver)
+    channel = how.pop("channel", None)
+    if channel is None and solver == DEFAULT_SOLVER:  # those of the paper take the paper's, green
+        channel = AUTO
     if contours is None and channel not in (AUTO, SEPARATED):
         contours = False
     best = how.setdefault("regulariser", AUTO) == AUTO
@@ -84,11 +86,6 @@ def _begun(
     if isinstance(start, Result) and start.mask.shape != whole.mask.shape:
         raise ValueError(f"start has shape {start.mask.shape}, the frame {whole.mask.shape}")
     return whole, _stages(prepared, contours, best, start, solver, own, told)
-
-
-def channel_for(channel: str | None, solver: str) -> str | None:
-    """Return the channel, by default the one for the solver: those of the paper take the paper's, green."""
-    return AUTO if channel is None and solver == DEFAULT_SOLVER else channel
 
 
 def _prepared(
