@@ -225,7 +225,7 @@ def show_found(image: FloatArray, session: Session, name: str, ax: Axes | None =
     expected, found = session.expected(name), session.detections[name].pixels
     error, low, high = max(session.errors[name], 1e-6), found.min(axis=0), found.max(axis=0)
     room = 0.1 * float(np.max(high - low)) + 10
-    magnify = round_length(0.2 * room / error)
+    magnify = round_length(0.4 * room / error)
     ax = show_picture(image, ax, f"{name}: {error:.3f} px, arrows × {magnify:g}")
     ax.plot(*expected.T, "o", ms=8, mfc="none", mec=ORANGE, mew=1.4, label="expected")
     ax.plot(*found.T, "o", ms=3, color=SKY, label="found")
