@@ -1,11 +1,6 @@
 """Frames of folders, videos and streams, whole or broken."""
 
 import http.server
-import os
-import resource
-import signal
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -82,22 +77,6 @@ def test_a_video_that_ends_early_gives_none_for_what_it_lacks(video, tmp_path):
     there = [image is not None for _, image in open_frames(video)]
     assert set(there) == {True, False}
     assert there == sorted(there, reverse=True)
-
-
-@pytest.mark.skipif(os.name != "posix", reason="limits are of POSIX")
-def test_a_full_disk_leaves_no_video(tmp_path):
-    """OpenCV says nothing of it; so a limit on the size of files does for a full disk."""
-
-    def limited():
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000))
-
-    code = "import numpy as np; from endolab.io.video import write_video\n"
-    code += "write_video('v.mkv', np.random.default_rng(0).random((24, 120, 160, 3)))"
-    how = {"cwd": tmp_path, "env": os.environ | {"PYTHONPATH": str(ROOT)}, "capture_output": True}
-    done = subprocess.run([sys.executable, "-c", code], preexec_fn=limited, text=True, timeout=60, **how)
-    assert "OSError: cannot write v.mkv" in done.stderr
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_video_is_written_whole_or_not_at_all(tmp_path, pictures):
