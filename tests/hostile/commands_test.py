@@ -12,7 +12,7 @@ import numpy as np
 import psutil
 import pytest
 
-from tests.hostile.conftest import EXAMPLES, run, whole
+from tests.hostile.conftest import EXAMPLES, run, sentences, whole
 
 ROOT = Path(__file__).resolve().parents[2]
 KNOWN = ("--calibration", "endoscope.json")
@@ -76,7 +76,7 @@ def test_a_killed_command_leaves_what_is_whole_and_no_process(name, seed, given,
         os.killpg(process.pid, number) if number is signal.SIGINT else process.send_signal(number)
     _, said = process.communicate(timeout=30)
     assert "Traceback" not in said
-    assert len([line for line in said.splitlines() if not line.startswith("Compiling ")]) <= 1
+    assert len(sentences(said)) <= 1
     until = time.monotonic() + PATIENCE
     while left(process.pid) and time.monotonic() < until:
         time.sleep(0.05)
@@ -103,7 +103,7 @@ def test_a_full_disk_is_one_sentence_and_nothing_half_written(name, given, disk,
     with contextlib.chdir(given):
         status = run(*(str(word).format(given=given) for word in words), "--out", disk / out)
     said = capfd.readouterr().err
-    assert (status, said.count("\n")) in ((0, 0), (2, 1)), said
+    assert (status, len(sentences(said))) in ((0, 0), (2, 1)), said
     assert status == 0 or "No space left" in said or "disk may be full" in said
     check(disk, together)
     assert not list(disk.rglob(".endolab*"))
