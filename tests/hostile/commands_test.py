@@ -16,7 +16,7 @@ from tests.hostile.conftest import EXAMPLES, run, sentences, whole
 
 ROOT = Path(__file__).resolve().parents[2]
 KNOWN = ("--calibration", "endoscope.json")
-WEIGHTS = ",".join(f"{0.1 * k:.1f}" for k in range(1, 25))
+WEIGHTS = ",".join(f"{0.1 * k:.1f}" for k in range(1, 9))
 RESULT = {"depth.npz", "cloud.ply", "overview.png", "recording.rrd", "report.json"}
 SHEET = ("simulate", "sheet", "--width", 160, "--frames", 12)
 # Of each command: its words, what it writes, and the files that come together or not at all.
