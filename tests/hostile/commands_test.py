@@ -86,13 +86,14 @@ def test_a_killed_command_leaves_what_is_whole_and_no_process(name, seed, given,
         assert not list(tmp_path.rglob(".endolab*"))
 
 
-@pytest.fixture(params=[8, 60])
+@pytest.fixture(params=[0, 60])
 def disk(request, tmp_path):
-    """A small disk, of so many kB."""
+    """A small disk, of which so many kB are free."""
     (tmp_path / "disk").mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", f"size={request.param}k", "none", tmp_path / "disk"]
+    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "none", tmp_path / "disk"]
     if sys.platform != "linux" or subprocess.run(mount, capture_output=True, check=False).returncode:
         pytest.skip("no disk can be mounted here")
+    (tmp_path / "disk/.full").write_bytes(bytes((64 - request.param) * 1024))
     yield tmp_path / "disk"
     subprocess.run(["umount", "--lazy", tmp_path / "disk"], check=True)
 
@@ -107,4 +108,5 @@ def test_a_full_disk_is_one_sentence_and_nothing_half_written(name, given, disk,
     assert status == 0 or "No space left" in said or "disk may be full" in said
     check(disk, together)
     assert not list(disk.rglob(".endolab*"))
-    assert status == 0 or together is None or not list(disk.iterdir())
+    assert status == 2 or (disk / ".full").stat().st_size < 2**16
+    assert status == 0 or together is None or [path.name for path in disk.iterdir()] == [".full"]
