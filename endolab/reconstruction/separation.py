@@ -30,7 +30,7 @@ from endolab.model.interreflection import Walls
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.side_by_side import by_rows
-from endolab.preprocessing.frame import QUIET, Frame, noise_level
+from endolab.preprocessing.frame import BRIGHT, QUIET, Frame, noise_level
 from endolab.reconstruction.colours import (
     ALBEDOS,
     ALIKE,
@@ -111,8 +111,8 @@ def direct_light(
 
     `contours` says whether to tear the surface at those that are found, by default if that explains the
     picture much better; an earlier result of the same or the last frame, `before`, makes one round enough.
-    Returns the problem of direct light in full, or of green alone where the colours tell
-    nothing, and log d (H, W) to begin with, or None.
+    Returns the problem of direct light in full, or of the clearest colour alone where
+    they tell nothing, and log d (H, W) to begin with, or None.
     """
     given = colours.albedo
     if colours.fine[0].cuts is not None:
@@ -125,9 +125,10 @@ def direct_light(
             surface = resampled(before.iterate, colours.coarse[1])
             found = yield from continued(colours.coarse, given, tear, surface)
     except NoColour as error:
-        note = f"The colours tell nothing of bounced light ({error}), so green is taken as it is."
-        green = OneChannel(remarked(colours.fine[1], note), colours.coarse[1])
-        return (yield from judged(green, contours, before))
+        index = max((1, 2, 0), key=lambda index: _signal(colours.fine[index]))  # of equals, not red
+        note = f"The colours tell nothing of bounced light ({error}), so {CHANNELS[index]} is taken as it is."
+        clearest = OneChannel(remarked(colours.fine[index], note), colours.coarse[index])
+        return (yield from judged(clearest, contours, before))
     three = given is not None and given.ndim == 1
     problem = _in_full(colours.fine, found, three, contours is not False)
     return problem, on_grid(found.surface, problem)
@@ -268,6 +269,13 @@ def merged(colours: Sequence[Problem], inflation: FloatArray, albedo: FloatArray
 
 def _evidence(problem: Problem) -> NDArray[np.int8]:
     return np.zeros(problem.mask.shape, np.int8) if problem.evidence is None else problem.evidence
+
+
+def _signal(problem: Problem) -> float:
+    """Median grey level over noise; less where much is saturated."""
+    image = problem.image[problem.mask]
+    noise = max(noise_level(problem.image, problem.mask), QUIET)
+    return float(np.median(image) * np.mean(image < BRIGHT)) / noise
 
 
 def _check_colours(colours: Sequence[Problem]) -> None:
