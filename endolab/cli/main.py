@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import sys
+import threading
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -24,6 +25,7 @@ from endolab.cli.reconstruct import add_reconstruct_commands
 from endolab.cli.tune import add_tune_command
 
 INTERRUPTED, UNREAD = 128 + signal.SIGINT, 141  # exit statuses, as shells know them
+_ended: list[int] = []  # the signals that asked for an end
 LONGEST = 600  # characters of a complaint; what was typed may be as long as it likes
 FRAME_OPTIONS = ("texture", "fog", "highlights")  # of `simulate`, but for its calibration video
 
@@ -231,8 +233,17 @@ def in_one_line(error: object) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def _interrupted(*_: object) -> NoReturn:
+def _interrupted(number: int, _: object) -> NoReturn:
+    _ended.append(number)
     raise KeyboardInterrupt
+
+
+def _ignored(what: Any) -> None:
+    """Interrupt again, where Python dropped an interrupt, as it does while Numba compiles."""
+    if issubclass(what.exc_type, KeyboardInterrupt):
+        threading.Timer(0.05, signal.raise_signal, [signal.SIGINT]).start()
+    else:
+        sys.__unraisablehook__(what)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -249,18 +260,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError, MemoryError, MissingPackage) as error:
         print(f"endolab: {in_one_line(error)}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt as interrupt:
-        print(f"endolab: {interrupt or 'interrupted; nothing was written'}", file=sys.stderr)
+    except (KeyboardInterrupt, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and not _ended:
+            raise
+        said = (
+            str(error) if isinstance(error, KeyboardInterrupt) else ""
+        )  # else Numba's, that it could not end
+        print(f"endolab: {said or 'interrupted; nothing was written'}", file=sys.stderr)
         return INTERRUPTED
     return 0
 
 
 def run() -> NoReturn:
     """Run a command as a process of its own, which ends on SIGTERM and SIGHUP as on Ctrl-C."""
-    for name in ("SIGTERM", "SIGHUP"):
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores it
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # as of nohup
             signal.signal(number, _interrupted)
+    sys.unraisablehook = _ignored
     for stream in (sys.stdout, sys.stderr):
         stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     if not sys.warnoptions:  # others' warnings say nothing to its user

@@ -1,11 +1,8 @@
-"""Videos and sweeps as tables: seconds a frame, memory, two cores against one.
+"""Videos and sweeps as tables: seconds a frame, cold and within a video, and two cores against one.
 
 Not a test: it asserts nothing and depends on the machine.
 """
 
-import resource
-import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import replace
@@ -18,73 +15,46 @@ import endolab as el
 from endolab import datasets
 from tests.tools.problems import moved_colon
 
-SIZES = (("simple", 320), ("paper", 1440))  # 320x240 and 1440x1080
-FRAMES = {320: 6, 1440: 4}
+FRAMES = {("simple", 320): 6, ("paper", 1440): 4}  # 320x240 and 1440x1080
 
 
-def shots(name: str, width: int) -> tuple[list[tuple[str, np.ndarray]], el.Calibration]:
+def shots(name: str, width: int, count: int) -> tuple[list[tuple[str, np.ndarray]], el.Calibration]:
     """A video of the colon, 1 mm a frame, and its calibration of unknown gain."""
     calibration = datasets.load_calibration(name, width)
-    photometry = calibration.photometry
-    camera, lit = calibration.camera, el.render(moved_colon(0), calibration.camera, photometry).photometry
-    times = range(FRAMES[width])
-    seen = (el.render(moved_colon(t), camera, lit, noise=1, bits=8, seed=t).image for t in times)
-    return list(zip(map(str, times), seen, strict=True)), el.Calibration(
-        camera, replace(photometry, gain=None)
-    )
+    camera, photometry = calibration.camera, calibration.photometry
+    lit = el.render(moved_colon(0), camera, photometry).photometry
+    seen = (el.render(moved_colon(t), camera, lit, noise=1, bits=8, seed=t).image for t in range(count))
+    unknown = el.Calibration(camera, replace(photometry, gain=None))
+    return [(str(number), image) for number, image in enumerate(seen)], unknown
 
 
-def peak() -> float:
-    """Peak resident memory of this process, GB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+def framed(shot: tuple[str, np.ndarray]) -> el.Frame:
+    """A picture as a frame without a mask."""
+    return el.Frame(shot[1], np.ones(shot[1].shape[:2], bool), shot[0])
 
 
-def video(name: str, width: int) -> None:
-    """Print seconds a frame, cold and within a video; in a process of its own, for its memory."""
-    frames, calibration = shots(name, width)
-    camera = calibration.camera
-    _ = camera.field
-    list(el.reconstruct_sequence(frames[:2], calibration, width=80))  # compile
-    before, cold = peak(), []
-    for title, image in frames[1:4]:
-        started = time.perf_counter()
-        el.reconstruct(el.Frame(image, np.ones(image.shape[:2], bool), title), calibration)
-        cold.append(time.perf_counter() - started)
-    steps = list(el.reconstruct_sequence(frames, calibration))
-    warm = [step.seconds for step in steps[1:]]
-    ratio = [step.result.iterations for step in steps if step.result is not None]
-    print(
-        f"{camera.width}x{camera.height}: cold {median(cold):.2f} s, within a video {median(warm):.2f} s, "
-        f"{sum(step.warm for step in steps)} of {len(steps)} warm, iterations {ratio}, "
-        f"peak {peak():.2f} GB ({before:.2f} before)",
-        flush=True,
-    )
-
-
-def cores() -> None:
-    """Print what a sweep takes on one core and on two."""
-    frames, calibration = shots("simple", 320)
-    pictures = [el.Frame(image, np.ones(image.shape[:2], bool), title) for title, image in frames]
-    with tempfile.TemporaryDirectory() as folder:
-        taken = {}
-        for jobs, backend in ((1, "loky"), (2, "loky"), (2, "threading")):
-            for turn in ("compile", "measure"):
-                started = time.perf_counter()
-                table = Path(folder) / f"{jobs}{backend}{turn}.csv"
-                lam = (0.1, 0.3, 1.0, 3.0, 10.0) if turn == "measure" else (1.0,)
-                el.sweep(pictures, calibration, lam=lam, table=table, n_jobs=jobs, backend=backend)
-                taken[jobs, backend] = time.perf_counter() - started
-    one = taken[1, "loky"]
-    for (jobs, backend), seconds in taken.items():
+def main() -> None:
+    """Print what a frame takes, and what a sweep of thirty rows takes on one core and on two."""
+    for (name, width), count in FRAMES.items():
+        frames, calibration = shots(name, width, count)
+        list(el.reconstruct_sequence(frames[:2], calibration, width=80))  # compile
+        cold = median(el.reconstruct(framed(one), calibration).seconds for one in frames[1:4])
+        steps = list(el.reconstruct_sequence(frames, calibration))
+        within, warm = median(step.seconds for step in steps[1:]), sum(step.warm for step in steps)
         print(
-            f"sweep of 30, {jobs} {backend}: {seconds:.2f} s, {one / seconds:.2f} times as fast", flush=True
+            f"{width} px: cold {cold:.2f} s, within a video {within:.2f} s, {warm} of {count} warm",
+            flush=True,
         )
+    frames, calibration = shots("simple", 320, 6)
+    pictures, lam = [framed(one) for one in frames], (0.1, 0.3, 1.0, 3.0, 10.0)
+    with tempfile.TemporaryDirectory() as folder:
+        for jobs, backend in ((1, "loky"), (2, "loky"), (2, "threading")):
+            how = {"n_jobs": jobs, "backend": backend}
+            el.sweep(pictures[:2], calibration, table=Path(folder) / f"{jobs}{backend}.csv", **how)  # compile
+            started = time.perf_counter()
+            el.sweep(pictures, calibration, lam=lam, table=Path(folder) / f"{jobs}{backend}30.csv", **how)
+            print(f"sweep of 30, {jobs} {backend}: {time.perf_counter() - started:.2f} s", flush=True)
 
 
 if __name__ == "__main__":
-    if sys.argv[1:]:
-        video(sys.argv[1], int(sys.argv[2]))
-    else:
-        for name, width in SIZES:
-            subprocess.run([sys.executable, "-m", "tests.benchmarks.sequence", name, str(width)], check=True)
-        cores()
+    main()

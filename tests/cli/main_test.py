@@ -459,7 +459,7 @@ def test_told_to_end_before_there_is_anything_it_writes_nothing(tmp_path, proces
             time.sleep(0.02)
         running.send_signal(signal.SIGINT)
         out, error = running.communicate(timeout=60)
-    assert (running.returncode, out, error.count(b"\n")) == (130, b"", 1)
+    assert (running.returncode, out, error.count(b"\n"), b"interrupted" in error) == (130, b"", 1, True)
     assert names(tmp_path) == []
 
 
