@@ -215,7 +215,12 @@ def _named(
     truths = [None] * len(names) if truth is None else list(truth)
     if len(truths) != len(names):
         raise ValueError(f"expected a truth for each of {len(names)} frames, found {len(truths)}")
-    return zip(names, frames, truths, strict=True)
+    return zip(names, map(_anywhere, frames), map(_anywhere, truths), strict=True)
+
+
+def _anywhere(what: Any) -> Any:
+    """Name a file so that workers find it, which may be in another folder."""
+    return Path(what).absolute() if isinstance(what, str | os.PathLike) else what
 
 
 def _key(row: Row) -> tuple[object, ...]:
