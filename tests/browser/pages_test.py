@@ -54,22 +54,23 @@ def notebooks(tmp_path):
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 @pytest.mark.usefixtures("compiled")
-@pytest.mark.parametrize("more", [[], ["--solutions"]], ids=["folded", "open"])
-def test_a_solution_is_in_view_where_it_was_asked_for(browser, notebooks, tmp_path, more):
+@pytest.mark.parametrize("solutions", [False, True], ids=["folded", "open"])
+def test_a_solution_is_in_view_where_it_was_asked_for(browser, notebooks, tmp_path, monkeypatch, solutions):
     pytest.importorskip("dash")  # the formulas' script
-    assert pages.main([str(notebooks), str(tmp_path / "html"), *more]) == 0
+    monkeypatch.setattr(pages, "write_reference", lambda _: None)  # pdoc's affair, and ten seconds
+    pages.render_pages(notebooks, tmp_path / "html", solutions)
     page, outside = browser.new_page(), []
     page.on("request", lambda request: outside.append(request.url))
     page.goto((tmp_path / "html" / "01_a.html").as_uri())
     page.locator("mjx-container").wait_for()
     solution = [page.get_by_text("answer"), page.get_by_text("Therefore.")]
     code, hint = page.locator(".endolab-code pre"), page.get_by_text("Think.")
-    assert [part.is_visible() for part in [*solution, code, hint]] == [bool(more), bool(more), False, False]
+    assert [part.is_visible() for part in [*solution, code, hint]] == [solutions, solutions, False, False]
     assert page.get_by_text("42", exact=True).first.is_visible()  # what the hidden code printed
     assert page.get_by_text("Next:").is_visible()
     page.get_by_text("Code", exact=True).click()
     assert code.is_visible()
-    if not more:
+    if not solutions:
         page.get_by_text("Solution", exact=True).click()
     assert all(part.is_visible() for part in solution)
     at = [page.get_by_text(f"a is {a}") for a in (4, 9)]
@@ -80,5 +81,5 @@ def test_a_solution_is_in_view_where_it_was_asked_for(browser, notebooks, tmp_pa
     assert page.locator(".endolab-alive img").count() == 0
     assert all(url.startswith(("file:", "data:", "blob:")) for url in outside)
     SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-    page.screenshot(path=SCREENSHOTS / f"pages-{'open' if more else 'folded'}.png")
+    page.screenshot(path=SCREENSHOTS / f"pages-{'open' if solutions else 'folded'}.png")
     page.close()

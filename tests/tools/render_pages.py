@@ -137,6 +137,12 @@ def write_formulas(folder):
     return '<script src="mathjax.js" defer></script>'
 
 
+def write_reference(folder):
+    """Write a reference of the library, by pdoc."""
+    pdoc = [sys.executable, "-W", "ignore", "-m", "pdoc", "endolab", "--no-show-source", "--no-search"]
+    subprocess.run([*pdoc, "-d", "numpy", "-o", folder], cwd=ROOT, check=True)
+
+
 def render_pages(notebooks, out, solutions=False):
     """Run every notebook and render it as a page, and the texts beside them; ``README.md`` is the index.
 
@@ -169,8 +175,7 @@ def render_pages(notebooks, out, solutions=False):
                 "<main>", f"{NAVIGATION}<main>", 1
             )
             (folder / f"{name}.html").write_text(page, encoding="utf-8")
-    pdoc = [sys.executable, "-W", "ignore", "-m", "pdoc", "endolab", "--no-show-source", "--no-search"]
-    subprocess.run([*pdoc, "-d", "numpy", "-o", target / "api"], cwd=ROOT, check=True)
+    write_reference(target / "api")
 
 
 if __name__ == "__main__":
