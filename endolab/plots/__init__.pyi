@@ -12,8 +12,6 @@ from .light import show_light_residuals as show_light_residuals
 from .light import show_ridge as show_ridge
 from .light import show_sampling as show_sampling
 from .light import show_scores as show_scores
-from .maps import common_limit as common_limit
-from .maps import common_limits as common_limits
 from .maps import compare_depths as compare_depths
 from .maps import overview as overview
 from .maps import show_decided as show_decided
@@ -25,6 +23,8 @@ from .maps import show_picture as show_picture
 from .maps import show_section as show_section
 from .maps import show_sigma as show_sigma
 from .preparation import prepare_figure as prepare_figure
+from .scales import common_limit as common_limit
+from .scales import common_limits as common_limits
 from .surface_view import show_cloud as show_cloud
 from .surface_view import show_mesh as show_mesh
 from .uncertainty import show_fall_off_uncertainty as show_fall_off_uncertainty

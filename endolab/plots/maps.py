@@ -8,7 +8,7 @@ colour-blind readers, and axes carry units (`style`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,7 @@ from endolab.depth.result import Iterate, Result
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import FloatArray
 from endolab.plots import style
-from endolab.plots.scales import DECIDERS, tallness
+from endolab.plots.scales import DECIDERS, common_limit, common_limits, tallness
 from endolab.plots.surface_view import show_cloud
 from endolab.reconstruction.assumptions import meaning
 
@@ -44,33 +44,6 @@ def _draw(picture: FloatArray, ax: Axes | None, title: str, **how: object) -> tu
     style.decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(style.LEFT_OUT)
     ax.locator_params(nbins=3)
     return ax, shown
-
-
-def _known(maps: Iterable[FloatArray]) -> FloatArray:
-    return np.concatenate([np.empty(0), *(values[np.isfinite(values)] for values in maps)])
-
-
-def common_limits(maps: Iterable[FloatArray]) -> tuple[float, float]:
-    """Limits that suit several maps: 1st and 99th percentile of all their values, 0 and 1 of none.
-
-    Parameters
-    ----------
-    maps : iterable of arrays of one unit; nan where unknown
-    """
-    seen = _known(maps)
-    return (float(np.percentile(seen, 1)), float(np.percentile(seen, 99))) if seen.size else (0.0, 1.0)
-
-
-def common_limit(errors: Iterable[FloatArray]) -> float:
-    """Limit that suits several maps of signed errors: 98th percentile of all their sizes, 1 if that is 0.
-
-    Parameters
-    ----------
-    errors : iterable of arrays of one unit; nan where unknown
-    """
-    seen = np.abs(_known(errors))
-    limit = float(np.percentile(seen, 98)) if seen.size else 1.0
-    return limit if limit > 0 else 1.0
 
 
 def _diverging(values: FloatArray, ax: Axes | None, title: str, label: str, limit: float | None) -> Axes:

@@ -1,5 +1,7 @@
 """Scales that figures share with recordings and the tuner, of NumPy alone: of colours and of lengths."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,7 @@ BLUE_WHITE_RED = np.array(
 )
 # Who decided a pixel, as `endolab.trust` numbers them from 1, and their colours.
 DECIDERS = {"data": (0, 114, 178), "border or contour": (230, 159, 0), "prior": (204, 121, 167)}
+MOST_RESIDUAL = 10.0  # of 255: grey levels of model - frame at which a recording's colours end
 VIEW_WIDTH = 320  # columns of a surface that is seen from the side; more cost time and show no more
 TALLEST = 2.0  # of a panel, over its width: a figure stays a page whatever is drawn
 
@@ -19,6 +22,33 @@ def blue_white_red(values: FloatArray) -> NDArray[np.uint8]:
     nodes = np.linspace(-1, 1, len(BLUE_WHITE_RED))
     channels = [np.interp(values, nodes, channel) for channel in BLUE_WHITE_RED.T]
     return np.round(np.stack(channels, axis=-1)).astype(np.uint8)
+
+
+def _known(maps: Iterable[FloatArray]) -> FloatArray:
+    return np.concatenate([np.empty(0), *(values[np.isfinite(values)] for values in maps)])
+
+
+def common_limits(maps: Iterable[FloatArray]) -> tuple[float, float]:
+    """Limits that suit several maps: 1st and 99th percentile of all their values, 0 and 1 of none.
+
+    Parameters
+    ----------
+    maps : iterable of arrays of one unit; nan where unknown
+    """
+    seen = _known(maps)
+    return (float(np.percentile(seen, 1)), float(np.percentile(seen, 99))) if seen.size else (0.0, 1.0)
+
+
+def common_limit(errors: Iterable[FloatArray]) -> float:
+    """Limit that suits several maps of signed errors: 98th percentile of all their sizes, 1 if that is 0.
+
+    Parameters
+    ----------
+    errors : iterable of arrays of one unit; nan where unknown
+    """
+    seen = np.abs(_known(errors))
+    limit = float(np.percentile(seen, 98)) if seen.size else 1.0
+    return limit if limit > 0 else 1.0
 
 
 def in_colour(picture: FloatArray) -> FloatArray:

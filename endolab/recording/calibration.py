@@ -5,7 +5,6 @@ was fitted.
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import rerun as rr
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.least_squares import FitIterate
-from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.session import Named, Session
 from endolab.calibration.summary import account, brdf_of, mean_distances
 from endolab.calibration.targets import Target
@@ -24,20 +22,14 @@ from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import blue_white_red
 from endolab.plots.uncertainty import largest_shown
 from endolab.recording import layouts
-from endolab.recording.scales import scale, sequential
-from endolab.recording.stream import NOW, OUTLIER, START, THIN, Sink, camera_shape, depth_map, jpeg
+from endolab.recording.stream import NOW, OUTLIER, START, Sink, as_bytes, camera_shape, depth_map, every, jpeg
 from endolab.recording.stream import TRUTH as GREY
 
 FRAME, ITERATION = "frame", "iteration"  # the timelines
 MOST_FRAMES = 300  # of a long video, evenly; curves have all
 TEXTURE = 640  # px, the width of the sheet's picture
 ARROW = 0.015  # of the picture's width: a reprojection residual of one standard deviation
-TALL = 100.0  # a BRDF of 1, where a degree is 1
-CURVES = {  # over the frames: colours and titles
-    "gain": (OUTLIER, "Gain [mm²]"),
-    "distance": (START, "Distance [mm]"),
-    "residual": (NOW, "Residual [grey levels]"),
-}
+CURVES = {"Distance [mm]": ["distance"], "Gain [mm²]": ["gain"], "Residual [grey levels]": ["residual"]}
 
 
 class LightRecorder:
@@ -65,14 +57,13 @@ def record_calibration(
     `light_observers` has kept; pictures wider than `max_width`, px, are thinned.
 
     Static: ``account``, ``world/camera``, ``uncertainty/rays`` (mrad, a common turn apart),
-    ``uncertainty/fall_off`` (%), ``scales/<map>``. Per frame: ``picture``, ``picture/detected``,
+    ``uncertainty/fall_off`` (%). Per frame: ``picture``, ``picture/detected``,
     ``picture/reprojection`` (measured - predicted, magnified), ``picture/samples`` (coloured by
     measured - predicted grey level), ``world/sheet/<panel>``, ``plots/gain``, ``plots/distance``,
     ``plots/residual`` (standard deviation). Per iteration: ``fit/k``, ``fit/gamma``,
-    ``fit/sigma``, ``fit/cost``, ``fit/change``, ``brdf/now``, ``residuals``.
+    ``fit/sigma``, ``fit/cost``, ``fit/change``, ``brdf``, ``residuals``.
     """
-    with Sink(Path(path)) as sink:
-        sink.begin()
+    with Sink(path) as sink:
         _Recording(sink, session, max_width).log(frames, light_steps)
 
 
@@ -81,7 +72,8 @@ class _Recording:
 
     def __init__(self, sink: Sink, session: Session, max_width: int) -> None:
         self.sink, self.session = sink, session
-        self.step = -(-session.camera.width // max_width)
+        self.thin = every(session.camera.width, max_width)
+        self.step = self.thin[0].step
         self.sigma = 1.0 if session.geometry is None else session.geometry.sigma
         self.magnify = ARROW * session.camera.width / max(self.sigma, 1e-6)
 
@@ -138,48 +130,26 @@ class _Recording:
                 ),
             )
             self.sink.log(f"world/sheet/{panel}", sheet, static=True)
-        curves = CURVES if session.light is not None else {"distance": CURVES["distance"]}
-        for name, (colour, _) in curves.items():
-            style = rr.SeriesLines(colors=colour, names=name, widths=2)
-            self.sink.log(f"plots/{name}", style, static=True)
-        if session.light is not None:
-            self._log_brdf_axes(session.light)
-        titles = {name: title for name, (_, title) in curves.items()}
-        maps = self._log_uncertainty()
-        view = layouts.calibration(centre, distance, titles, maps, session.light is not None, FRAME)
-        self.sink.arrange(view)
+        curves = CURVES if session.light is not None else {"Distance [mm]": ["distance"]}
+        self.sink.arrange(layouts.calibration(centre, self._log_uncertainty(), curves, FRAME))
 
-    def _log_uncertainty(self) -> dict[str, tuple[str, tuple[int, ...]]]:
-        """Maps of how well rays and light are known; returns their titles and shapes by entity."""
+    def _log_uncertainty(self) -> dict[str, str]:
+        """Log maps of how well rays and light are known; return their titles by entity."""
         geometry, light, camera = self.session.geometry, self.session.light, self.session.camera
-        maps = {}
+        maps, titles = {}, {}
         if geometry is not None:
             seen = geometry.max_angle_seen
             rays = ray_uncertainty(geometry.camera, geometry.covariance, max_angle=seen)
-            maps["rays"] = "σ of rays [mrad]", rays.mrad_shape, seen
+            maps["rays"] = "σ of rays, 0 to {:.2g} mrad", rays.mrad_shape, seen
         if light is not None:
-            maps["fall_off"] = "σ of μ′ [%]", fall_off_uncertainty(light, camera), light.alpha_range[1]
-        for name, (_, values, seen) in maps.items():
-            limits = 0.0, largest_shown(values, camera, seen)
-            self.sink.log(f"uncertainty/{name}", depth_map(values, False, limits), static=True)
-            for part, what in scale(values.shape, sequential("viridis"), *limits).items():
-                self.sink.log(f"scales/{name}/{part}", what, static=True)
-        return {name: (title, values.shape) for name, (title, values, _) in maps.items()}
-
-    def _log_brdf_axes(self, light: PhotometricFit) -> None:
-        theta, relative, _ = brdf_of(light)
-        fitted = np.column_stack([np.rad2deg(theta), -TALL * relative])
-        self.sink.log("brdf/fitted", rr.LineStrips2D([fitted], colors=GREY, radii=THIN), static=True)
-        levels = np.arange(0.4, 1.61, 0.2)
-        levels = levels[(levels > relative.min() - 0.2) & (levels < relative.max() + 0.2)]
-        lines = [[[0, -TALL * level], [90, -TALL * level]] for level in levels]
-        low, high = -TALL * levels[[0, -1]]
-        lines += [[[angle, low], [angle, high]] for angle in (0, 30, 60, 90)]
-        grid = rr.LineStrips2D(lines, colors=(90, 90, 90), radii=rr.Radius.ui_points(0.5))
-        self.sink.log("brdf/grid", grid, static=True)
-        ticks = [[-6, -TALL * level] for level in levels] + [[angle, low + 6] for angle in (0, 30, 60, 90)]
-        labels = [f"{level:.1f}" for level in levels] + ["0°", "30°", "60°", "90°"]
-        self.sink.log("brdf/ticks", rr.Points2D(ticks, colors=GREY, radii=0.1, labels=labels), static=True)
+            fall_off = fall_off_uncertainty(light, camera)
+            maps["fall_off"] = "σ of μ′, 0 to {:.2g} %", fall_off, light.alpha_range[1]
+        for name, (title, values, seen) in maps.items():
+            most = largest_shown(values, camera, seen)
+            shown = depth_map(values[self.thin], False, (0.0, most))
+            self.sink.log(f"uncertainty/{name}", shown, static=True)
+            titles[name] = title.format(most)
+        return titles
 
     # Frames ---------------------------------------------------------------------------
 
@@ -196,12 +166,14 @@ class _Recording:
             some = np.array([np.sum(used & (frame == f)) > 1 for f in found], dtype=bool)
             curves["residual"] = found[some], np.array(spread)[some]
         for name, (frames, values) in curves.items():
-            self.sink.log_curve(f"plots/{name}", FRAME, number[frames].tolist(), values)
+            for place, value in zip(number[frames].tolist(), values, strict=True):
+                self.sink.at(FRAME, place)
+                self.sink.log_scalar(f"plots/{name}", value)
 
     def _log_frame(self, name: str, image: FloatArray | None) -> None:
         session = self.session
         if image is not None:
-            self.sink.log("picture", jpeg(image[:: self.step, :: self.step]))
+            self.sink.log("picture", jpeg(as_bytes(image[self.thin])))
         pixels = self._places(session.detections[name].pixels)
         self.sink.log("picture/detected", rr.Points2D(pixels, colors=START, radii=rr.Radius.ui_points(2.5)))
         self._log_reprojection(name)
@@ -244,7 +216,8 @@ class _Recording:
         unknowns, light = step.unknowns, self.session.light
         numbers = {"fit/k": unknowns.k, "fit/gamma": unknowns.gamma}
         numbers |= {f"fit/{name}": getattr(step, name) for name in ("sigma", "cost", "change")}
-        self.sink.log_scalars(numbers)
+        for name, value in numbers.items():
+            self.sink.log_scalar(name, value)
         edges = np.linspace(-20, 20, 81)
         count = np.histogram(step.residual[step.used, 0], edges)[0]
         chart = rr.BarChart(count, abscissa=(edges[1:] + edges[:-1]) / 2, widths=np.diff(edges), color=START)
@@ -254,8 +227,7 @@ class _Recording:
         theta, relative, _ = brdf_of(light)
         pinned = light.photometry.brdf.value(np.cos(theta[:1]), np.cos(theta[:1])) / relative[:1]
         values = np.broadcast_to(np.exp(unknowns.log_brdf) / pinned, theta.shape)
-        line = np.column_stack([np.rad2deg(theta), -TALL * values])
-        self.sink.log("brdf/now", rr.LineStrips2D([line], colors=NOW, radii=rr.Radius.ui_points(2.0)))
+        self.sink.log("brdf", rr.BarChart(values, abscissa=np.rad2deg(theta), color=NOW))
 
 
 def _panel(target: Target, panel: int) -> tuple[FloatArray, FloatArray]:

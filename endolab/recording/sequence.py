@@ -9,23 +9,31 @@ import rerun as rr
 from endolab.io.atomic import PathLike
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.scales import in_colour
+from endolab.plots.scales import common_limits, in_colour
 from endolab.recording.layouts import sequence
-from endolab.recording.scales import scale, sequential
 from endolab.recording.stream import Sink, as_bytes, camera_shape, depth_map, every, jpeg
 
 TIMELINE = "frame"
 CLOUD_WIDTH = 120  # columns of a cloud: coordinates would be most of a recording
 QUALITY = 85  # of a JPEG
+CURVES = {
+    "Energy": ["energy"],
+    "Median distance": ["median_distance"],
+    "Gain": ["gain"],
+    "Iterations, seconds": ["iterations", "seconds"],
+}
 
 
 class SequenceRecorder:
-    """Logs frames and what was made of them, in any order.
+    """Logs frames and what was made of them, in any order: to a file, or to a viewer that shows them live.
 
     Per frame: ``input``, ``depth`` (distance), ``normals`` ((n + 1)/2), ``world/cloud`` and
-    ``plots/<name>``; ``world/camera`` and ``scales/depth`` are the same for all. The file is written by
-    `close`, whole or not at all. Distances are in `unit`; pictures wider than `max_width`, px, are thinned.
-    `path` may be any other `Sink` too; `curves` are titles of what is plotted, see `layouts.sequence`.
+    ``plots/<name>``; ``world/camera`` is the same for all. Distances are in `unit`; pictures wider than
+    `max_width`, px, are thinned; `curves` are titles of what is plotted.
+
+    `path` names a file, which `close` writes, whole or not at all, or is a `Sink`: ``Sink()`` starts the
+    native viewer, ``Sink(address="rerun+http://127.0.0.1:9876/proxy")`` logs to one that listens, and its
+    ``gone`` tells whether the user has closed it.
     """
 
     def __init__(
@@ -33,11 +41,11 @@ class SequenceRecorder:
         path: PathLike | Sink,
         unit: str,
         max_width: int = 320,
-        curves: Mapping[str, Sequence[str]] | None = None,
+        curves: Mapping[str, Sequence[str]] = CURVES,
     ) -> None:
         self.unit, self.max_width, self._curves = unit, max_width, curves
         self._sink = path if isinstance(path, Sink) else Sink(path)
-        self._range: tuple[float, float] | None = None
+        self._limits: tuple[float, float] | None = None  # of the colours of distances
 
     def log(
         self,
@@ -55,20 +63,24 @@ class SequenceRecorder:
         """
         sink, (height, width) = self._sink, distance.shape
         thin, sparse = every(width, self.max_width), every(width, CLOUD_WIDTH)
-        mask = np.isfinite(distance)
-        if self._range is None:
-            self._range = self._begin(distance[mask], distance[thin].shape, camera)
+        if self._limits is None:
+            self._limits = common_limits([distance])
+            sink.log("world", rr.ViewCoordinates.RDF, static=True)
+            size = 0.2 * float(np.nanmedian(distance))
+            sink.log("world/camera", camera_shape(camera, size), static=True)
+            sink.arrange(sequence(self.unit, self._limits, TIMELINE, self._curves))
         sink.at(TIMELINE, number)
         sink.log("input", self._coded(picture[every(picture.shape[1], self.max_width)]))
-        sink.log("depth", depth_map(distance[thin], self.unit == "mm", self._range))
+        sink.log("depth", depth_map(distance[thin], self.unit == "mm", self._limits))
         sink.log("normals", self._coded((normals[thin] + 1) / 2))
-        inside = mask[sparse]
+        inside = np.isfinite(distance[sparse])
         cloud = distance[sparse][inside][:, None] * camera.field.rays[sparse][inside]
         if picture.shape[:2] != distance.shape:  # it may be larger than the depth map
             picture = np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA))
         colours = as_bytes(in_colour(picture)[sparse][inside])
         sink.log("world/cloud", rr.Points3D(cloud.astype(np.float32), colors=colours))
-        sink.log_scalars({f"plots/{name}": value for name, value in scalars.items()})
+        for name, value in scalars.items():
+            sink.log_scalar(f"plots/{name}", value)
 
     def close(self) -> None:
         """Write the file, whole or not at all; without a frame there is none."""
@@ -76,15 +88,4 @@ class SequenceRecorder:
 
     def _coded(self, colours: FloatArray) -> rr.AsComponents:
         """A picture, small in a file; as it is for a viewer, which would show none while it decodes."""
-        return rr.Image(as_bytes(colours)) if self._sink.path is None else jpeg(colours, QUALITY)
-
-    def _begin(self, known: FloatArray, shape: tuple[int, ...], camera: Camera) -> tuple[float, float]:
-        """Log what stays; return the limits of the colours of distances."""
-        self._sink.begin()
-        low, middle, high = (float(value) for value in np.percentile(known, [1, 50, 99]))
-        self._sink.log("world", rr.ViewCoordinates.RDF, static=True)
-        self._sink.log("world/camera", camera_shape(camera, 0.2 * middle), static=True)
-        for name, what in scale(shape, sequential("viridis"), low, high).items():
-            self._sink.log(f"scales/depth/{name}", what, static=True)
-        self._sink.arrange(sequence(self.unit, middle, high, shape, TIMELINE, self._curves))
-        return low, high
+        return rr.Image(as_bytes(colours)) if self._sink.path is None else jpeg(as_bytes(colours), QUALITY)

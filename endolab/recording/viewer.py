@@ -1,6 +1,5 @@
 """The Rerun viewer: native, or in a notebook; for this machine only."""
 
-import atexit
 import contextlib
 import io
 import os
@@ -21,18 +20,13 @@ SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")  # variables, one of 
 FRONT_ENDS = ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG")
 # Run as a module, rerun_cli exits with 0 whatever has happened.
 VIEWER = "import sys, rerun_cli.__main__ as cli; sys.exit(cli.main())"
-# When its input ends, which it does with the process at the other end, so does what it has started, or
-# is about to start.
+# Ends, with all that it has started, when its input does: with the process at the other end.
 SERVER = f"""
-import contextlib, sys, threading, time, psutil
+import os, signal, sys, threading
 
 def watch():
-    sys.stdin.buffer.read()
-    while True:
-        for child in psutil.Process().children(recursive=True):
-            with contextlib.suppress(psutil.Error):
-                child.kill()
-        time.sleep(0.05)
+    sys.stdin.read()
+    os.killpg(0, signal.SIGKILL)
 
 threading.Thread(target=watch, daemon=True).start()
 {VIEWER}
@@ -40,7 +34,7 @@ threading.Thread(target=watch, daemon=True).start()
 MOST_SERVERS = 4  # of earlier cells too, whose pages may still ask
 NO_SCREEN = "the Rerun viewer did not start: it needs a screen; record to a file instead"
 
-_servers: list[subprocess.Popen[bytes]] = []  # which end when they are forgotten
+_servers: list[subprocess.Popen[bytes]] = []
 
 
 def viewer_address(port: int | None = None) -> str:
@@ -75,22 +69,22 @@ def start_viewer(path: Path | None = None, memory: str | None = None) -> subproc
 def start_server() -> str:
     """Start a server between a run and the pages that follow it, and return its address.
 
-    A process of its own, which ends with this one however that ends, and keeps in memory what it has
-    passed on. It listens on 127.0.0.1 only, but knows no password: who else works on this machine
-    could find its port and see the recording. Rerun's server within a program listens to the network,
-    and ends with the stream, before a slow page has asked for it. An OSError says that it does not start.
+    A process of its own, which ends with this one, and keeps in memory what it has passed on. It listens on
+    127.0.0.1 only, but knows no password: who else works on this machine could find its port and see the
+    recording. Rerun's server within a program listens to the network, and ends with the stream, before a
+    slow page has asked for it. An OSError says that it does not start.
     """
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    server = _start(port, "--serve-grpc", program=SERVER, stdin=subprocess.PIPE)
-    _servers.append(server)
-    _end_servers(MOST_SERVERS)
+    _servers.append(_start(port, "--serve-grpc", program=SERVER, stdin=subprocess.PIPE))
+    for old in _servers[:-MOST_SERVERS]:
+        end(old)
+        _servers.remove(old)
     started = time.monotonic()
-    while not _has(server, port):
-        if server.poll() is not None or time.monotonic() > started + 20:
-            _servers.remove(server)
-            _end(server)
+    while not is_listening(port):
+        if _servers[-1].poll() is not None or time.monotonic() > started + 20:
+            end(_servers.pop())
             raise OSError("Rerun's server did not start; record to a file instead")
         time.sleep(0.02)
     return viewer_address(port)
@@ -110,28 +104,15 @@ def _start(
     )
 
 
-def _has(server: subprocess.Popen[bytes], port: int) -> bool:
-    """Whether it is this server that listens to a port, and not one who came before it."""
-    try:
-        inner = psutil.Process(server.pid).children(recursive=True)
-        return any(used.laddr.port == port for child in inner for used in child.net_connections("tcp"))
-    except psutil.Error:  # ended meanwhile
-        return False
-
-
-def _end(server: subprocess.Popen[bytes]) -> None:
-    """End a server, by an end of its input."""
-    if server.stdin is not None:
-        server.stdin.close()
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        server.wait(10)
-
-
-@atexit.register
-def _end_servers(but: int = 0) -> None:
-    """End all servers but the last few."""
-    while len(_servers) > but:
-        _end(_servers.pop(0))
+def end(program: subprocess.Popen[bytes]) -> None:
+    """End a viewer or a server, at once."""
+    with contextlib.suppress(psutil.Error):
+        children = psutil.Process(program.pid).children(recursive=True)
+        for child in children:
+            child.kill()
+        psutil.wait_procs(children, 5)
+    program.kill()
+    program.communicate()
 
 
 def is_listening(port: int) -> bool:

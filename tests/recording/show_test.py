@@ -14,7 +14,6 @@ import endolab as el
 from endolab import datasets
 from endolab.recording import show as embed
 from endolab.recording import viewer
-from tests.tools.recorded import spoiled
 
 
 @pytest.fixture(scope="module")
@@ -94,43 +93,9 @@ def test_a_closed_recorder_can_be_shown(tmp_path, path, nobody, monkeypatch):
     embed.show(recorder)
 
 
-def test_what_cannot_be_read_is_named_before_anything_is_shown(path, tmp_path, monkeypatch):
-    monkeypatch.setattr(embed, "front_end", lambda: True)
-    monkeypatch.setattr(embed, "_embed", lambda *_: pytest.fail("it was shown"))
-    for name, (content, message) in spoiled(path.read_bytes()).items():
-        (tmp_path / f"{name}.rrd").write_bytes(content)
-        for native in (False, True):
-            with pytest.raises(ValueError, match=message):
-                embed.show(tmp_path / f"{name}.rrd", native=native)
-    with pytest.raises(ValueError, match="height must be at least 100 px, got 10"):
-        embed.show(path, height=10)
-
-
 def test_following_a_run_needs_a_front_end(nobody):
     with pytest.raises(OSError, match="needs JupyterLab; record to a file instead"):
         el.record(live=True)
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="there programs are ended otherwise")
-def test_the_server_of_a_live_viewer_ends_with_its_program():
-    """It passes on what is logged, listens to no network, and leaves nobody listening."""
-    code = """
-import socket
-import rerun as rr
-from endolab.recording import viewer
-address = viewer.start_server()
-stream = rr.RecordingStream("endolab")
-stream.connect_grpc(address)
-stream.log("words", rr.TextDocument("hello"))
-stream.flush(timeout_sec=30)
-port = int(address.split(":")[-1].split("/")[0])
-with socket.socket() as other:
-    other.bind(("127.0.0.2", port))  # taken, if it listened to all addresses
-print(port)
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    assert not viewer.is_listening(int(done.stdout))
 
 
 SERVE = """
@@ -165,7 +130,8 @@ def test_servers_of_earlier_cells_end():
     addresses = [viewer.start_server() for _ in range(viewer.MOST_SERVERS + 1)]
     ports = [int(one.split(":")[-1].split("/")[0]) for one in addresses]
     listening = [viewer.is_listening(port) for port in ports]
-    viewer._end_servers()
+    for one in viewer._servers:
+        viewer.end(one)
     assert listening == [False] + viewer.MOST_SERVERS * [True]
     assert not any(viewer.is_listening(port) for port in ports)
 
@@ -190,10 +156,3 @@ assert "WebGL" in hint.value
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
-
-
-def test_blueprints_are_chosen_by_name(tmp_path):
-    for name in ("reconstruction", "convergence"):
-        el.record(tmp_path / "run.rrd", blueprint=name).close()
-    with pytest.raises(ValueError, match="unknown blueprint 'nice'; choose reconstruction or convergence"):
-        el.record(tmp_path / "run.rrd", blueprint="nice")

@@ -1,4 +1,4 @@
-"""Recordings read back as they are, component by component; and files that are none."""
+"""Recordings read back as they are, component by component."""
 
 import cv2
 import numpy as np
@@ -50,18 +50,3 @@ class Recorded:
 
 def _order(row):
     return -1 if row[0] is None else row[0]
-
-
-def spoiled(content):
-    """Files made from a recording that are none of ours, and what is said about them."""
-    middle = len(content) // 2
-    return {
-        "empty": (b"", "is empty"),
-        "text": (b"hello, world\n" * 99, "is no Rerun recording"),
-        "start": (content[:6], "is truncated"),
-        "half": (content[:middle], "is truncated"),
-        "last byte": (content[:-1], "is truncated"),
-        "hole": (content[:600] + bytes(400) + content[1000:], "is damaged"),
-        "older": (content[:4] + bytes([0, 5, 0, 0]) + content[8:], "another version: Rerun 0.5, and here is"),
-        "newer": (content[:4] + bytes([0, 99, 0, 0]) + content[8:], "another version: Rerun 0.99, and here"),
-    }
