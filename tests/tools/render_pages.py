@@ -6,13 +6,14 @@ link to each other, and fold away hints, solutions (``--solutions`` opens them) 
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 import nbformat
-from jinja2 import DictLoader, pass_context
+from jinja2 import FileSystemLoader, pass_context
 from mistune import HTMLRenderer
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
@@ -20,45 +21,8 @@ from nbconvert import HTMLExporter
 from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
 
 from endolab.io.atomic import staged_folder
-from tests.tools.stills import MOST
 
 ROOT = Path(__file__).resolve().parents[2]
-# Open3D brings Dash, whose package holds MathJax 3 with its fonts, as one of webpack's chunks.
-FORMULAS = """window.MathJax = {tex: {inlineMath: [["$", "$"]], processEscapes: true}};
-%s
-(function () {
-    const modules = Object.values(self.webpackChunkdash_core_components[0][1]);
-    const longest = modules.reduce((a, b) => (a.toString().length > b.toString().length ? a : b));
-    longest({}, {}, () => Object.assign(Object.create(console), {env: {}}));
-})();
-"""
-STYLE = """
-summary { cursor: pointer; color: var(--jp-content-font-color2); }
-.jp-RenderedMarkdown details { margin-bottom: 1em; }
-.jp-RenderedMarkdown details > :not(summary) { margin: .5em 0 .8em; }
-.endolab-code > summary { margin-left: calc(var(--jp-cell-prompt-width) + 4px); }
-.endolab-pages { padding: 8px 4px; font: 14px sans-serif; }
-.endolab-chosen > input { position: absolute; opacity: 0; }
-.endolab-chosen > label { display: inline-block; padding: 1px 9px; margin: 2px; border: 1px solid #bbb; }
-.endolab-chosen > input:checked + label { background: #0072B2; color: white; }
-.endolab-chosen > div > div { display: none; }
-.endolab-chosen img { max-width: 100%; }
-""" + "\n".join(
-    f".endolab-chosen > input:nth-of-type({i}):checked ~ div > div:nth-child({i}) {{ display: block; }}"
-    for i in range(1, MOST + 2)
-)
-# A cell whose input JupyterLab hides (View > Collapse Selected Code) has it behind a fold on the page.
-TEMPLATE = """{% extends "lab/index.html.j2" %}
-{% block input_group %}
-{% if cell.metadata.get("jupyter", {}).get("source_hidden") %}
-<details class="endolab-code"><summary>Code</summary>{{ super() }}</details>
-{% else %}{{ super() }}{% endif %}
-{% endblock input_group %}
-{% block notebook_css %}{{ super() }}<style>STYLE</style>{% endblock notebook_css %}
-""".replace("STYLE", STYLE)
-NAVIGATION = """<nav class="endolab-pages"><a href="index.html">Notebooks</a> ·
-<a href="api/endolab.html">Reference</a></nav>
-"""
 STILLS = "from tests.tools import stills; stills.install(); del stills"
 LECTURERS = ("ANSWERS", "MISTAKES")  # texts that are not for students
 WIDGET = "application/vnd.jupyter.widget-view+json"
@@ -75,16 +39,14 @@ class Renderer(IPythonRenderer):
 
 
 class PageExporter(HTMLExporter):
-    """Pages with folds: around solutions, and around code that is hidden."""
+    """Pages by our template, whose texts our renderer makes."""
 
     def __init__(self):
-        loader = DictLoader({"folded.html.j2": TEMPLATE})
-        super().__init__(extra_loaders=[loader], template_file="folded.html.j2")
-        self.require_js_url = self.jquery_url = self.mathjax_url = "data:,"
+        loader = FileSystemLoader(Path(__file__).parent)
+        super().__init__(extra_loaders=[loader], template_file="page.html.j2")
 
     @pass_context
     def markdown2html(self, context, source):
-        """nbconvert's filter, with our renderer."""
         path = context["resources"]["metadata"]["path"]
         return MarkdownWithMath(Renderer(escape=False, embed_images=True, path=path)).render(source)
 
@@ -120,21 +82,20 @@ def executed(path):
         client.execute(env=os.environ | inline)
     except CellExecutionError as error:
         raise ValueError(f"{path.name}: a cell failed with {error.ename}: {error.evalue}") from error
-    for output in (output for cell in notebook.cells for output in cell.get("outputs", [])):
-        if WIDGET in output.get("data", {}):
-            output.data = {"text/plain": NO_WIDGET}
+    for data in (output.get("data", {}) for cell in notebook.cells for output in cell.get("outputs", [])):
+        if data.pop(WIDGET, None) and "image/png" not in data:
+            data["text/plain"] = NO_WIDGET
     return notebook
 
 
 def write_formulas(folder):
-    """Write the script that draws formulas, if Dash has it; return what makes a page call it, or nothing."""
+    """Write the script that draws formulas, if Dash has it."""
     dash = find_spec("dash")
     path = Path(dash.origin).parent / "dcc" / "async-mathjax.js" if dash and dash.origin else None
     if path is None or not path.is_file():
         print("Dash is not installed: formulas will not be drawn.")
-        return ""
-    (folder / "mathjax.js").write_text(FORMULAS % path.read_text(encoding="utf-8"), encoding="utf-8")
-    return '<script src="mathjax.js" defer></script>'
+    else:
+        shutil.copyfile(path, folder / "mathjax.js")
 
 
 def write_reference(folder):
@@ -157,7 +118,7 @@ def render_pages(notebooks, out, solutions=False):
     pages = [one.stem for one in (*paths, *texts)]
     exporter = PageExporter()
     with staged_folder(target, overwrite=True) as folder:
-        formulas = write_formulas(folder)
+        write_formulas(folder)
         for path in (*paths, *texts):
             if path.suffix == ".md":
                 text = path.read_text(encoding="utf-8")
@@ -171,9 +132,6 @@ def render_pages(notebooks, out, solutions=False):
             name = "index" if path.stem == "README" else path.stem
             where = {"metadata": {"name": name, "path": str(source)}}
             page = exporter.from_notebook_node(notebook, resources=where)[0]
-            page = page.replace("</head>", f"{formulas}</head>", 1).replace(
-                "<main>", f"{NAVIGATION}<main>", 1
-            )
             (folder / f"{name}.html").write_text(page, encoding="utf-8")
     write_reference(target / "api")
 

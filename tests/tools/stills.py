@@ -12,10 +12,7 @@ import numpy as np
 from IPython.display import HTML, display
 from IPython.utils.capture import capture_output
 
-import endolab
-
-MOST = 5  # positions of a slider
-NO_VIEWER = "(Open the notebook in JupyterLab to see the recording.)"
+MOST = 5  # positions of a slider; page.html.j2 has tabs for one more, its own
 _serial = itertools.count()
 
 
@@ -81,6 +78,5 @@ def interact(**sliders):
 
 
 def install():
-    """Have a kernel show these."""
+    """Have a kernel show these positions."""
     ipywidgets.interact = interact
-    endolab.show = lambda *_, **__: print(NO_VIEWER)
