@@ -176,11 +176,12 @@ def sheet():
 
 # Bump and dent --------------------------------------------------------------------------
 HIGH = np.array([0.0, 14.0])  # the near lamp over the flat wall
-DASHES = {"bump": (4.0, 17.0, VERMILION, "-"), "dent": (-4.0, 49.0, BLUE, DASHED)}
+# Height, place, colour and dashes of each.
+RELIEFS = {"bump": (4.0, 17.0, VERMILION, "-"), "dent": (-4.0, 49.0, BLUE, DASHED)}
 
 
 def shading(wall, near):
-    """What a wall sends back to a lamp and camera above its middle, or far away: cos θ/d², over its most."""
+    """What a wall sends back to a lamp and camera above its middle, or far away: cos θ/d²."""
     ways = HIGH - wall if near else np.array([[0.0, 1.0]])
     return np.sum(pen.normals(wall) * ways, axis=-1) / np.hypot(*ways.T) ** 3
 
@@ -190,7 +191,7 @@ def bump_and_dent():
     ax = pen.paper(74)
     x = np.linspace(-14, 14, 141)
     walls = {
-        name: np.stack([x, one[0] * np.exp(-0.5 * (x / 3.8) ** 2)], axis=-1) for name, one in DASHES.items()
+        name: np.stack([x, one[0] * np.exp(-0.5 * (x / 3.8) ** 2)], axis=-1) for name, one in RELIEFS.items()
     }
     for near, base, words in (
         (False, 46.0, "lamp and camera far away"),
@@ -200,7 +201,7 @@ def bump_and_dent():
         floor = np.array([83.0, base - 6.6])
         pen.stroke(ax, floor + np.array([(-14, 0), (14, 0)]), FAINT, lw=0.8)
         pen.write(ax, (33, base + 18.5), words)
-        for name, (_, across, colour, dashes) in DASHES.items():
+        for name, (_, across, colour, dashes) in RELIEFS.items():
             wall, middle = walls[name], np.array([across, base])
             light = shading(wall, near) / brightest
             pen.tissue(ax, wall + middle, middle + np.array([(-14, -5), (14, -5)]))
