@@ -51,6 +51,8 @@ class Part(NamedTuple):
 
     def wrong(self):
         """Say how far off it is; nothing if it is right."""
+        if self.found is None:
+            return f"{self.name} is None."
         if isinstance(self.right, str | bool):
             return "" if self.found == self.right else f"{self.name} is not {self.found!r}."
         right = np.asarray(self.right)
@@ -65,9 +67,10 @@ class Part(NamedTuple):
         off = float(np.max(np.abs(found - right)))
         if not isfinite(off):
             return f"{self.name} is not a finite number everywhere."
+        how_far = f"{off:.2g} {self.unit}".strip()
         if right.ndim == 0:
-            return f"{self.name} = {float(found):.4g} {self.unit} is off by {off:.2g} {self.unit}."
-        return f"{self.name} is off by up to {off:.2g} {self.unit}."
+            return f"{self.name} = {float(found):.4g} is off by {how_far}."
+        return f"{self.name} is off by up to {how_far}."
 
 
 def exercise(hint):
