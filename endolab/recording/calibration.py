@@ -14,20 +14,15 @@ from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.session import Named, Session
 from endolab.calibration.summary import account, brdf_of, mean_distances
-from endolab.calibration.targets import Target
-from endolab.calibration.uncertainty import fall_off_uncertainty, ray_uncertainty
 from endolab.io.atomic import PathLike
 from endolab.io.video import Frames
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import blue_white_red
-from endolab.plots.uncertainty import largest_shown
 from endolab.recording import layouts
-from endolab.recording.stream import NOW, OUTLIER, START, Sink, as_bytes, camera_shape, depth_map, every, jpeg
-from endolab.recording.stream import TRUTH as GREY
+from endolab.recording.stream import NOW, OUTLIER, START, TRUTH, Sink, as_bytes, camera_shape, every, jpeg
 
 FRAME, ITERATION = "frame", "iteration"  # the timelines
 MOST_FRAMES = 300  # of a long video, evenly; curves have all
-TEXTURE = 640  # px, the width of the sheet's picture
 ARROW = 0.015  # of the picture's width: a reprojection residual of one standard deviation
 CURVES = {"Distance [mm]": ["distance"], "Gain [mm²]": ["gain"], "Residual [grey levels]": ["residual"]}
 
@@ -56,11 +51,10 @@ def record_calibration(
     `frames` is what was calibrated from, `light_steps` what a `LightRecorder` among the session's
     `light_observers` has kept; pictures wider than `max_width`, px, are thinned.
 
-    Static: ``account``, ``world/camera``, ``uncertainty/rays`` (mrad, a common turn apart),
-    ``uncertainty/fall_off`` (%). Per frame: ``picture``, ``picture/detected``,
+    Static: ``account``, ``world/camera``. Per frame: ``picture``, ``picture/detected``,
     ``picture/reprojection`` (measured - predicted, magnified), ``picture/samples`` (coloured by
-    measured - predicted grey level), ``world/sheet/<panel>``, ``plots/gain``, ``plots/distance``,
-    ``plots/residual`` (standard deviation). Per iteration: ``fit/k``, ``fit/gamma``,
+    measured - predicted grey level), ``world/sheet`` (the target's points), ``plots/gain``,
+    ``plots/distance``, ``plots/residual`` (standard deviation). Per iteration: ``fit/k``, ``fit/gamma``,
     ``fit/sigma``, ``fit/cost``, ``fit/change``, ``brdf``, ``residuals``.
     """
     with Sink(path) as sink:
@@ -110,46 +104,12 @@ class _Recording:
         self.sink.log("account", rr.TextDocument(text, media_type="text/markdown"), static=True)
         self.sink.log("world", rr.ViewCoordinates.RDF, static=True)
         poses: list[Pose] = [pose for panels in session.poses.values() for pose in panels if pose is not None]
-        left, top, width, height = session.target.sheet
-        middles = [pose.transform([left + width / 2, top + height / 2, 0.0]) for pose in poses]
+        middles = [pose.transform(session.target.points.mean(axis=0)) for pose in poses]
         centre = np.mean(middles, axis=0) if middles else np.array([0.0, 0.0, 50.0])
-        distance = float(np.linalg.norm(centre))
-        self.sink.log("world/camera", camera_shape(session.camera, 0.2 * distance), static=True)
-        texture = _texture(session.target)
-        for panel in range(session.target.panels):
-            # The corners move, the rest stays.
-            sheet = rr.Mesh3D.from_fields(
-                triangle_indices=[[0, 1, 2], [0, 2, 3]],
-                vertex_texcoords=_panel(session.target, panel)[1],
-                albedo_texture_buffer=texture.tobytes(),
-                albedo_texture_format=rr.components.ImageFormat(
-                    width=texture.shape[1],
-                    height=texture.shape[0],
-                    color_model=rr.ColorModel.RGB,
-                    channel_datatype=rr.ChannelDatatype.U8,
-                ),
-            )
-            self.sink.log(f"world/sheet/{panel}", sheet, static=True)
+        size = 0.2 * float(np.linalg.norm(centre))
+        self.sink.log("world/camera", camera_shape(session.camera, size), static=True)
         curves = CURVES if session.light is not None else {"Distance [mm]": ["distance"]}
-        self.sink.arrange(layouts.calibration(centre, self._log_uncertainty(), curves, FRAME))
-
-    def _log_uncertainty(self) -> dict[str, str]:
-        """Log maps of how well rays and light are known; return their titles by entity."""
-        geometry, light, camera = self.session.geometry, self.session.light, self.session.camera
-        maps, titles = {}, {}
-        if geometry is not None:
-            seen = geometry.max_angle_seen
-            rays = ray_uncertainty(geometry.camera, geometry.covariance, max_angle=seen)
-            maps["rays"] = "σ of rays, 0 to {:.2g} mrad", rays.mrad_shape, seen
-        if light is not None:
-            fall_off = fall_off_uncertainty(light, camera)
-            maps["fall_off"] = "σ of μ′, 0 to {:.2g} %", fall_off, light.alpha_range[1]
-        for name, (title, values, seen) in maps.items():
-            most = largest_shown(values, camera, seen)
-            shown = depth_map(values[self.thin], False, (0.0, most))
-            self.sink.log(f"uncertainty/{name}", shown, static=True)
-            titles[name] = title.format(most)
-        return titles
+        self.sink.arrange(layouts.calibration(centre, curves, FRAME))
 
     # Frames ---------------------------------------------------------------------------
 
@@ -178,10 +138,12 @@ class _Recording:
         self.sink.log("picture/detected", rr.Points2D(pixels, colors=START, radii=rr.Radius.ui_points(2.5)))
         self._log_reprojection(name)
         self._log_samples(name)
-        poses = session.poses.get(name, (None,) * session.target.panels)
-        for panel, pose in enumerate(poses):
-            corners = np.zeros((0, 3)) if pose is None else pose.transform(_panel(session.target, panel)[0])
-            self.sink.log(f"world/sheet/{panel}", rr.Mesh3D.from_fields(vertex_positions=corners))
+        target, sheet = session.target, [np.zeros((0, 3))]
+        for panel, pose in enumerate(session.poses.get(name, ())):
+            if pose is not None:
+                sheet.append(pose.transform(target.points[target.panel_of(target.points) == panel]))
+        dots = rr.Points3D(np.concatenate(sheet), colors=TRUTH, radii=rr.Radius.ui_points(3.0))
+        self.sink.log("world/sheet", dots)
 
     def _log_reprojection(self, name: str) -> None:
         parts: list[tuple[NDArray, ...]] = [(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, bool))]
@@ -203,7 +165,7 @@ class _Recording:
         session, light = self.session, self.session.light
         names = list(session.poses)
         here = session.samples.frame == (names.index(name) if name in session.poses else -1)
-        colours = np.full((int(here.sum()), 3), GREY, dtype=np.uint8)
+        colours = np.full((int(here.sum()), 3), TRUTH, dtype=np.uint8)
         if light is not None:
             used = light.used[here]
             colours[used] = blue_white_red(light.residuals[here][used] / (3 * light.sigma))
@@ -228,23 +190,3 @@ class _Recording:
         pinned = light.photometry.brdf.value(np.cos(theta[:1]), np.cos(theta[:1])) / relative[:1]
         values = np.broadcast_to(np.exp(unknowns.log_brdf) / pinned, theta.shape)
         self.sink.log("brdf", rr.BarChart(values, abscissa=np.rad2deg(theta), color=NOW))
-
-
-def _panel(target: Target, panel: int) -> tuple[FloatArray, FloatArray]:
-    """Corners of a panel in the target's frame, (4, 3), mm, and in the texture, (4, 2)."""
-    left, top, width, height = target.sheet
-    ends = [left, left + width]
-    if target.fold_x is not None:
-        ends[1 - panel] = target.fold_x
-    x, y = np.take(ends, [0, 1, 1, 0]), np.array([top, top, top + height, top + height])
-    return np.column_stack([x, y, 0 * x]), np.column_stack([(x - left) / width, (y - top) / height])
-
-
-def _texture(target: Target) -> NDArray[np.uint8]:
-    """Picture of the sheet, (h, `TEXTURE`, 3)."""
-    left, top, width, height = target.sheet
-    rows = max(round(TEXTURE * height / width), 1)
-    x = left + (np.arange(TEXTURE) + 0.5) * width / TEXTURE
-    y = top + (np.arange(rows) + 0.5) * height / rows
-    grey = np.nan_to_num(target.reflectance(np.stack(np.meshgrid(x, y), axis=-1)))
-    return np.repeat(np.round(255 * np.sqrt(grey)).astype(np.uint8)[..., None], 3, axis=-1)

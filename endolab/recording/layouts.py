@@ -1,8 +1,7 @@
 """How the Rerun viewer opens a recording: what is shown, and where.
 
-`reconstruction` shows everything about a run, `convergence` its curves at large, `comparison`
-several runs side by side, `sequence` a video's frames, `calibration` a calibration's frames,
-sheet and fit.
+`reconstruction` shows everything about a run, `comparison` several runs side by side, `sequence` a
+video's frames, `calibration` a calibration's frames, sheet and fit.
 """
 
 from collections.abc import Mapping, Sequence
@@ -106,7 +105,7 @@ def _energy(shown: Shown) -> rrb.TimeSeriesView:
     return _curves("log₁₀ energy", [shown.at(f"log10/{name}") for name in ("energy", *shown.terms)])
 
 
-def _change(*runs: Shown) -> rrb.TimeSeriesView:
+def _change(runs: Sequence[Shown]) -> rrb.TimeSeriesView:
     return _curves("log₁₀ change of log-distance", [shown.at("log10/change") for shown in runs])
 
 
@@ -131,22 +130,12 @@ def reconstruction(shown: Shown) -> Layout:
         rrb.TextDocumentView(origin=shown.at(entity), name=name)
         for entity, name in documents[: 3 if trust else 2]
     ]
-    steps = rrb.Vertical(_change(shown), _solver(shown), name="Steps")
+    steps = rrb.Vertical(_change([shown]), _solver(shown), name="Steps")
     stages = rrb.TextLogView(origin=shown.at("stage"), name="Stages")
     curves = rrb.Vertical(_energy(shown), stages, row_shares=[2, 1])
     below = rrb.Horizontal(_surface(shown), curves, rrb.Tabs(*words, steps), column_shares=[1.7, 1.4, 1.1])
     fps = max(1.0, shown.last / PLAYED)
     return _opened(rrb.Vertical(pictures, below, row_shares=[1, 1.4]), fps=fps)
-
-
-def convergence(shown: Shown) -> Layout:
-    """Curves of energy, change and steps above, at large; what they mean for the surface below."""
-    curves = rrb.Horizontal(_energy(shown), rrb.Vertical(_change(shown), _solver(shown)))
-    below = rrb.Horizontal(_residual(shown), _surface(shown), _depth(shown))
-    return _opened(rrb.Vertical(curves, below, row_shares=[1.4, 1]), fps=max(1.0, shown.last / PLAYED))
-
-
-BLUEPRINTS = {"reconstruction": reconstruction, "convergence": convergence}
 
 
 def comparison(runs: Sequence[Shown]) -> Layout:
@@ -156,7 +145,7 @@ def comparison(runs: Sequence[Shown]) -> Layout:
         for shown in runs
     ]
     energy = _curves("log₁₀ energy", [shown.at("log10/energy") for shown in runs])
-    layout = rrb.Horizontal(*columns, rrb.Vertical(energy, _change(*runs)))
+    layout = rrb.Horizontal(*columns, rrb.Vertical(energy, _change(runs)))
     return _opened(layout, fps=max(1.0, max(shown.last for shown in runs) / PLAYED))
 
 
@@ -182,18 +171,14 @@ def sequence(
     return _opened(rrb.Vertical(pictures, below, row_shares=[1, 1.3]), timeline)
 
 
-def calibration(
-    centre: FloatArray, maps: Mapping[str, str], curves: Mapping[str, Sequence[str]], timeline: str
-) -> Layout:
-    """The frame, the sheet in space, the curves over the frames; behind tabs the light's fit and the maps.
+def calibration(centre: FloatArray, curves: Mapping[str, Sequence[str]], timeline: str) -> Layout:
+    """The frame, the sheet in space, the curves over the frames; the account, and behind it the light's fit.
 
-    The sheet is mostly at `centre`, (3,), mm; `maps` are titles of what lies below ``uncertainty``, `curves`
-    of what lies below ``plots``.
+    The sheet is mostly at `centre`, (3,), mm; `curves` are titles of what lies below ``plots``.
     """
+    found = ["/picture", "/picture/detected", "/picture/reprojection"]
     frame = rrb.Vertical(
-        rrb.Spatial2DView(
-            origin="/", contents=["/picture", "/picture/detected", "/picture/reprojection"], name="Detection"
-        ),
+        rrb.Spatial2DView(origin="/", contents=found, name="Detection"),
         rrb.Spatial2DView(origin="/", contents=["/picture", "/picture/samples"], name="Brightness"),
     )
     # From aside, between the camera and where the sheet mostly is.
@@ -202,12 +187,10 @@ def calibration(
     fit = rrb.Vertical(
         rrb.TimeSeriesView(origin="/fit", contents=["/fit/k", "/fit/gamma"], name="k and γ"),
         rrb.TimeSeriesView(origin="/fit", contents=["/fit/sigma"], name="σ [grey levels]"),
-        rrb.BarChartView(origin="/brdf", name="BRDF over θ, 0 to 90°"),
+        rrb.BarChartView(origin="/brdf", name="BRDF over θ [°]"),
         rrb.BarChartView(origin="/residuals", name="Residuals [grey levels]"),
         name="Fit",
     )
-    known = [rrb.Spatial2DView(origin=f"/uncertainty/{name}", name=title) for name, title in maps.items()]
-    tabs: list[rrb.View | rrb.Container] = [rrb.TextDocumentView(origin="/account", name="Account"), fit]
-    tabs += [rrb.Vertical(*known, name="Uncertainty")] if known else []
+    words = rrb.Tabs(rrb.TextDocumentView(origin="/account", name="Account"), fit)
     middle = rrb.Vertical(sheet, rrb.Horizontal(*_plots(curves)), row_shares=[2, 1])
-    return _opened(rrb.Horizontal(frame, middle, rrb.Tabs(*tabs), column_shares=[1.2, 1.5, 1]), timeline)
+    return _opened(rrb.Horizontal(frame, middle, words, column_shares=[1.2, 1.5, 1]), timeline)

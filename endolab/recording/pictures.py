@@ -12,7 +12,7 @@ from endolab.depth.result import Iterate
 from endolab.model.thinned import ThinnedMaps
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.plots.scales import MOST_RESIDUAL, blue_white_red
-from endolab.recording.stream import classes, depth_map, every, png
+from endolab.recording.stream import classes, depth_map, every
 
 CLOUD_WIDTH = 160  # columns of a cloud: coordinates would be most of a recording
 SHADES = np.linspace(-1, 1, 65)  # of a residual, as shares of `MOST_RESIDUAL`
@@ -56,7 +56,7 @@ class Painter:
         maps = {f"front/{name}": (rr.Image(grey(a[self.thin])),) for name, a in iterate.maps.items()}
         return {
             "depth": (depth_map(np.exp(v[self.thin]), problem.metric),),
-            "normals": (png(np.asarray(facing)),),
+            "normals": (rr.Image(facing),),
             "residual": (rr.SegmentationImage(self._shades(v), opacity=1.0),),
             "world/cloud": (rr.Points3D.from_fields(positions=points.astype(np.float32)),),
             **maps,

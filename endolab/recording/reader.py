@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import io
 import os
 import subprocess
 import sys
@@ -14,7 +13,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
 from numpy.typing import NDArray
-from PIL import Image
 
 from endolab.io.atomic import PathLike, one_sentence
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -201,8 +199,8 @@ class Recording:
 
     @property
     def picture(self) -> FloatArray:
-        """The frame as it looked, (h, w, 3), in [0, 1], but for what JPEG loses; of the last stage."""
-        return self._colours("input") / 255.0
+        """The frame as it looked, (h, w, 3); of the last stage, in [0, 1]."""
+        return self._map("input", np.uint8, None, 3) / 255.0
 
     @property
     def settings(self) -> str:
@@ -220,7 +218,7 @@ class Recording:
     def normals(self, iteration: int = -1) -> FloatArray:
         """Unit normals at an iteration, (h, w, 3), to half a degree; nan outside the mask; see `depth`."""
         k = self._chosen(iteration)
-        n = np.where(self._mask(k)[..., None], 2 * (self._colours("normals", k) / 255.0) - 1, np.nan)
+        n = np.where(self._mask(k)[..., None], 2 * (self._map("normals", np.uint8, k, 3) / 255.0) - 1, np.nan)
         return n / np.linalg.norm(n, axis=-1, keepdims=True)
 
     @property
@@ -250,15 +248,8 @@ class Recording:
             raise ValueError(f"iteration {iteration} has no picture; the nearest that has is {nearest}")
         return k
 
-    def _map(self, entity: str, kind: type, k: int | None = None) -> NDArray:
-        """A picture of raw values, (h, w)."""
+    def _map(self, entity: str, kind: type, k: int | None = None, *depth: int) -> NDArray:
+        """A picture of raw values, (h, w), or of so many channels."""
         form = self._values(entity, "format", k)[0].as_py()
         content = self._values(entity, "buffer", k).flatten().to_numpy()
-        return np.asarray(content.view(kind).reshape(form["height"], form["width"]))
-
-    def _colours(self, entity: str, k: int | None = None) -> NDArray[np.uint8]:
-        """An encoded picture, (h, w, 3)."""
-        picture = Image.open(io.BytesIO(self._values(entity, "blob", k).flatten().to_numpy().tobytes()))
-        if picture.size != self._mask(k).shape[::-1]:
-            raise ValueError(f"{entity} is not of the mask's size")
-        return np.asarray(picture.convert("RGB"))
+        return np.asarray(content.view(kind).reshape(form["height"], form["width"], *depth))

@@ -15,10 +15,9 @@ import rerun as rr
 from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate, Result
 from endolab.io.atomic import PathLike
-from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import DECIDERS, common_limits, in_colour
-from endolab.recording.layouts import BLUEPRINTS, TIMELINE, Shown, comparison
+from endolab.recording.layouts import TIMELINE, Shown, comparison, reconstruction
 from endolab.recording.pictures import BLACK, RESIDUAL, Painter
 from endolab.recording.stream import (
     NOW,
@@ -30,7 +29,6 @@ from endolab.recording.stream import (
     classes,
     depth_map,
     every,
-    jpeg,
 )
 from endolab.uncertainty.trust import Trust
 
@@ -46,7 +44,6 @@ def record(
     live: bool = False,
     truth: FloatArray | None = None,
     max_width: int = 480,
-    blueprint: str = "reconstruction",
 ) -> Recorder:
     """Make an observer that records a run: to a file, or into a viewer that follows it.
 
@@ -61,8 +58,6 @@ def record(
         True distance, mm, to show beside the result; nan where unknown.
     max_width : int
         Pictures and point clouds wider than this, px, are thinned.
-    blueprint : {"reconstruction", "convergence"}
-        How the viewer opens it: everything about the run, or its curves at large.
 
     Returns
     -------
@@ -77,17 +72,15 @@ def record(
     Raises
     ------
     ValueError
-        If it is not one of path, spawn and live, or there is no such blueprint.
+        If it is not one of path, spawn and live.
     OSError
         If the file cannot be written or the viewer does not start.
     """
     if (path is not None) + spawn + live != 1:
         raise ValueError("give record() either a path or spawn=True or live=True")
-    if blueprint not in BLUEPRINTS:
-        raise unknown_name("blueprint", blueprint, BLUEPRINTS)
     if max_width < 1:
         raise ValueError(f"max_width must be at least 1 px, got {max_width}")
-    return Recorder(Sink(path, live), truth, max_width, blueprint)
+    return Recorder(Sink(path, live), truth, max_width)
 
 
 class Comparison:
@@ -165,7 +158,6 @@ class Recorder:
         sink: Sink,
         truth: FloatArray | None,
         max_width: int,
-        blueprint: str | None = None,
         *,
         run: str = "",
         colour: tuple[int, ...] = NOW,
@@ -173,7 +165,7 @@ class Recorder:
         self.path = sink.path  # None if it goes to a viewer
         self.truth, self.max_width = truth, max_width
         self.shown: Shown | None = None  # what the layout needs to know; None before the first iterate
-        self._sink, self._blueprint, self._run, self._colour = sink, blueprint, run, colour
+        self._sink, self._run, self._colour = sink, run, colour
         self._open, self._within = True, False  # within: in a block at whose end it is closed
         self._last: Iterate | None = None
         self._first: Iterate | None = None  # of this stage
@@ -276,7 +268,7 @@ class Recorder:
         self._log("stage", rr.TextLog(stage_text(iterate.stage, iterate.round)))
         picture = as_bytes(in_colour(problem.shown))
         if last is None or last.problem.shown is not problem.shown:
-            self._log("input", jpeg(picture[painter.thin]))
+            self._log("input", rr.Image(picture[painter.thin]))
         if last is None or last.mask is not problem.mask or last.problem.evidence is not problem.evidence:
             for entity, what in painter.prepared().items():
                 self._log(entity, *what)
@@ -303,9 +295,9 @@ class Recorder:
     def _log_truth(self, iterate: Iterate, truth: FloatArray) -> None:
         """Log the true surface, in the unit of an iterate and on its grid, which may be smaller."""
         problem, thin, shape = iterate.problem, self._painter.thin, iterate.mask.shape
-        if truth.shape != shape:
-            if iterate.stage == SOLUTION or abs(truth.shape[0] * shape[1] / truth.shape[1] - shape[0]) > 1:
-                raise ValueError(f"truth has shape {truth.shape}, the frame {shape}")
+        if truth.shape != shape and iterate.stage == SOLUTION:
+            raise ValueError(f"truth has shape {truth.shape}, the frame {shape}")
+        if truth.shape != shape:  # a stage on a smaller grid
             truth = np.asarray(cv2.resize(truth, shape[::-1], interpolation=cv2.INTER_AREA))
         known = iterate.mask & (truth > 0) & np.isfinite(truth)
         if not known.any():
@@ -348,8 +340,8 @@ class Recorder:
 
     def _arrange(self, watched: bool) -> None:
         """Tell the viewer how to open the recording: at its end, and before if someone is watching."""
-        if self._blueprint is not None and self.shown is not None and (self.path is None or not watched):
-            self._sink.arrange(BLUEPRINTS[self._blueprint](self.shown))
+        if not self._run and self.shown is not None and (self.path is None or not watched):
+            self._sink.arrange(reconstruction(self.shown))
 
     # Iterates -------------------------------------------------------------------------
 
@@ -400,7 +392,7 @@ def _settings(problem: Problem) -> str:
         "ξ": problem.xi,
         "regulariser": f"{problem.regulariser}{order}, λ = {problem.lam:g}, ε = {problem.epsilon:g}",
         "data": f"Huber, ρ = {255 * problem.threshold:.3g}/255",
-        **problem.settings,
+        **{name: value for name, value in problem.settings.items() if name != "notes"},
     }
     for name, value in rows.items():
         rows[name] = f"{value:.6g}" if isinstance(value, float) else str(value).replace("|", "\\|")
@@ -419,16 +411,16 @@ def _settings(problem: Problem) -> str:
 def _words_of(trust: Trust, percent: FloatArray) -> str:
     """How far the end can be trusted, as Markdown; σ in % of the pixels that are seen, (n,)."""
     inside = trust.decided_by > 0
-    decided = trust.decided_by[inside]
-    parts = [f"{name} {100 * np.mean(decided == k):.0f} %" for k, name in enumerate(DECIDERS, 1)]
-    causes = {name: 100 * float(np.median(share[inside])) for name, share in trust.causes.items()}
-    table = "\n".join(f"| {name} | {causes[name]:.2g} |" for name in sorted(causes, key=lambda n: -causes[n]))
+    parts = [
+        f"{name} {100 * np.mean(trust.decided_by[inside] == k):.0f} %" for k, name in enumerate(DECIDERS, 1)
+    ]
+    causes = [f"- {name}: {100 * np.median(share[inside]):.2g} %" for name, share in trust.causes.items()]
     low, middle, high = np.percentile(percent, [10, 50, 90])
     return (
         "## How far it can be trusted\n\n"
         f"σ, the standard deviation of the distance: {middle:.2g} % for the median pixel, {low:.2g} to "
         f"{high:.2g} % for four in five; {100 * trust.sigma_scale:.2g} % is a scale that all share.\n\n"
-        f"Who decided the pixels: {', '.join(parts)}.\n\n"
-        f"| cause | σ of the shape, median [%] |\n|---|---|\n{table}\n\n{' '.join(trust.notes)}\n\n"
-        "Blue: data, orange: border or contour, pink: prior.\n"
+        f"Who decided the pixels: {', '.join(parts)} (blue, orange, pink).\n\nCauses, in the median:\n\n"
+        + "\n".join(causes)
+        + f"\n\n{' '.join(trust.notes)}"
     )

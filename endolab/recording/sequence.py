@@ -11,7 +11,8 @@ from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import common_limits, in_colour
 from endolab.recording.layouts import sequence
-from endolab.recording.stream import Sink, as_bytes, camera_shape, depth_map, every, jpeg
+from endolab.recording.pictures import MASK
+from endolab.recording.stream import Sink, as_bytes, camera_shape, classes, depth_map, every, jpeg
 
 TIMELINE = "frame"
 CLOUD_WIDTH = 120  # columns of a cloud: coordinates would be most of a recording
@@ -27,7 +28,7 @@ CURVES = {
 class SequenceRecorder:
     """Logs frames and what was made of them, in any order: to a file, or to a viewer that shows them live.
 
-    Per frame: ``input``, ``depth`` (distance), ``normals`` ((n + 1)/2), ``world/cloud`` and
+    Per frame: ``input``, ``depth`` (distance), ``mask``, ``normals`` ((n + 1)/2), ``world/cloud`` and
     ``plots/<name>``; ``world/camera`` is the same for all. Distances are in `unit`; pictures wider than
     `max_width`, px, are thinned; `curves` are titles of what is plotted.
 
@@ -72,6 +73,7 @@ class SequenceRecorder:
         sink.at(TIMELINE, number)
         sink.log("input", self._coded(picture[every(picture.shape[1], self.max_width)]))
         sink.log("depth", depth_map(distance[thin], self.unit == "mm", self._limits))
+        sink.log("mask", *classes(np.isfinite(distance[thin]), MASK))
         sink.log("normals", self._coded((normals[thin] + 1) / 2))
         inside = np.isfinite(distance[sparse])
         cloud = distance[sparse][inside][:, None] * camera.field.rays[sparse][inside]

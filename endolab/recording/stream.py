@@ -209,21 +209,11 @@ def depth_map(
     )
 
 
-def png(colours: NDArray[np.uint8]) -> rr.EncodedImage:
-    """Encode bytes, (h, w, 3), without losses, and fast where colours change little from row to row."""
-    how = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, 2, cv2.IMWRITE_PNG_FILTER, 32)
-    return _encoded(colours, "png", how)
-
-
 def jpeg(colours: NDArray[np.uint8], quality: int = 95) -> rr.EncodedImage:
-    """Encode bytes, (h, w) or (h, w, 3), with losses."""
-    return _encoded(colours, "jpeg", (cv2.IMWRITE_JPEG_QUALITY, quality))
-
-
-def _encoded(colours: NDArray[np.uint8], kind: str, how: tuple[int, ...]) -> rr.EncodedImage:
+    """Encode bytes, (h, w) or (h, w, 3), with losses; all that one entity gets must be of one size."""
     stored = cv2.cvtColor(colours, cv2.COLOR_RGB2BGR) if colours.ndim == 3 else colours
-    contents = cv2.imencode(f".{kind}", stored, how)[1].tobytes()
-    return rr.EncodedImage(contents=contents, media_type=f"image/{kind}")
+    contents = cv2.imencode(".jpeg", stored, (cv2.IMWRITE_JPEG_QUALITY, quality))[1].tobytes()
+    return rr.EncodedImage(contents=contents, media_type="image/jpeg")
 
 
 def as_bytes(colours: FloatArray) -> NDArray[np.uint8]:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from endolab.calibration.summary import brdf_of, mean_distances
-from endolab.calibration.uncertainty import fall_off_uncertainty, ray_uncertainty
 from endolab.plots.calibration import samples_of
 from endolab.recording.calibration import record_calibration
 from tests.tools.recorded import Recorded
@@ -36,26 +35,13 @@ def test_every_frame_has_its_picture_and_its_features(recorded):
 def test_the_sheet_stands_where_its_poses_say(recorded):
     session, _, _, file = recorded
     target = session.target
-    left, top, width, height = target.sheet
-    names = list(session.detections)
-    for number, name in enumerate(names):
-        corners = [
-            file.at(f"/world/sheet/{panel}", "vertex_positions", number).reshape(-1, 3)
-            for panel in range(target.panels)
-        ]
-        if name in LOST:
-            assert all(len(points) == 0 for points in corners)
-            continue
-        if None in session.poses[name]:  # a panel that is seen from behind
-            continue
-        first, last = session.poses[name][0], session.poses[name][-1]
-        assert np.allclose(corners[0][0], first.transform([left, top, 0]), atol=1e-3)
-        assert np.allclose(corners[-1][2], last.transform([left + width, top + height, 0]), atol=1e-3)
-        if target.fold_x is not None:
-            assert np.allclose(corners[0][[1, 2]], corners[1][[0, 3]], atol=0.2)  # one fold
-    texture = file.at("/world/sheet/0", "albedo_texture_buffer", None)
-    assert texture.size % (640 * 3) == 0
-    assert {0.04, 1.0} == set(np.round((texture / 255.0) ** 2, 2))
+    panel = target.panel_of(target.points)
+    for number, name in enumerate(session.detections):
+        found = file.at("/world/sheet", "positions", number).reshape(-1, 3)
+        poses = enumerate(session.poses.get(name, ()))
+        expected = [pose.transform(target.points[panel == n]) for n, pose in poses if pose is not None]
+        assert (len(found) == 0) == (name in LOST)
+        assert np.allclose(found, np.concatenate([np.zeros((0, 3)), *expected]), atol=1e-3)
 
 
 def test_arrows_are_the_residuals_of_the_frame(recorded):
@@ -125,18 +111,6 @@ def test_curves_are_on_the_frames_of_the_video_and_iterations_are_those_of_the_f
     assert not np.allclose(*values, rtol=1e-5)
 
 
-def test_maps_of_uncertainty_are_there_once_with_colours_to_what_was_seen(recorded):
-    session, _, _, file = recorded
-    geometry = session.geometry
-    rays = ray_uncertainty(geometry.camera, geometry.covariance, max_angle=geometry.max_angle_seen).mrad_shape
-    for name, expected in (("rays", rays), ("fall_off", fall_off_uncertainty(session.light, session.camera))):
-        entity = f"/uncertainty/{name}"
-        stored = file.at(entity, "buffer", None).astype(np.uint8).view(np.float32).reshape(expected.shape)
-        assert np.allclose(stored, expected, rtol=1e-5, equal_nan=True)
-        low, high = file.at(entity, "depth_range", None)
-        assert low == 0 < high < np.nanmax(expected)
-
-
 def test_a_session_without_light_camera_or_picture_is_recorded(tmp_path):
     session, frames, steps = simulated("vicalib_folded")
     poses = session.poses | {"frame_0": (None, session.poses["frame_0"][1])}
@@ -145,12 +119,9 @@ def test_a_session_without_light_camera_or_picture_is_recorded(tmp_path):
     record_calibration(session, frames, tmp_path / "calibration.rrd", light_steps=steps)
     file = Recorded(tmp_path / "calibration.rrd")
     assert 2 not in file.numbers("/picture", "blob")
-    assert file.at("/world/sheet/0", "vertex_positions", 0).size == 0
-    assert file.at("/world/sheet/1", "vertex_positions", 0).size == 12
     assert "/brdf" not in file.rows
     assert "/plots/gain" not in file.rows
     assert "/fit/k" in file.rows
-    assert not any(name.startswith("/uncertainty") for name in file.entities)
 
 
 def test_a_failure_leaves_nothing(tmp_path):

@@ -70,7 +70,7 @@ def test_maps_are_those_of_the_iterates(solved):
         [(0, "solution", 0)],
     )
     assert np.array_equal(recording.mask, steps[0].mask)
-    assert np.abs(recording.picture - steps[0].problem.picture).mean() < 0.02  # JPEG
+    assert np.abs(recording.picture - steps[0].problem.picture).max() < 0.003
     assert "| solver | by hand |" in recording.settings
     for step in (steps[0], steps[-1]):
         assert np.allclose(recording.depth(step.k), step.distance, rtol=1e-6, equal_nan=True)
@@ -270,7 +270,6 @@ def test_a_full_disk_leaves_what_was_there_before(tmp_path, solved):
         ({"path": "run.rrd", "spawn": True}, "path or spawn"),
         ({"path": "run.txt"}, "run.txt"),
         ({"path": "run.rrd", "max_width": 0}, "max_width"),
-        ({"path": "run.rrd", "blueprint": "nice"}, "nice"),
     ],
 )
 def test_wrong_arguments_are_named(how, named, tmp_path, monkeypatch):
