@@ -269,9 +269,8 @@ class Recorder:
         picture = as_bytes(in_colour(problem.shown))
         if last is None or last.problem.shown is not problem.shown:
             self._log("input", rr.Image(picture[painter.thin]))
-        if last is None or last.mask is not problem.mask or last.problem.evidence is not problem.evidence:
-            for entity, what in painter.prepared().items():
-                self._log(entity, *what)
+        for entity, what in painter.prepared().items():
+            self._log(entity, *what)
         self._log("settings", rr.TextDocument(_settings(problem), media_type="text/markdown"))
         inside = problem.mask[painter.sparse]
         own = rr.Points3D.from_fields(colors=picture[painter.sparse][inside], radii=rr.Radius.ui_points(2.5))
