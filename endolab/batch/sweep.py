@@ -102,6 +102,8 @@ def sweep(
     checked_solver(solver, {})
     if backend not in BACKENDS:
         raise unknown_name("backend", backend, BACKENDS)
+    if n_jobs == 0:
+        raise ValueError("n_jobs (--jobs) must be at least 1, or -1 for as many as cores, got 0")
     xi, regulariser = [check_xi(one) for one in xi], list(regulariser)
     for one in regulariser:
         if one not in ("auto", *REGULARISERS):

@@ -49,13 +49,13 @@ def _known(text: str) -> float | tuple[float, ...] | str:
 
 def _target(arguments: argparse.Namespace) -> None:
     from endolab.calibration.session import describe_target
-    from endolab.io.atomic import staged_file
+    from endolab.io.atomic import check_file
     from endolab.io.descriptions import read_target
     from endolab.reports.target_sheet import write_sheet
 
     target = read_target(arguments.name)
-    with staged_file(arguments.out, overwrite=arguments.overwrite, inputs=[arguments.name]) as temporary:
-        write_sheet(target, temporary)
+    check_file(arguments.out, overwrite=arguments.overwrite, inputs=[arguments.name])
+    write_sheet(target, arguments.out)
     glue = "something flat" if target.fold is None else "two boards, folded by 10 to 30°, away from you"
     print(f"{describe_target(target)}; print at 100 %, check the ruler, and glue it on {glue}")
     print(f"written to {arguments.out}")

@@ -24,7 +24,7 @@ from endolab.cli.options import add_command, add_overwrite, number, whole
 from endolab.cli.reconstruct import add_reconstruct_commands
 from endolab.cli.tune import add_tune_command
 
-INTERRUPTED, UNREAD = 128 + signal.SIGINT, 141  # exit statuses, as shells know them
+UNREAD = 141  # the exit status, as shells know it
 _ended: list[int] = []  # the signals that asked for an end
 LONGEST = 600  # characters of a complaint; what was typed may be as long as it likes
 FRAME_OPTIONS = ("texture", "fog", "highlights")  # of `simulate`, but for its calibration video
@@ -253,7 +253,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if getattr(arguments, "threads", None) is not None:
             os.environ["ENDOLAB_THREADS"] = str(arguments.threads)
         arguments.run(arguments)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # as after `>&-`
+            sys.stdout.flush()
     except BrokenPipeError:  # as after `| head -1`: nobody reads on
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return UNREAD
@@ -267,7 +268,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             str(error) if isinstance(error, KeyboardInterrupt) else ""
         )  # else Numba's, that it could not end
         print(f"endolab: {said or 'interrupted; nothing was written'}", file=sys.stderr)
-        return INTERRUPTED
+        return 128 + (_ended or [signal.SIGINT])[0]
     return 0
 
 
@@ -278,7 +279,7 @@ def run() -> NoReturn:
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # as of nohup
             signal.signal(number, _interrupted)
     sys.unraisablehook = _ignored
-    for stream in (sys.stdout, sys.stderr):
+    for stream in filter(None, (sys.stdout, sys.stderr)):
         stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     if not sys.warnoptions:  # others' warnings say nothing to its user
         warnings.filterwarnings("ignore", module=r"(?!endolab\b)")

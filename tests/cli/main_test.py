@@ -453,13 +453,14 @@ def test_told_to_end_it_writes_the_best_so_far(tmp_path, process, number):
     assert names(tmp_path / "o") == OUTPUTS
 
 
-def test_told_to_end_before_there_is_anything_it_writes_nothing(tmp_path, process):
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_told_to_end_before_there_is_anything_it_writes_nothing(tmp_path, process, number, status):
     with process("simulate", "colon", "--calibration", "paper", "--width", 1440, "--out", "o") as running:
         while not list(tmp_path.glob("o/.endolab-*")) and running.poll() is None:
             time.sleep(0.02)
-        running.send_signal(signal.SIGINT)
+        running.send_signal(number)
         out, error = running.communicate(timeout=60)
-    assert (running.returncode, out, error.count(b"\n"), b"interrupted" in error) == (130, b"", 1, True)
+    assert (running.returncode, out, error.count(b"\n"), b"interrupted" in error) == (status, b"", 1, True)
     assert names(tmp_path) == []
 
 
