@@ -253,8 +253,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if getattr(arguments, "threads", None) is not None:
             os.environ["ENDOLAB_THREADS"] = str(arguments.threads)
         arguments.run(arguments)
-        if sys.stdout is not None:  # as after `>&-`
-            sys.stdout.flush()
+        sys.stdout.flush()
     except BrokenPipeError:  # as after `| head -1`: nobody reads on
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return UNREAD
@@ -264,9 +263,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, RuntimeError) as error:
         if isinstance(error, RuntimeError) and not _ended:
             raise
-        said = (
-            str(error) if isinstance(error, KeyboardInterrupt) else ""
-        )  # else Numba's, that it could not end
+        # A RuntimeError is Numba's, that it could not end.
+        said = str(error) if isinstance(error, KeyboardInterrupt) else ""
         print(f"endolab: {said or 'interrupted; nothing was written'}", file=sys.stderr)
         return 128 + (_ended or [signal.SIGINT])[0]
     return 0
@@ -279,8 +277,10 @@ def run() -> NoReturn:
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # as of nohup
             signal.signal(number, _interrupted)
     sys.unraisablehook = _ignored
-    for stream in filter(None, (sys.stdout, sys.stderr)):
-        stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed, as after `>&-`
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - open to the end
+        getattr(sys, name).reconfigure(errors="backslashreplace")
     if not sys.warnoptions:  # others' warnings say nothing to its user
         warnings.filterwarnings("ignore", module=r"(?!endolab\b)")
     raise SystemExit(main())

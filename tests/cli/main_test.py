@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -473,6 +474,8 @@ def test_nobody_needs_to_read_what_is_printed_in_any_encoding(work, process):
     with process("evaluate", depth, depth, PYTHONUNBUFFERED="1") as running:
         running.stdout.close()  # as after `| head -1`
         assert running.stderr.read() == b""
+    command = f"{shlex.quote(sys.executable)} -m endolab evaluate '{depth}' '{depth}' >&- 2>&-"
+    assert subprocess.run(command, shell=True, timeout=60).returncode == 0
 
 
 def test_the_first_run_says_that_it_compiles_and_no_other(sim, tmp_path, process):
