@@ -80,7 +80,7 @@ class Sink:
             try:
                 self.stream.save(self._temporary)
             except RuntimeError as error:
-                raise OSError(f"cannot write {self.path}: is the disk full?") from error
+                raise OSError(f"cannot write {self.path}: the disk may be full") from error
         elif address is not None:
             self.stream.connect_grpc(address)
         else:
@@ -135,7 +135,7 @@ class Sink:
             content.seek(-min(12, os.fstat(content.fileno()).st_size), os.SEEK_END)
             whole = content.read().startswith(FOOTER)
         if not whole:
-            raise OSError(f"cannot write {self.path}: is the disk full?")
+            raise OSError(f"cannot write {self.path}: the disk may be full")
         self._staged = None
         staged.__exit__(None, None, None)
 
