@@ -15,6 +15,9 @@ SOLVING = (
     *("width", "smooth", "highlights", *LENGTHS),
 )
 COMPILING = "Compiling for this machine, a minute or two; only the first run does."
+NOT_KEPT = (
+    "Compiling, a minute or two, in every run: nothing can be kept here but where NUMBA_CACHE_DIR says."
+)
 
 
 # Values ---------------------------------------------------------------------------------
@@ -182,12 +185,14 @@ def compiling_said() -> Iterator[None]:
     """Say on stderr, once, that loops are compiled, if any are in the block."""
     from numba.core import event
 
+    from endolab.numerics.compiled import COMPILED
+
     class First(event.Listener):
         said = False
 
         def on_start(self, event: object) -> None:
             if not self.said:
-                print(COMPILING, file=sys.stderr, flush=True)
+                print(COMPILING if COMPILED["cache"] else NOT_KEPT, file=sys.stderr, flush=True)
             self.said = True
 
         def on_end(self, event: object) -> None:
