@@ -15,9 +15,7 @@ SOLVING = (
     *("width", "smooth", "highlights", *LENGTHS),
 )
 COMPILING = "Compiling for this machine, a minute or two; only the first run does."
-NOT_KEPT = (
-    "Compiling, a minute or two, in every run: nothing can be kept here but where NUMBA_CACHE_DIR says."
-)
+NOT_KEPT = "Compiling, a minute or two, in every run: NUMBA_CACHE_DIR can name a folder to keep it in."
 
 
 # Values ---------------------------------------------------------------------------------
