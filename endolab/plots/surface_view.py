@@ -157,8 +157,9 @@ def _show_patches(
     order = np.argsort(-patches[..., 2].mean(axis=-1))
     light = 0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)
     faces = ((lifted(colours) if lift else colours) * light[:, None])[order]
-    flat = list(patches[order, :, :2])
-    drawn = PolyCollection(flat, facecolors=faces, edgecolors=faces, linewidths=0.4, rasterized=True)
+    flat = patches[order, :, :2]  # an array: Matplotlib takes several times as long over a list
+    look = {"facecolors": faces, "edgecolors": faces, "linewidths": 0.4, "rasterized": True}
+    drawn = PolyCollection(flat, **look)  # type: ignore[arg-type]
     ax.add_collection(drawn, autolim=False)
     low, high = _bounds(patches[..., :2], distance)
     # Room for the camera's name above, and for the bar below.

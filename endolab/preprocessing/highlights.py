@@ -12,8 +12,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy import ndimage, sparse
-from scipy.sparse.linalg import splu
+import scipy
 
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -112,7 +111,7 @@ def grown(region: BoolArray, reach: float) -> BoolArray:
 
 def _holding(seed: BoolArray, skirt: BoolArray) -> BoolArray:
     """Return the connected parts of the skirt that hold a seed."""
-    return ndimage.binary_propagation(seed & skirt, np.ones((3, 3)), skirt)
+    return scipy.ndimage.binary_propagation(seed & skirt, np.ones((3, 3)), skirt)
 
 
 def check_highlights(treatment: str | None) -> str:
@@ -202,16 +201,16 @@ def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray | None = None) 
     pairs = shown[one] & shown[other] & (wanted[one] | wanted[other])
     one, other = one[pairs], other[pairs]
     step = np.arange(one.size)
-    differences = sparse.coo_array(
+    differences = scipy.sparse.coo_array(
         (np.repeat([1.0, -1.0], one.size), (np.tile(step, 2), np.concatenate([one, other]))),
         shape=(one.size, holes.size),
     ).tocsc()
     # A hint of the nearest value keeps a hole definite that the mask's rim cuts off on all sides.
     hint, inner, log = 1e-6, differences[:, wanted], log.reshape(holes.size, -1)
-    matrix = inner.T @ inner + hint * sparse.eye_array(inner.shape[1], format="csc")
+    matrix = inner.T @ inner + hint * scipy.sparse.eye_array(inner.shape[1], format="csc")
     right = hint * log[wanted] - inner.T @ (differences @ np.where(wanted[:, None], 0.0, log))
     # The matrix is symmetric: ordered for that, its factors stay thin.
-    factors = splu(matrix.tocsc(), "MMD_AT_PLUS_A")
+    factors = scipy.sparse.linalg.splu(matrix.tocsc(), "MMD_AT_PLUS_A")
     filled = image.copy().reshape(holes.size, -1)
     filled[wanted] = np.clip(np.exp(factors.solve(right)), 0.0, 1.0)
     return filled.reshape(image.shape)
