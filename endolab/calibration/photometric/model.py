@@ -27,7 +27,6 @@ GREY = 255.0  # grey levels of a stored value of 1
 LEVELS = (12 / 255, 240 / 255)  # predicted stored values that noise of 3 grey levels cannot clip
 FIRST_GAMMA = 2.2  # where the fit of a γ that is not known begins
 DENSER = 1.15  # exponent that brings the nodes closer together near θ = 0
-STEP = 1e-5  # mm, and of the tilt: for the derivatives by the light's place and direction
 LEAST_SUPPORT = 40  # samples between two nodes of the BRDF, or one of them is left out
 
 Known = float | tuple[float, float] | None  # given, (mean, sd), or free
@@ -212,7 +211,7 @@ class LightModel:
             by_common[:, column] = self.samples.material == material
             column += 1
         if self.free_light:
-            by_common[:, column:] = self._by_light(unknowns)
+            by_common[:, column:] = self._by_light(unknowns, geometry, f)
         by_common *= -slope[:, None]
         by_prior = np.zeros((len(self._priors), len(names)))
         for row, (column, _, _, sd) in enumerate(self._priors):
@@ -221,18 +220,26 @@ class LightModel:
         prior, by_gain = self._prior(unknowns), -slope[:, None, None]
         return Linearised(residual[:, None], by_common[:, None], by_gain, prior, by_prior)
 
-    def _by_light(self, unknowns: LightUnknowns) -> FloatArray:
-        """∂L by the light's position and tilt, (n, 5), by central differences."""
-        brdf = np.exp(unknowns.log_brdf)
-
-        def logarithm(light: FloatArray) -> FloatArray:
-            geometry = SampleGeometry.of(self.samples, light)
-            f = np.interp(geometry.theta, self.nodes, brdf)
-            return unknowns.k * geometry.log_cos_psi + geometry.falloff + np.log(f)
-
-        ends = ((unknowns.light + step, unknowns.light - step) for step in STEP * np.eye(5))
-        slopes = [(logarithm(ahead) - logarithm(behind)) / (2 * STEP) for ahead, behind in ends]
-        return np.stack(slopes, axis=1)
+    def _by_light(self, unknowns: LightUnknowns, geometry: SampleGeometry, f: FloatArray) -> FloatArray:
+        """∂L by the light's position and tilt, (n, 5)."""
+        offset = self.samples.points - unknowns.light[:3]
+        square = np.sum(offset**2, axis=1)[:, None]
+        direction = np.append(unknowns.light[3:], 1.0)
+        along = np.where(geometry.valid, offset @ direction, np.inf)[:, None]
+        towards = np.where(geometry.valid, np.einsum("ni,ni->n", offset, self.samples.normals), np.inf)
+        # Gradients by the point: of log cos ψ, of log cos θ; of log r it is offset/square.
+        psi = direction / along - offset / square
+        incidence = self.samples.normals / towards[:, None] - offset / square
+        rise = np.zeros(len(f))  # df/dθ
+        if len(self.nodes) > 1:
+            slopes = np.diff(np.exp(unknowns.log_brdf)) / np.diff(self.nodes)
+            inside = (geometry.theta > self.nodes[0]) & (geometry.theta < self.nodes[-1])
+            rise = slopes[interval(self.nodes, geometry.theta)] * inside
+        # dθ = -cot θ d log cos θ
+        cot = 1 / np.tan(np.maximum(geometry.theta, 1e-6))
+        by_point = unknowns.k * psi - 2 * offset / square + incidence * (1 - cot * rise / f)[:, None]
+        by_tilt = unknowns.k * (offset[:, :2] / along - direction[:2] / (direction @ direction))
+        return np.where(geometry.valid[:, None], np.concatenate([-by_point, by_tilt], axis=1), 0.0)
 
     def moved(self, unknowns: LightUnknowns, common: FloatArray, own: FloatArray) -> LightUnknowns | None:
         """Return the unknowns after a step; None where γ would lose its meaning."""
