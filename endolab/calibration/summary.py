@@ -1,5 +1,6 @@
 """What came of a calibration, in numbers and in words: the evidence of `endoscope.json`, a summary."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -11,7 +12,7 @@ from endolab.calibration.geometric.projection import NAMES, camera_vector
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.session import Session, describe_target
-from endolab.calibration.uncertainty import fall_off_uncertainty, places, ray_uncertainty
+from endolab.calibration.uncertainty import fall_off_uncertainty, known_within, ray_uncertainty
 from endolab.model.brdf import TabulatedBRDF
 from endolab.model.cameras import Camera, KannalaBrandt
 from endolab.numerics.arrays import FloatArray, IntArray
@@ -22,20 +23,16 @@ LEAST_SCORED = 10  # samples of a bin of the held-out frames that are worth a wo
 
 
 # Facts ----------------------------------------------------------------------------------
-def _plain(value: Any) -> Any:
+def _plain(facts: dict[str, Any]) -> dict[str, Any]:
     """Make JSON of anything numerical; what is not finite becomes null."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    text = json.dumps(facts, default=lambda array: array.tolist())
+    plain: dict[str, Any] = json.loads(text, parse_constant=lambda name: None)
+    return plain
 
 
 def _known_to(values: FloatArray, camera: Camera, seen: float) -> dict[str, float]:
     """Median and largest of a map at `places`, of what lies within an angle off the axis, rad."""
-    inside = values[np.isfinite(values) & (camera.unproject(places(camera))[..., 2] >= np.cos(seen))]
+    inside = known_within(values, camera, seen)
     return {"median": float(np.median(inside)), "largest": float(inside.max())} if inside.size else {}
 
 

@@ -149,21 +149,6 @@ class Target:
         right, bottom = np.concatenate([middles + radii, corners + sizes]).max(axis=0) + self.margin
         return float(left), float(top), float(right - left), float(bottom - top)
 
-    def reflectance(self, xy: ArrayLike, black: float = 0.04) -> FloatArray:
-        """Light the sheet returns at places (..., 2), mm, relative to its white; nan beside the paper."""
-        xy = np.asarray(xy, dtype=np.float64)
-        left, top, width, height = self.sheet
-        x, y = xy[..., 0], xy[..., 1]
-        value = np.where((x >= left) & (x <= left + width) & (y >= top) & (y <= top + height), 1.0, np.nan)
-        ink = self.ink
-        for cx, cy, radius, grey in ink.greys:
-            value[(x - cx) ** 2 + (y - cy) ** 2 <= radius**2] = grey
-        for cx, cy, radius in ink.discs:
-            value[(x - cx) ** 2 + (y - cy) ** 2 <= radius**2] = black
-        for left, top, width, height in ink.rectangles:
-            value[(x >= left) & (x <= left + width) & (y >= top) & (y <= top + height)] = black
-        return value
-
     def white_places(self, clearance: float = 0.04) -> FloatArray:
         """Places between the features where the paper is bare, for sampling its brightness, (n, 3), mm.
 

@@ -18,32 +18,13 @@ from endolab.calibration.summary import counted, light_errors, mean_distances
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
-from endolab.plots.light import (
-    histogram,
-    show_brdf,
-    show_fall_off,
-    show_gains,
-    show_light_residuals,
-    show_sampling,
-    show_scores,
-)
+from endolab.plots import light as plots_of_light
 from endolab.plots.maps import show_picture
 from endolab.plots.scales import round_length
-from endolab.plots.style import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    PAGE_SIZE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    decorate,
-    house,
-    new_axes,
-)
+from endolab.plots.style import BLUE, ORANGE, OTHERS, PAGE_SIZE, SKY, VERMILION, decorate, house, new_axes
 from endolab.plots.uncertainty import ring
 
-ROWS = (SKY, VERMILION, GREEN, ORANGE, PURPLE, BLUE)  # of the target, over and over
+ROWS = (SKY, VERMILION, *OTHERS)  # of the target, over and over
 MOST_ARROWS = 800  # more hide each other
 FEW = 40  # frames whose names fit below their bars
 LONGEST = 4.0  # standard deviations that an arrow shows
@@ -104,26 +85,16 @@ def _points_of(geometry: GeometricFit) -> tuple[FloatArray, FloatArray, BoolArra
 
 
 @house()
-def show_reprojection(
-    geometry: GeometricFit, ax: Axes | None = None, *, magnify: float | None = None
-) -> Axes:
+def show_reprojection(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     """Show measured less predicted pixels of all views as arrows, where they are in the picture.
 
-    Parameters
-    ----------
-    geometry : GeometricFit
-    magnify : float, optional
-        How much longer than the residuals the arrows are; by default such that those of one
-        standard deviation are 2 % of the picture's width.
-
-    Notes
-    -----
-    Arrows end at 4 standard deviations, or outliers would hide the rest; of more than 800 inliers
-    or outliers some, chosen at random, are left out.
+    Arrows of one standard deviation are about 2 % of the picture's width. They end at 4 standard
+    deviations, or outliers would hide the rest; of more than 800 inliers or outliers some, chosen at
+    random, are left out.
     """
     pixels, residuals, inliers = _points_of(geometry)
     camera, sigma = geometry.camera, max(geometry.sigma, 1e-6)
-    magnify = round_length(0.02 * camera.width / sigma) if magnify is None else magnify
+    magnify = round_length(0.02 * camera.width / sigma)
     ax = _picture_axes(ax, f"Reprojection, arrows × {magnify:g}", camera)
     for which, colour, what, order in ((inliers, BLUE, "inlier", 3), (~inliers, VERMILION, "outlier", 2)):
         drawn = np.random.default_rng(0).permutation(np.flatnonzero(which))[:MOST_ARROWS]
@@ -139,7 +110,8 @@ def show_reprojection_histogram(geometry: GeometricFit, ax: Axes | None = None) 
     ax = new_axes(ax)
     _, residuals, inliers = _points_of(geometry)
     values = residuals[inliers].ravel()
-    histogram(ax, values, 0.0, float(np.std(values)), f"{counted(int(inliers.sum()), 'point')}, u and v")
+    label = f"{counted(int(inliers.sum()), 'point')}, u and v"
+    plots_of_light.histogram(ax, values, 0.0, float(np.std(values)), label)
     title = f"Reprojection: RMSE {geometry.rmse:.3f} px"
     return decorate(ax, title, "measured - predicted [px]", "density [1/px]")
 
@@ -298,14 +270,14 @@ def light_figure(session: Session, image: FloatArray) -> Figure:
     with house(PAGE_SIZE):
         figure = Figure(figsize=(18, 10), dpi=100, layout="constrained")
         ((sampling, residuals, fall_off), (gains, brdf, scores)) = figure.subplots(2, 3)
-        show_sampling(image, samples[here], session.camera, sampling, used=light.used[here])
-        show_light_residuals(light, residuals)
-        show_fall_off(light, fall_off)
+        plots_of_light.show_sampling(image, samples[here], session.camera, sampling, used=light.used[here])
+        plots_of_light.show_light_residuals(light, residuals)
+        plots_of_light.show_fall_off(light, fall_off)
         frames, distance = video_frames(session)[light.frames], mean_distances(samples, light.frames)
-        show_gains(light, gains, frames=frames, distance=distance)
-        show_brdf(light, brdf, samples=samples)
+        plots_of_light.show_gains(light, gains, frames=frames, distance=distance)
+        plots_of_light.show_brdf(light, brdf, samples=samples)
         if session.scores is None:
             scores.set_axis_off()
         else:
-            show_scores(session.scores, scores)
+            plots_of_light.show_scores(session.scores, scores)
     return figure

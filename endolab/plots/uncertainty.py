@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from endolab.calibration.geometric.fit import GeometricFit
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.session import Session
-from endolab.calibration.uncertainty import fall_off_uncertainty, places, ray_uncertainty
+from endolab.calibration.uncertainty import fall_off_uncertainty, known_within, ray_uncertainty
 from endolab.model.cameras import Camera
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
@@ -32,9 +32,9 @@ def ring(camera: Camera, angle: float) -> FloatArray:
     return camera.project(np.stack([out * np.cos(turn), out * np.sin(turn), along], axis=-1))
 
 
-def largest_shown(values: FloatArray, camera: Camera, seen: float) -> float:
+def _largest_shown(values: FloatArray, camera: Camera, seen: float) -> float:
     """Where the colours of a map at `places` end, by what lies within the angle seen, rad."""
-    inside = values[np.isfinite(values) & (camera.unproject(places(camera))[..., 2] >= np.cos(seen))]
+    inside = known_within(values, camera, seen)
     most = float(np.percentile(inside, MOST)) if inside.size else 0.0
     return most if most > 0 else 1.0
 
@@ -51,7 +51,7 @@ def _show(
 ) -> Axes:
     """Show a map at `places` with the ring of the largest angle seen."""
     ax = new_axes(ax)
-    most = largest_shown(values, camera, seen) if limit is None else limit
+    most = _largest_shown(values, camera, seen) if limit is None else limit
     extent = (-0.5, camera.width - 0.5, camera.height - 0.5, -0.5)
     shown = ax.imshow(values, cmap="viridis", vmin=0.0, vmax=most, extent=extent, interpolation="nearest")
     decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(LEFT_OUT)
@@ -99,22 +99,21 @@ def show_fall_off_uncertainty(
     camera: Camera,
     ax: Axes | None = None,
     *,
-    distance: float | None = None,
     limit: float | None = None,
     title: str = "Light's fall-off μ′",
 ) -> Axes:
     """Show how well the light along each ray is known, relative to that on the axis.
 
+    If the light's place was fitted, it is that on a wall half-way through the samples' distances.
+
     Parameters
     ----------
     light : PhotometricFit
     camera : Camera
-    distance : float, optional
-        Of the wall, mm, if the light's place was fitted; see `fall_off_uncertainty`.
     limit : float, optional
         Where the colours end, %; by default such that most of what was seen is below.
     """
-    values = fall_off_uncertainty(light, camera, distance=distance)
+    values = fall_off_uncertainty(light, camera)
     return _show(values, camera, light.alpha_range[1], ax, limit, title, "σ of μ′ [%]", "farthest sample")
 
 

@@ -27,17 +27,6 @@ ARROW = 0.015  # of the picture's width: a reprojection residual of one standard
 CURVES = {"Distance [mm]": ["distance"], "Gain [mm²]": ["gain"], "Residual [grey levels]": ["residual"]}
 
 
-class LightRecorder:
-    """An observer of the light's fit that keeps its steps for `record_calibration`."""
-
-    def __init__(self) -> None:
-        self.steps: list[FitIterate] = []
-
-    def __call__(self, iterate: FitIterate) -> None:
-        """Keep one step."""
-        self.steps.append(iterate)
-
-
 def record_calibration(
     session: Session,
     frames: Named,
@@ -48,8 +37,8 @@ def record_calibration(
 ) -> None:
     """Record a calibration to a file for the Rerun viewer, whole or not at all.
 
-    `frames` is what was calibrated from, `light_steps` what a `LightRecorder` among the session's
-    `light_observers` has kept; pictures wider than `max_width`, px, are thinned.
+    `frames` is what was calibrated from, `light_steps` what ``steps.append`` among the
+    session's `light_observers` has kept; pictures wider than `max_width`, px, are thinned.
 
     Static: ``account``, ``world/camera``. Per frame: ``picture``, ``picture/detected``,
     ``picture/reprojection`` (measured - predicted, magnified), ``picture/samples`` (coloured by

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid, DotGrid, darkness
+from tests.tools.sheet_views import reflectance
 
 BIG, SMALL, FOLDED = (TARGETS[f"vicalib_{name}"] for name in ("big", "small", "folded"))
 GOOD = {
@@ -39,7 +40,7 @@ def test_the_raster_is_the_reflectance_averaged(target):
     corner, step, sub = np.array([-2.13, -1.57]), 0.31, 8
     shape = 40, 50
     y, x = ((np.arange(n * sub) + 0.5) * step / sub + c for n, c in zip(shape, corner[::-1], strict=True))
-    value = target.reflectance(np.stack(np.meshgrid(x, y), axis=-1), black=0.1)
+    value = reflectance(target, np.stack(np.meshgrid(x, y), axis=-1), black=0.1)
     truth = 1 - value.reshape(shape[0], sub, shape[1], sub).mean(axis=(1, 3))
     found = darkness(target.ink, corner, shape, step, 0.1)
     assert np.abs(found - truth).max() < 0.13  # 8 × 8 points, and the rim within a cell
@@ -55,7 +56,7 @@ def test_white_places_are_bare_and_apart(target):
     angle = np.linspace(0, 2 * np.pi, 49)
     rings = np.stack([share * np.stack([np.cos(angle), np.sin(angle)], axis=-1) for share in (0.5, 0.999)])
     around = places[:, None, None, :2] + places[:, None, None, 2:] * rings
-    assert np.all(target.reflectance(around) == 1)
+    assert np.all(reflectance(target, around) == 1)
     assert np.all(target.panel_of(around) == target.panel_of(places)[:, None, None])
     assert places[:, 2].min() >= 0.04 * target.spacing
     away = np.hypot(*np.moveaxis(places[:, None, :2] - places[None, :, :2], -1, 0))

@@ -50,9 +50,12 @@ def test_a_detection_is_joined_along_rows_and_a_wrong_id_leaves_its_row(session,
 
 def test_arrows_are_the_residuals_and_outliers_end_early(session):
     geometry = session.geometry
-    inliers, outliers = plots.show_reprojection(geometry, magnify=100).collections
+    ax = plots.show_reprojection(geometry)
+    inliers, outliers = ax.collections
     residuals, good = np.concatenate(geometry.residuals), np.concatenate(geometry.inliers)
-    assert inliers.scale == outliers.scale == 0.01
+    magnify = float(ax.get_title().split("× ")[1])
+    assert inliers.scale == outliers.scale == pytest.approx(1 / magnify)
+    assert 0.4 < magnify * geometry.sigma / (0.02 * geometry.camera.width) <= 1
     assert np.isin(inliers.U, residuals[good, 0]).mean() > 0.99
     assert np.hypot(outliers.U, outliers.V).max() == pytest.approx(plots.LONGEST * geometry.sigma)
 
@@ -117,7 +120,7 @@ def test_the_brdf_is_relative_to_its_pinned_node(session):
 def test_a_score_shows_its_bins_and_a_wide_bar_does_not_rule():
     edges, error = np.deg2rad([0, 10, 20, 30, 40]), np.array([0.001, -0.001, -0.002, np.nan])
     counts, spread = np.array([30, 30, 1, 0]), np.array([0.001, 0.001, 0.5, np.nan])
-    ax = light_plots.show_scores(HeldOut(edges, error, spread, counts, np.zeros(61), np.ones(61, bool), 3.0))
+    ax = light_plots.show_scores(HeldOut(edges, error, spread, counts, 3.0))
     assert ax.containers[0].lines[0].get_xydata() == pytest.approx(
         np.array([[5, 0.1], [15, -0.1], [25, -0.2]])
     )

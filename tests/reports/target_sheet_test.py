@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from endolab.calibration.targets import TARGETS, DotGrid
 from endolab.reports.target_sheet import A4, draw_sheet, write_sheet
 from tests.tools.sheet_views import OTHER_TARGETS as OTHERS
+from tests.tools.sheet_views import reflectance
 
 BIG = DotGrid(40, 30, 9.0, small=1.5, large=2.2)
 
@@ -76,7 +77,7 @@ def test_the_page_shows_the_reflectance(target, rng):
     left, top, width, height = target.sheet
     places = rng.uniform([left + 0.5, top + 4], [left + width - 0.5, top + height - 4], (2000, 2))
     around = places[:, None] + 0.2 * np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
-    value = target.reflectance(around, black=0.0)
+    value = reflectance(target, around, black=0.0)
     clear = np.ptp(value, axis=1) == 0  # off the rims
     column, row = np.round(pixel(places[clear])).astype(int).T
     shown = image[row, column]

@@ -19,6 +19,21 @@ OTHER_TARGETS = [  # than those with a name
 ]
 
 
+def reflectance(target, xy, black=0.04):
+    """Light that a sheet returns at places (..., 2), mm, relative to its white; nan beside the paper."""
+    x, y = np.moveaxis(np.asarray(xy), -1, 0)
+
+    def within(left, top, width, height):
+        return (x >= left) & (x <= left + width) & (y >= top) & (y <= top + height)
+
+    value = np.where(within(*target.sheet), 1.0, np.nan)
+    for *centre, radius, grey in [*target.ink.greys, *((*disc, black) for disc in target.ink.discs)]:
+        value[(x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= radius**2] = grey
+    for rectangle in target.ink.rectangles:
+        value[within(*rectangle)] = black
+    return value
+
+
 def exact_centroids(camera, pose, points, radii, rings=8, spokes=32):
     """Centroids of the discs' images: the pixel averaged over the disc with the image's area as weight."""
     if not np.any(radii):

@@ -195,8 +195,6 @@ def calibrate_camera(
         raise ValueError(f"start must be of {width}x{height} px, got {start.width}x{start.height}")
     if start is None:
         _refuse_few(len(views), {})
-    elif not views:
-        raise ValueError("a calibration needs a view at least, got none")
     camera = _start(views, target, width, height) if start is None else start
     kept, poses, dropped = _first_poses(views, target, camera)
     if not kept:

@@ -43,12 +43,3 @@ class Pose:
     def tilt(self) -> float:
         """Angle between the panel's normal and the camera's axis, rad."""
         return float(np.arccos(np.clip(self.rotation[2, 2], -1, 1)))
-
-    def moved(self, step: ArrayLike) -> Pose:
-        """Return the pose after a small turn ω, rad, and shift δ, mm, in the camera frame: six numbers.
-
-        R ← exp(ω) R, t ← t + δ: the turn leaves the origin of the target in place.
-        """
-        step = np.asarray(step, dtype=np.float64)
-        turn = scipy.spatial.transform.Rotation.from_rotvec(step[:3]).as_matrix()
-        return Pose(turn @ self.rotation, self.translation + step[3:])

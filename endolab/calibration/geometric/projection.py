@@ -50,7 +50,7 @@ class Projection:
 
     pixels: FloatArray  # (n, 2), column and row, px
     by_camera: FloatArray  # (n, 2, 8), derivatives by the camera's vector
-    by_pose: FloatArray  # (n, 2, 6), by the step of `Pose.moved`: a turn, rad, and a shift, mm
+    by_pose: FloatArray  # (n, 2, 6), by a turn ω, rad, and a shift, mm: R ← exp(ω) R, t ← t + δ
 
 
 @dataclass(frozen=True)

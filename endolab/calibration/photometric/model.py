@@ -192,28 +192,20 @@ class LightModel:
 
     def linearise(self, unknowns: LightUnknowns) -> Linearised:
         """Residuals and their derivatives."""
-        names = self.names
         geometry, hat = self.geometry(unknowns)
         values = np.exp(unknowns.log_brdf)
         f = hat @ values
         logarithm, level = self._shine(unknowns, geometry, f)
         slope = level / unknowns.gamma  # ∂I/∂L
-        by_common = np.empty((len(f), len(names)))  # of L, first
-        by_common[:, 0] = geometry.log_cos_psi
-        column = 1
+        columns = [geometry.log_cos_psi[:, None]]  # derivatives of L, in the order of `names`
         if not isinstance(self.gamma, float):
-            by_common[:, 1] = -logarithm / unknowns.gamma
-            column = 2
-        last = column + len(self.nodes) - 1
-        by_common[:, column:last] = np.delete(hat * values, self.pinned, axis=1) / f[:, None]
-        column = last
-        for material in self.loose_materials:
-            by_common[:, column] = self.samples.material == material
-            column += 1
+            columns.append(-logarithm[:, None] / unknowns.gamma)
+        columns.append(np.delete(hat * values, self.pinned, axis=1) / f[:, None])
+        columns.append(self.samples.material[:, None] == self.loose_materials)
         if self.free_light:
-            by_common[:, column:] = self._by_light(unknowns, geometry, f)
-        by_common *= -slope[:, None]
-        by_prior = np.zeros((len(self._priors), len(names)))
+            columns.append(self._by_light(unknowns, geometry, f))
+        by_common = -slope[:, None] * np.concatenate(columns, axis=1)
+        by_prior = np.zeros((len(self._priors), by_common.shape[1]))
         for row, (column, _, _, sd) in enumerate(self._priors):
             by_prior[row, column] = 1 / sd
         residual = GREY * self.samples.level - level

@@ -21,9 +21,7 @@ class HeldOut:
     error: FloatArray  # (m,), measured over modelled μ′ - 1, averaged over the bin; nan where no samples are
     standard_error: FloatArray  # (m,), of that, by noise alone
     count: IntArray  # (m,), samples
-    residuals: FloatArray  # (n,), measured - predicted, grey levels
-    used: BoolArray
-    sigma: float  # their standard deviation
+    sigma: float  # standard deviation of measured - predicted, grey levels
 
 
 @dataclass(frozen=True)
@@ -79,10 +77,7 @@ class PhotometricFit:
         return self._shape(samples) * gain ** (1 / self.photometry.gamma)
 
     def held_out(
-        self,
-        samples: Samples,
-        edges: Sequence[float] = tuple(np.deg2rad(np.arange(0.0, 91.0, 10.0))),
-        levels: tuple[float, float] = LEVELS,
+        self, samples: Samples, edges: Sequence[float] = tuple(np.deg2rad(np.arange(0.0, 91.0, 10.0)))
     ) -> HeldOut:
         """Score the calibration on frames that it has not seen, in bins of α, rad.
 
@@ -97,13 +92,14 @@ class PhotometricFit:
         numbers, group = np.unique(samples.frame, return_inverse=True)
         if self.photometry.gain is not None:
             numbers, group = numbers[:1], np.zeros_like(group)
-        weight = ((samples.level > levels[0]) & (samples.level < levels[1])).astype(float)
+        low, high = LEVELS
+        weight = ((samples.level > low) & (samples.level < high)).astype(float)
         for _ in range(10):
             total = np.bincount(group, weight * shape**2, len(numbers))
             factor = np.bincount(group, weight * shape * measured, len(numbers))
             predicted = (factor / np.where(total > 0, total, 1))[group] * shape
             residual = measured - predicted
-            inside = (predicted > GREY * levels[0]) & (predicted < GREY * levels[1])
+            inside = (predicted > GREY * low) & (predicted < GREY * high)
             if not inside.any():
                 raise ValueError("samples must hold some within the range of levels, got none")
             sigma = robust_sigma(residual[:, None], inside, len(numbers))
@@ -116,4 +112,4 @@ class PhotometricFit:
         with np.errstate(invalid="ignore", divide="ignore"):
             error = (1 + excess / power) ** gamma - 1
             standard_error = np.where(count > 0, gamma * sigma / np.sqrt(power), np.nan)
-        return HeldOut(bounds, error, standard_error, count, residual, used, sigma)
+        return HeldOut(bounds, error, standard_error, count, sigma)

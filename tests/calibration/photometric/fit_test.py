@@ -208,7 +208,7 @@ def test_held_out_frames_are_predicted(flat_fit):
     other, _ = video(count=100, seed=77)
     score = flat_fit.held_out(other)
     assert score.error.shape == score.standard_error.shape == score.count.shape == (9,)
-    assert score.count.sum() == score.used.sum()
+    assert 0.9 * len(other) < score.count.sum() < len(other)
     assert abs(score.sigma - 3.01) < 0.1
     assert np.all(np.abs(score.error[1:6]) < 0.01)
     # A wrong fall-off shows: k is 0.2 too large, so μ′ is cos^-0.2 α too small.

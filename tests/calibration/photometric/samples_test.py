@@ -64,7 +64,7 @@ def test_panels_not_found_and_a_sheet_out_of_the_picture_give_nothing():
     target = el.TARGETS["vicalib_small"]
     pose = trajectory(target, CAMERA, 1, distance=(40.0, 40.0), tilt=0.0, reach=0.0)[0][0]
     for shift in ([500.0, 0.0, 0.0], [0.0, 0.0, -80.0]):
-        moved = pose.moved([0, 0, 0, *shift])
+        moved = replace(pose, translation=pose.translation + shift)
         assert len(sample_sheet(np.zeros((540, 720)), target, [moved], CAMERA)) == 0
 
 

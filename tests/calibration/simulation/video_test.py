@@ -11,6 +11,7 @@ from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.simulation.sheet_image import GAIN_RANGE, automatic_gain, render_sheet
 from endolab.calibration.simulation.trajectory import trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
+from tests.tools.sheet_views import reflectance
 
 FULL = el.load_calibration("paper").camera
 CAMERA, LARGE = FULL.resize(480, 360), FULL.resize(960, 720)
@@ -35,7 +36,7 @@ def brute(target, poses, camera, photometry, rows, columns, sub=8):
     for number, pose in enumerate(poses):
         points = meet(pose, rays)
         xy = (points - pose.translation) @ pose.rotation[:, :2]
-        value = target.reflectance(xy)
+        value = reflectance(target, xy)
         good = np.isfinite(value) & (target.panel_of(xy) == number) & (rays @ pose.normal < 0)
         normals = np.broadcast_to(pose.normal, points[good].shape)
         light[good] = value[good] * photometry.intensity(points[good], normals) ** photometry.gamma
