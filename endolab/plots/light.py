@@ -30,16 +30,6 @@ def histogram(ax: Axes, values: FloatArray, mean: float, sigma: float, label: st
     ax.legend(loc="upper right", ncols=2)
 
 
-def _other_axis(ax: Axes, label: str) -> Axes:
-    """Add an axis on the right, blue, beside the one on the left, which turns red."""
-    other = ax.twinx()
-    other.set_ylabel(label, color=BLUE)
-    other.tick_params(axis="y", colors=BLUE)
-    ax.yaxis.label.set_color(VERMILION)
-    ax.tick_params(axis="y", colors=VERMILION)
-    return other
-
-
 def _shade_unseen(ax: Axes, low: float, high: float) -> None:
     """Shade the angles of 0 to 90° that are not between two."""
     for start, end in ((0, low), (high, 90)):
@@ -141,7 +131,11 @@ def show_gains(
     handles = ax.plot(frames, gains, color=VERMILION, marker=".", label="gain ± 1 s.e.")
     ax.set_ylim(0, 1.25 * float(np.nanmax(gains + errors, initial=1e-9)))
     if distance is not None:
-        other = _other_axis(ax, "mean distance of the sheet [mm]")
+        other = ax.twinx()
+        other.set_ylabel("mean distance of the sheet [mm]")
+        for each, colour in ((ax, VERMILION), (other, BLUE)):
+            each.yaxis.label.set_color(colour)
+            each.tick_params(axis="y", colors=colour)
         handles += other.plot(frames, distance, color=BLUE, lw=1.5, ls="--", label="distance")
         other.set_ylim(0, 1.25 * float(np.nanmax(distance, initial=1e-9)))
     ax.legend(handles=handles, loc="upper right", ncols=2)
@@ -201,31 +195,3 @@ def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames
         ax.text(at, 0.02, f"{count}", ha="center", color="0.3", size="small", transform=below)
     what = "measured/modelled light - 1 [%]"
     return decorate(ax, f"{title}, with samples", "angle α off the axis [°]", what)
-
-
-@house()
-def show_ridge(
-    gammas: FloatArray,
-    sigmas: FloatArray,
-    ks: FloatArray,
-    ax: Axes | None = None,
-    *,
-    title: str = "What the samples know of γ",
-) -> Axes:
-    """Show how well the samples are explained when γ is held at several values, and the k that goes with it.
-
-    Parameters
-    ----------
-    gammas : (n,) float array
-        Values at which γ was held.
-    sigmas : (n,) float array
-        Standard deviation of the residuals, grey levels.
-    ks : (n,) float array
-        The k that was found.
-    """
-    ax = new_axes(ax)
-    handles = ax.plot(gammas, sigmas, color=VERMILION, marker="o", ms=4, label="residuals")
-    ax.set_ylim(0, 1.2 * float(np.max(sigmas)))
-    handles += _other_axis(ax, "k").plot(gammas, ks, color=BLUE, lw=1.5, ls="--", label="k")
-    ax.legend(handles=handles, loc="lower right")
-    return decorate(ax, title, "γ", "standard deviation [grey levels]")

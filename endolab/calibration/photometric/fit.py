@@ -38,7 +38,7 @@ from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.numerics.checks import told
+from endolab.numerics.checks import told, whole
 from endolab.numerics.iteration import Status
 
 GAMMA_BOUNDS = (0.5, 5.0)
@@ -179,8 +179,7 @@ def calibrate_light(
     ):
         if value not in choices:
             raise ValueError(f'{name} must be "{choices[0]}" or "{choices[1]}", got {told(value)}')
-    if nodes < 2:
-        raise ValueError(f"nodes must be at least 2, got {nodes}")
+    whole("nodes", nodes, 2)
     if not 0 <= levels[0] < levels[1]:
         raise ValueError(f"levels must ascend from 0 or above, got {levels}")
     known_gamma = checked_gamma(gamma)

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from endolab.calibration.least_squares import product
+from endolab.calibration.least_squares import Arrow, Linearised
 from endolab.calibration.photometric.model import GREY, LightModel, LightUnknowns, hats
 from endolab.numerics.arrays import FloatArray, IntArray
 
@@ -73,19 +73,12 @@ def regress(
     `ridge` weighs coefficient² in the sum that is minimised. Returns the coefficients, the shortest where
     they are not determined, and the target's residual.
     """
-    first = np.searchsorted(group, np.arange(int(group[-1]) + 1))
-    total = np.add.reduceat(weight, first)
-    total = np.where(total > 0, total, 1.0)
-    weighted = columns * weight[:, None]
-    sums = np.add.reduceat(weighted, first, axis=0)
-    mean = np.add.reduceat(weight * target, first) / total
-    normal = product(columns, weighted) - sums.T @ (sums / total[:, None])
-    right = product(weighted, target[:, None])[:, 0] - sums.T @ mean
-    scale = 1 / np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-    normal[np.diag_indices_from(normal)] += ridge
-    solved = np.linalg.lstsq(normal * scale * scale[:, None], right * scale, rcond=1e-13)[0] * scale
-    residual = target - np.einsum("np,p->n", columns, solved)
-    residual -= (np.add.reduceat(weight * residual, first) / total)[group]
+    count = columns.shape[1]
+    stiffness = np.diag(np.sqrt(np.broadcast_to(ridge, count)))
+    ones = np.ones((len(target), 1, 1))
+    lin = Linearised(target[:, None], -columns[:, None], -ones, np.zeros(count), stiffness)
+    solved, constant = Arrow(lin, weight, group).solve(0.0)
+    residual = target - columns @ solved - constant[group, 0]
     return solved, residual
 
 

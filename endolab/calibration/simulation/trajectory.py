@@ -10,7 +10,7 @@ from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.targets import Target
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
-from endolab.numerics.checks import whole
+from endolab.numerics.checks import number, whole
 
 TILT = np.deg2rad(55)
 REACH = np.deg2rad(40)
@@ -51,10 +51,10 @@ def on_sheet(
     panel = target.panel_of(places)
     flat = np.column_stack([places[:, :2], np.zeros(len(places))])
     points, normals = np.empty((2, len(poses), len(places), 3))
-    for number in range(target.panels):
-        here = panel == number
-        rotation = np.stack([frame[number].rotation for frame in poses])
-        shift = np.stack([frame[number].translation for frame in poses])
+    for side in range(target.panels):
+        here = panel == side
+        rotation = np.stack([frame[side].rotation for frame in poses])
+        shift = np.stack([frame[side].translation for frame in poses])
         points[:, here] = flat[here] @ np.swapaxes(rotation, 1, 2) + shift[:, None]
         normals[:, here] = -rotation[:, None, :, 2]
     return points, normals
@@ -90,19 +90,16 @@ def trajectory(
     whole only.
     """
     near, far = distance
-    if count < 1:
-        raise ValueError(f"count must be at least 1, got {count}")
+    whole("count", count, 1)
     if not 0 < near <= far < np.inf:
         raise ValueError(f"distance must be two growing positive numbers (mm), got {near} and {far}")
     for name, value, most in (("tilt", tilt, 1.4), ("reach", reach, 1.4), ("fold", fold, 2.0)):
-        if not 0 <= value <= most:
-            raise ValueError(f"{name} must be from 0 to {most:g} rad, got {value}")
+        number(name, value, 0, most)
     if fold and target.fold_x is None:
         raise ValueError("fold needs a target that has a fold; this one is flat")
     if seen is None:
         seen = 1.0 if target.kind in WHOLE else 0.25
-    if not 0 <= seen <= 1:
-        raise ValueError(f"seen must be a share from 0 to 1, got {seen}")
+    number("seen", seen, 0, 1)
     wander = _wander(count, 6, np.random.default_rng([whole("seed", seed), 0]))
     lean, aside = tilt * _disc(wander[:, :2]), reach * _disc(wander[:, 2:4])
     depth = np.exp(np.interp(wander[:, 4], [-1, 1], np.log([near, far])))
