@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import subprocess
+import threading
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -23,7 +24,7 @@ from endolab.recording.viewer import end, follow, start_viewer, viewer_address
 
 NOW, START, TRUTH, OUTLIER = (230, 159, 0), (86, 180, 233), (160, 160, 160), (213, 94, 0)
 THIN = rr.Radius.ui_points(1.5)
-FOOTER = b"RRF2FOOT"  # begins the last 12 bytes of a file that Rerun has written to its end
+PIPES = Path("/dev/fd")  # names of open files, where the system has such
 PATIENCE = 5.0  # s that a viewer gets to take the last of what was logged
 
 
@@ -38,6 +39,29 @@ class Layout(rrb.Blueprint):
     def _log_to_stream(self, stream: rr.RecordingStream) -> None:
         self.sent_by = stream
         super()._log_to_stream(stream)
+
+
+class _Writer(threading.Thread):
+    """Write to a file what Rerun writes to a pipe; what comes after a failure is thrown away.
+
+    Rerun's own writer sometimes never comes to an end when it finds the disk full.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(daemon=True)
+        self.failure: OSError | None = None
+        self._target = path.open("wb", buffering=0)
+        self._source, self.entry = os.pipe()
+
+    def run(self) -> None:
+        """Write until the pipe is closed."""
+        with open(self._source, "rb", buffering=0) as source, self._target as target:
+            while content := source.read(2**20):
+                try:
+                    while self.failure is None and content:
+                        content = content[target.write(content) :]
+                except OSError as error:
+                    self.failure = error
 
 
 class Sink:
@@ -64,6 +88,7 @@ class Sink:
         self.open, self._used = True, False
         self._viewer: subprocess.Popen[bytes] | None = None
         self._staged: contextlib.AbstractContextManager[Path] | None = None
+        self._writer: _Writer | None = None
         if self.path is None and not live and address is None:
             self._viewer, address = start_viewer(memory=memory), viewer_address()
         self.stream = rr.RecordingStream("endolab")
@@ -76,11 +101,15 @@ class Sink:
     def _connect(self, address: str | None) -> None:
         if self.path is not None:
             staged = staged_file(self.path)
-            self._temporary, self._staged = staged.__enter__(), staged
-            try:
-                self.stream.save(self._temporary)
-            except RuntimeError as error:
-                raise OSError(f"cannot write {self.path}: the disk may be full") from error
+            temporary, self._staged = staged.__enter__(), staged
+            if PIPES.is_dir():
+                with one_sentence(f"cannot write {self.path}"):
+                    self._writer = _Writer(temporary)
+                self.stream.save(PIPES / str(self._writer.entry))
+                os.close(self._writer.entry)  # Rerun has opened it anew
+                self._writer.start()
+            else:
+                self.stream.save(temporary)
         elif address is not None:
             self.stream.connect_grpc(address)
         else:
@@ -127,17 +156,19 @@ class Sink:
             self.drop()
 
     def _finish(self, staged: contextlib.AbstractContextManager[Path]) -> None:
-        """Give the file its name, if all of it was written: Rerun itself would only complain."""
-        with contextlib.suppress(RuntimeError):  # then there is no footer
-            self.stream.flush()
-        self.stream.disconnect()
-        with one_sentence(f"cannot write {self.path}"), self._temporary.open("rb") as content:
-            content.seek(-min(12, os.fstat(content.fileno()).st_size), os.SEEK_END)
-            whole = content.read().startswith(FOOTER)
-        if not whole:
-            raise OSError(f"cannot write {self.path}: the disk may be full")
+        """Give the file its name, if all of it was written."""
+        self._disconnect()
+        if self._writer is not None and self._writer.failure is not None:
+            with one_sentence(f"cannot write {self.path}"):
+                raise self._writer.failure
         self._staged = None
         staged.__exit__(None, None, None)
+
+    def _disconnect(self) -> None:
+        """Wait until all is written."""
+        self.stream.disconnect()
+        if self._writer is not None:
+            self._writer.join()
 
     def _see_off(self) -> None:
         try:
@@ -151,7 +182,7 @@ class Sink:
         if not self.open:
             return
         self.open = False
-        self.stream.disconnect()
+        self._disconnect()
         if self._staged is not None:
             failure = RuntimeError("the recording was dropped")
             self._staged.__exit__(RuntimeError, failure, None)
