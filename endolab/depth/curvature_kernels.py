@@ -7,14 +7,13 @@ below right, in this order. `rays` are padded, (3, ...), as are the maps, see `n
 from typing import Any
 
 import numpy as np
-from numba import prange
 
 from endolab.depth.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, copy_row, kernel
-from endolab.numerics.threads import band_rows, bands, on_cores
+from endolab.numerics.threads import on_cores, rows_within
 
-ROWS, COLUMNS = (0, 0, 0, 1, -1, 1), (0, 1, -1, 0, 0, 1)  # of the six, from the pixel
+DOWN, RIGHT = (0, 0, 0, 1, -1, 1), (0, 1, -1, 0, 0, 1)  # of the six, from the pixel
 
 DIFFERENCES = (
     (-2.0, 1.0, 1.0, 0.0, 0.0, 0.0),
@@ -23,65 +22,62 @@ DIFFERENCES = (
 )
 
 
-@on_cores
-def fill_shares(rays: FloatArray, link: Any, out: FloatArray) -> None:
+@on_cores(cost=15)
+def fill_shares(rows: Any, _turns: Any, rays: FloatArray, link: Any, out: FloatArray) -> None:
     """a, b and c, (3, ...), of uu, uv and vv, (3, ...): see `curvature`; 0 where one is not known.
 
     a and b are of the sums of the differences to both sides, not of their means.
     """
-    last_row, count = rays.shape[1] - PAD, rays.shape[2] - 2 * PAD
-    for band in prange(bands(last_row - PAD)):
-        first, last = band_rows(band, PAD, last_row)
-        across, along, known = np.empty((3, count)), np.empty((3, count)), np.empty((3, count))
-        second, plane = np.empty((3, 3, count)), np.empty((3, 3, count))
-        for i in range(first, last):
-            _know_row(link, i, known)
-            next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
-            for k in range(3):
-                row, up, down = rays[k, i], rays[k, i - 1], rays[k, i + 1]
+    first, last = rows_within(rows, PAD, rays.shape[1] - PAD)
+    count = rays.shape[2] - 2 * PAD
+    across, along, known = np.empty((3, count)), np.empty((3, count)), np.empty((3, count))
+    second, plane = np.empty((3, 3, count)), np.empty((3, 3, count))
+    for i in range(first, last):
+        _know_row(link, i, known)
+        next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
+        for k in range(3):
+            row, up, down = rays[k, i], rays[k, i - 1], rays[k, i + 1]
+            for j in range(count):
+                right, left, south, north = next_to[j + 2], next_to[j + 1], below[j + 2], above[j + 2]
+                here = row[j + 2]
+                ahead = float(right) * (row[j + 3] - here) + float(left) * (here - row[j + 1])
+                across[k, j] = ahead * (1 - 0.5 * (float(right) * left))
+                ahead = float(south) * (down[j + 2] - here) + float(north) * (here - up[j + 2])
+                along[k, j] = ahead * (1 - 0.5 * (float(south) * north))
+                second[0, k, j] = row[j + 3] - 2 * here + row[j + 1]
+                second[1, k, j] = down[j + 3] - down[j + 2] - row[j + 3] + here
+                second[2, k, j] = down[j + 2] - 2 * here + up[j + 2]
+        # Cramer's rule for a r_u + b r_v + c r
+        for j in range(count):
+            x, y, z = rays[0, i, PAD + j], rays[1, i, PAD + j], rays[2, i, PAD + j]
+            ux, uy, uz = across[0, j], across[1, j], across[2, j]
+            vx, vy, vz = along[0, j], along[1, j], along[2, j]
+            plane[0, 0, j], plane[0, 1, j], plane[0, 2, j] = (
+                vy * z - vz * y,
+                vz * x - vx * z,
+                vx * y - vy * x,
+            )
+            plane[1, 0, j], plane[1, 1, j], plane[1, 2, j] = (
+                y * uz - z * uy,
+                z * ux - x * uz,
+                x * uy - y * ux,
+            )
+            plane[2, 0, j], plane[2, 1, j] = uy * vz - uz * vy, uz * vx - ux * vz
+            plane[2, 2, j] = ux * vy - uy * vx
+        for k in range(3):
+            for n in range(3):
+                share = out[k, n, i]
                 for j in range(count):
                     right, left, south, north = next_to[j + 2], next_to[j + 1], below[j + 2], above[j + 2]
-                    here = row[j + 2]
-                    ahead = float(right) * (row[j + 3] - here) + float(left) * (here - row[j + 1])
-                    across[k, j] = ahead * (1 - 0.5 * (float(right) * left))
-                    ahead = float(south) * (down[j + 2] - here) + float(north) * (here - up[j + 2])
-                    along[k, j] = ahead * (1 - 0.5 * (float(south) * north))
-                    second[0, k, j] = row[j + 3] - 2 * here + row[j + 1]
-                    second[1, k, j] = down[j + 3] - down[j + 2] - row[j + 3] + here
-                    second[2, k, j] = down[j + 2] - 2 * here + up[j + 2]
-            # Cramer's rule for a r_u + b r_v + c r
-            for j in range(count):
-                x, y, z = rays[0, i, PAD + j], rays[1, i, PAD + j], rays[2, i, PAD + j]
-                ux, uy, uz = across[0, j], across[1, j], across[2, j]
-                vx, vy, vz = along[0, j], along[1, j], along[2, j]
-                plane[0, 0, j], plane[0, 1, j], plane[0, 2, j] = (
-                    vy * z - vz * y,
-                    vz * x - vx * z,
-                    vx * y - vy * x,
-                )
-                plane[1, 0, j], plane[1, 1, j], plane[1, 2, j] = (
-                    y * uz - z * uy,
-                    z * ux - x * uz,
-                    x * uy - y * ux,
-                )
-                plane[2, 0, j], plane[2, 1, j] = uy * vz - uz * vy, uz * vx - ux * vz
-                plane[2, 2, j] = ux * vy - uy * vx
-            for k in range(3):
-                for n in range(3):
-                    share = out[k, n, i]
-                    for j in range(count):
-                        right, left, south, north = next_to[j + 2], next_to[j + 1], below[j + 2], above[j + 2]
-                        volume = across[0, j] * plane[0, 0, j] + across[1, j] * plane[0, 1, j]
-                        volume += across[2, j] * plane[0, 2, j]
-                        part = second[k, 0, j] * plane[n, 0, j] + second[k, 1, j] * plane[n, 1, j]
-                        part += second[k, 2, j] * plane[n, 2, j]
-                        mean = (
-                            1.0
-                            if n == 2
-                            else 1 - 0.5 * (float(right) * left if n == 0 else float(south) * north)
-                        )
-                        there = known[k, j] > 0
-                        share[j + 2] = mean * part / (volume if there else 1.0) if there else 0.0
+                    volume = across[0, j] * plane[0, 0, j] + across[1, j] * plane[0, 1, j]
+                    volume += across[2, j] * plane[0, 2, j]
+                    part = second[k, 0, j] * plane[n, 0, j] + second[k, 1, j] * plane[n, 1, j]
+                    part += second[k, 2, j] * plane[n, 2, j]
+                    mean = (
+                        1.0 if n == 2 else 1 - 0.5 * (float(right) * left if n == 0 else float(south) * north)
+                    )
+                    there = known[k, j] > 0
+                    share[j + 2] = mean * part / (volume if there else 1.0) if there else 0.0
 
 
 @kernel

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import prange
 
 from endolab.depth.curvature_kernels import add_bending_row, add_unbent_row, bend_row, weigh_bending_row
 from endolab.depth.normal_equations import (
@@ -25,7 +24,7 @@ from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, clear_row, copy_row, kernel
 from endolab.numerics.elementary import exp, log
-from endolab.numerics.threads import band_rows, bands, on_cores
+from endolab.numerics.threads import ROWS, on_cores, rows_within
 
 TABLE_SIZE = 4096
 
@@ -96,41 +95,37 @@ def slopes_row(v: Any, metric: Any, link: Any, i: int, raised_u: Any, raised_w: 
         slant[j] = raised_u[j] * u + raised_w[j] * w
 
 
-@on_cores
-def fill_xi(v: FloatArray, factor: FloatArray, active: Any, sign: float, xi: FloatArray) -> None:
+@on_cores(cost=3)
+def fill_xi(rows: Any, _turns: Any, v: Any, factor: Any, active: Any, sign: float, xi: FloatArray) -> None:
     """ξ/ξ̃ where the mask is, 0 elsewhere."""
-    for band in prange(bands(v.shape[0])):
-        first, last = band_rows(band, 0, v.shape[0])
-        for i in range(first, last):
-            row, by, there, out = v[i], factor[i], active[i], xi[i]
-            for j in range(row.size):
-                out[j] = float(there[j]) * by[j] * exp(sign * row[j])
+    for i in range(rows[0], rows[1]):
+        row, by, there, out = v[i], factor[i], active[i], xi[i]
+        for j in range(row.size):
+            out[j] = float(there[j]) * by[j] * exp(sign * row[j])
 
 
-@on_cores
-def advance(v: FloatArray, delta: FloatArray, share: float, longest: float, ceiling: Any, out: Any) -> None:
+@on_cores(cost=0.5)
+def advance(
+    rows: Any, _turns: Any, v: Any, delta: Any, share: float, longest: float, ceiling: Any, out: FloatArray
+) -> None:
     """Go a share of a step of which nothing is longer than `longest`, no higher than a ceiling, if any."""
-    for band in prange(bands(v.shape[0])):
-        first, last = band_rows(band, 0, v.shape[0])
-        for i in range(first, last):
-            row, step, there = v[i], delta[i], out[i]
+    for i in range(rows[0], rows[1]):
+        row, step, there = v[i], delta[i], out[i]
+        for j in range(row.size):
+            there[j] = row[j] + share * min(max(step[j], -longest), longest)
+        if ceiling.size > 0:
+            most = ceiling[i]
             for j in range(row.size):
-                there[j] = row[j] + share * min(max(step[j], -longest), longest)
-            if ceiling.size > 0:
-                most = ceiling[i]
-                for j in range(row.size):
-                    there[j] = min(there[j], most[j])
+                there[j] = min(there[j], most[j])
 
 
-@on_cores
-def fill_slants(v: FloatArray, metric: FloatArray, link: Any, out: FloatArray) -> None:
+@on_cores(cost=3)
+def fill_slants(rows: Any, _turns: Any, v: Any, metric: FloatArray, link: Any, out: FloatArray) -> None:
     """tan² of the angle between ray and normal where the mask is, 0 elsewhere."""
-    last_row, count = v.shape[0] - PAD, v.shape[1] - 2 * PAD
-    for band in prange(bands(last_row - PAD)):
-        first, last = band_rows(band, PAD, last_row)
-        raised = np.empty((2, count))
-        for i in range(first, last):
-            slopes_row(v, metric, link, i, raised[0], raised[1], out[i, PAD:-PAD])
+    first, last = rows_within(rows, PAD, v.shape[0] - PAD)
+    raised = np.empty((2, v.shape[1] - 2 * PAD))
+    for i in range(first, last):
+        slopes_row(v, metric, link, i, raised[0], raised[1], out[i, PAD:-PAD])
 
 
 @kernel
@@ -202,19 +197,21 @@ def _add_adjoint_row(form: Any, link: Any, kind: int, i: int, out: Any) -> None:
         down[j + 3] += root2 * uv[j]
 
 
-@on_cores
-def _fill_sums(v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any, out: Any) -> None:
+@on_cores(cost=15)
+def _fill_sums(
+    rows: Any, _turns: Any, v: Any, xi: FloatArray, picture: Any, wall: Any, penalties: Any, out: Any
+) -> None:
     """Each band's part of `sums`."""
     metric, edge, link, shares = picture[2], picture[3], picture[5], picture[7]
     threshold, epsilon, scale, kind = penalties
-    last_row, count = v.shape[0] - PAD, v.shape[1] - 2 * PAD
-    for band in prange(bands(last_row - PAD)):
-        first, last = band_rows(band, PAD, last_row)
-        rows, form, totals = np.empty((8, count)), np.empty((3, count)), np.zeros((2, count))
-        data, rough = totals[0], totals[1]
+    count = v.shape[1] - 2 * PAD
+    work, form, totals = np.empty((8, count)), np.empty((3, count)), np.empty((2, count))
+    residual, counts, data, rough = work[0], work[1], totals[0], totals[1]
+    for start in range(rows[0], rows[1], ROWS):
+        first, last = rows_within((start, start + ROWS), PAD, v.shape[0] - PAD)
+        totals[:] = 0.0
         for i in range(first, last):
-            _predict_row(v, picture, wall, i, rows)
-            residual, counts = rows[0], rows[1]
+            _predict_row(v, picture, wall, i, work)
             for j in range(count):
                 r = abs(residual[j])
                 small = min(r, threshold)
@@ -230,12 +227,12 @@ def _fill_sums(v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties
                 size = scale * np.sqrt(uu * uu + uv * uv + vv * vv)
                 small = min(size, epsilon)
                 rough[j] += weight[j + 2] * small * (size - 0.5 * small) / epsilon
-        out[band, 0], out[band, 1] = data.sum(), rough.sum()
+        out[start // ROWS, 0], out[start // ROWS, 1] = data.sum(), rough.sum()
 
 
 def sums(v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any) -> tuple[float, float]:
     """Sums over the mask of the data's penalty and of the regulariser's without λ."""
-    parts = np.zeros((bands(v.shape[0] - 2 * PAD), 2))
+    parts = np.zeros((-(-v.shape[0] // ROWS), 2))
     _fill_sums(v, xi, picture, wall, penalties, parts)
     data, rough = parts.sum(axis=0)
     return float(data), float(rough)
@@ -300,30 +297,38 @@ def _weigh_row(form: Any, scale: float, epsilon: float, weight: Any) -> None:
         vv[j] *= weight[j]
 
 
-@on_cores
+@on_cores(cost=10, turns=3)
 def linearise(
-    v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any, lam: float, out: Any
+    rows: Any,
+    turns: Any,
+    v: Any,
+    xi: FloatArray,
+    picture: Any,
+    wall: Any,
+    penalties: Any,
+    lam: float,
+    out: Any,
 ) -> None:
     """Maps of `Coefficients` but for slope and caution, -Jᵀ W r and Dᵀ Q D ξ."""
     metric, edge, active, link, shares = picture[2], picture[3], picture[4], picture[5], picture[7]
     gamma = wall[0]
     threshold, epsilon, scale, kind = penalties
     parts, descent, smooth = out
-    last_row, count = v.shape[0] - PAD, v.shape[1] - 2 * PAD
-    many = bands(last_row - PAD)
-    for band in prange(bands(v.shape[0])):
-        first, last = band_rows(band, 0, v.shape[0])
-        for i in range(first, last):
-            clear_row(descent[i])
-            clear_row(smooth[i])
-    for odd in range(2):  # what a row adds to its neighbours' must not meet
-        for k in prange((many + 1 - odd) // 2):
-            first, last = band_rows(2 * k + odd, PAD, last_row)
-            rows, form, factors = np.empty((8, count)), np.empty((3, count)), np.empty((3, count))
+    count = v.shape[1] - 2 * PAD
+    work, form, factors = np.empty((8, count)), np.empty((3, count)), np.empty((3, count))
+    residual, trust = work[0], work[1]
+    for turn in range(turns[0], turns[1]):
+        if turn == 0:
+            for i in range(rows[0], rows[1]):
+                clear_row(descent[i])
+                clear_row(smooth[i])
+            continue
+        odd = turn - 1  # every second band: what a row adds to its neighbours' must not meet
+        for start in range(rows[0] + odd * ROWS, rows[1], 2 * ROWS):
+            first, last = rows_within((start, start + ROWS), PAD, v.shape[0] - PAD)
             for i in range(first, last):
-                _predict_row(v, picture, wall, i, rows)
-                _differentiate_row(rows, gamma, threshold, factors)
-                residual, trust = rows[0], rows[1]
+                _predict_row(v, picture, wall, i, work)
+                _differentiate_row(work, gamma, threshold, factors)
                 copy_row(trust, parts[WEIGHT, i, PAD:])
                 for part in range(3):
                     copy_row(factors[part], parts[BY_V + part, i, PAD:])
@@ -340,36 +345,33 @@ def linearise(
                 _add_adjoint_row(form, link, kind, i, smooth)
 
 
-@on_cores
-def finish(descent: Any, smooth: Any, xi: Any, sign: float, free: Any, parts: Any) -> None:
+@on_cores(cost=0.5)
+def finish(
+    rows: Any, _turns: Any, descent: Any, smooth: Any, xi: Any, sign: float, free: Any, parts: Any
+) -> None:
     """Subtract X Dᵀ Q D ξ from -Jᵀ W r, for pixels that are free, and write X."""
-    for band in prange(bands(descent.shape[0])):
-        first, last = band_rows(band, 0, descent.shape[0])
-        for i in range(first, last):
-            down, rough, here, known, slope = descent[i], smooth[i], xi[i], free[i], parts[SLOPE, i]
-            for j in range(down.size):
-                slope[j] = sign * here[j]
-                down[j] = float(known[j]) * (down[j] - sign * here[j] * rough[j])
+    for i in range(rows[0], rows[1]):
+        down, rough, here, known, slope = descent[i], smooth[i], xi[i], free[i], parts[SLOPE, i]
+        for j in range(down.size):
+            slope[j] = sign * here[j]
+            down[j] = float(known[j]) * (down[j] - sign * here[j] * rough[j])
 
 
-@on_cores
-def be_cautious(parts: Any, v: Any, metric: Any, link: Any, slants: Any) -> None:
+@on_cores(cost=3)
+def be_cautious(rows: Any, _turns: Any, parts: Any, v: Any, metric: Any, link: Any, slants: Any) -> None:
     """Write what slopes of a step are charged for beforehand, see `grid.Grid.linearised`."""
-    last_row, count = v.shape[0] - PAD, v.shape[1] - 2 * PAD
-    for band in prange(bands(last_row - PAD)):
-        first, last = band_rows(band, PAD, last_row)
-        raised_u, raised_w, slant = np.empty(count), np.empty(count), np.empty(count)
-        for i in range(first, last):
-            slopes_row(v, metric, link, i, raised_u, raised_w, slant)
-            by_v, weight, likely = parts[BY_V, i], parts[WEIGHT, i], slants[i]
-            u, w, guu, gvv = parts[CAUTION_U, i], parts[CAUTION_W, i], metric[0, i], metric[2, i]
-            for j in range(count):
-                bend = by_v[j + 2] / (
-                    2 * (1 + slant[j])
-                )  # ∂²M by the slope, as of a Lambertian wall that faces
-                charged = 0.5 * weight[j + 2] * bend * bend * likely[j + 2]
-                u[j + 2] = charged * guu[j + 2]
-                w[j + 2] = charged * gvv[j + 2]
+    first, last = rows_within(rows, PAD, v.shape[0] - PAD)
+    count = v.shape[1] - 2 * PAD
+    raised_u, raised_w, slant = np.empty(count), np.empty(count), np.empty(count)
+    for i in range(first, last):
+        slopes_row(v, metric, link, i, raised_u, raised_w, slant)
+        by_v, weight, likely = parts[BY_V, i], parts[WEIGHT, i], slants[i]
+        u, w, guu, gvv = parts[CAUTION_U, i], parts[CAUTION_W, i], metric[0, i], metric[2, i]
+        for j in range(count):
+            bend = by_v[j + 2] / (2 * (1 + slant[j]))  # ∂²M by the slope, as of a Lambertian wall that faces
+            charged = 0.5 * weight[j + 2] * bend * bend * likely[j + 2]
+            u[j + 2] = charged * guu[j + 2]
+            w[j + 2] = charged * gvv[j + 2]
 
 
 def shading_table(photometry: Photometry, size: int = TABLE_SIZE) -> tuple[FloatArray, float]:

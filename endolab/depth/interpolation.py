@@ -11,47 +11,42 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from endolab.depth.tears import Blocks, nearest, reached
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import PAD, kernel
-from endolab.numerics.threads import band_rows, bands, on_cores
+from endolab.numerics.threads import on_cores, rows_within
 
 
-@on_cores
-def _prolong_add(x: Any, share: Any, step: Any) -> None:
+@on_cores(cost=0.4)
+def _prolong_add(rows: Any, _turns: Any, x: Any, share: Any, step: Any) -> None:
     """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
-    last_row = x.shape[0] - PAD
-    for band in prange(bands(last_row - PAD)):
-        first, last = band_rows(band, PAD, last_row)
-        between = np.empty(step.shape[1], step.dtype)
-        for i in range(first, last):
-            ci, ni = PAD + (i - PAD) // 2, 1 if (i - PAD) % 2 else -1
-            for cj in range(between.size):
-                between[cj] = 3 * step[ci, cj] + step[ci + ni, cj]
-            for cj in range(between.size - 2 * PAD):
-                near, left, right = 3 * between[cj + 2], between[cj + 1], between[cj + 3]
-                x[i, 2 * cj + 2] += share[i, 2 * cj + 2] * (near + left)
-                x[i, 2 * cj + 3] += share[i, 2 * cj + 3] * (near + right)
+    first, last = rows_within(rows, PAD, x.shape[0] - PAD)
+    between = np.empty(step.shape[1], step.dtype)
+    for i in range(first, last):
+        ci, ni = PAD + (i - PAD) // 2, 1 if (i - PAD) % 2 else -1
+        for cj in range(between.size):
+            between[cj] = 3 * step[ci, cj] + step[ci + ni, cj]
+        for cj in range(between.size - 2 * PAD):
+            near, left, right = 3 * between[cj + 2], between[cj + 1], between[cj + 3]
+            x[i, 2 * cj + 2] += share[i, 2 * cj + 2] * (near + left)
+            x[i, 2 * cj + 3] += share[i, 2 * cj + 3] * (near + right)
 
 
-@on_cores
-def _restrict(r: Any, share: Any, coarse: Any, out: Any) -> None:
+@on_cores(cost=2)
+def _restrict(rows: Any, _turns: Any, out: Any, r: Any, share: Any, coarse: Any) -> None:
     """Adjoint of `_prolong_add`."""
-    last_row = out.shape[0] - PAD
-    for band in prange(bands(last_row - PAD)):
-        first, last = band_rows(band, PAD, last_row)
-        column = np.empty(r.shape[1], r.dtype)
-        for ci in range(first, last):
-            i = 2 * ci - PAD
-            for j in range(column.size):
-                amid = 3 * (share[i, j] * r[i, j] + share[i + 1, j] * r[i + 1, j])
-                column[j] = amid + share[i - 1, j] * r[i - 1, j] + share[i + 2, j] * r[i + 2, j]
-            for cj in range(out.shape[1] - 2 * PAD):
-                amid = 3 * (column[2 * cj + 2] + column[2 * cj + 3])
-                out[ci, cj + 2] = coarse[ci, cj + 2] * (amid + column[2 * cj + 1] + column[2 * cj + 4])
+    first, last = rows_within(rows, PAD, out.shape[0] - PAD)
+    column = np.empty(r.shape[1], r.dtype)
+    for ci in range(first, last):
+        i = 2 * ci - PAD
+        for j in range(column.size):
+            amid = 3 * (share[i, j] * r[i, j] + share[i + 1, j] * r[i + 1, j])
+            column[j] = amid + share[i - 1, j] * r[i - 1, j] + share[i + 2, j] * r[i + 2, j]
+        for cj in range(out.shape[1] - 2 * PAD):
+            amid = 3 * (column[2 * cj + 2] + column[2 * cj + 3])
+            out[ci, cj + 2] = coarse[ci, cj + 2] * (amid + column[2 * cj + 1] + column[2 * cj + 4])
 
 
 @kernel
@@ -150,7 +145,7 @@ class Interpolation(NamedTuple):
 
     def adjoint(self, r: Any, active: Any, out: Any) -> None:
         """Write the adjoint of `add` to out, for blocks that are active."""
-        _restrict(r, self.share, active, out)
+        _restrict(out, r, self.share, active)
         _add_from(self.pixel, self.block, self.weight, r, out)
 
     @property

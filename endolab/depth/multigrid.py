@@ -18,12 +18,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import prange
 
 from endolab.depth.normal_equations import CENTRE, EE, SE, SEE, SS, SSE, SW, Coefficients, E, S, Structure
 from endolab.numerics.arrays import FloatArray, SingleArray
 from endolab.numerics.compiled import PAD, kernel
-from endolab.numerics.threads import band_rows, bands, on_cores
+from endolab.numerics.threads import ROWS, on_cores, rows_within
 
 COARSEST = 64  # pixels; there the equations are swept until they are solved
 SETTLING = 20  # sweeps down and up
@@ -66,44 +65,40 @@ def _row_times(m: Any, x: Any, i: int, out: Any) -> None:
         out[j] += here + m[E, i, j + 1] * x[i, j + 1] + m[EE, i, j] * x[i, j]
 
 
-@on_cores
-def _dots(a: Any, b: Any, out: FloatArray) -> None:
+@on_cores(cost=0.3)
+def _dots(rows: Any, _turns: Any, a: Any, b: Any, out: FloatArray) -> None:
     """Scalar products of the rows of two vectors, by four sums, so that none waits for the last."""
     width = a.shape[1]
     whole = width - width % 4
-    for band in prange(bands(a.shape[0])):
-        first, last = band_rows(band, 0, a.shape[0])
-        for i in range(first, last):
-            one = two = three = four = 0.0
-            for j in range(0, whole, 4):
-                one += a[i, j] * b[i, j]
-                two += a[i, j + 1] * b[i, j + 1]
-                three += a[i, j + 2] * b[i, j + 2]
-                four += a[i, j + 3] * b[i, j + 3]
-            for j in range(whole, width):
-                one += a[i, j] * b[i, j]
-            out[i] = (one + two) + (three + four)
+    for i in range(rows[0], rows[1]):
+        one = two = three = four = 0.0
+        for j in range(0, whole, 4):
+            one += a[i, j] * b[i, j]
+            two += a[i, j + 1] * b[i, j + 1]
+            three += a[i, j + 2] * b[i, j + 2]
+            four += a[i, j + 3] * b[i, j + 3]
+        for j in range(whole, width):
+            one += a[i, j] * b[i, j]
+        out[i] = (one + two) + (three + four)
 
 
 def dot(a: Any, b: Any) -> float:
     """Scalar product of two vectors, the same on any number of threads."""
-    rows = np.empty(len(a))
-    _dots(a, b, rows)
-    return float(rows.sum())
+    products = np.empty(len(a))
+    _dots(a, b, products)
+    return float(products.sum())
 
 
-@on_cores
-def _combine(out: Any, m: Any, x: Any, share: float, b: Any, sign: float) -> None:
+@on_cores(cost=2)
+def _combine(rows: Any, _turns: Any, out: Any, m: Any, x: Any, share: float, b: Any, sign: float) -> None:
     """out = share · b + sign · M x."""
-    last_row, count = x.shape[0] - PAD, x.shape[1] - 2 * PAD
-    for band in prange(bands(last_row - PAD)):
-        first, last = band_rows(band, PAD, last_row)
-        row = np.empty(count, x.dtype)
-        kept, times = x.dtype.type(share), x.dtype.type(sign)
-        for i in range(first, last):
-            _row_times(m, x, i, row)
-            for j in range(count):
-                out[i, j + 2] = kept * b[i, j + 2] + times * row[j]
+    first, last = rows_within(rows, PAD, x.shape[0] - PAD)
+    row = np.empty(x.shape[1] - 2 * PAD, x.dtype)
+    kept, times = x.dtype.type(share), x.dtype.type(sign)
+    for i in range(first, last):
+        _row_times(m, x, i, row)
+        for j in range(row.size):
+            out[i, j + 2] = kept * b[i, j + 2] + times * row[j]
 
 
 def multiply(m: FloatArray, x: FloatArray, out: FloatArray) -> None:
@@ -136,18 +131,16 @@ def _sweep_rows(m: Any, inverse: Any, x: Any, b: Any, first: int, last: int, ste
                 x[i, j + 2] = new[j]
 
 
-@on_cores
-def _sweep(x: Any, m: Any, inverse: Any, b: Any, step: int) -> None:
+@on_cores(cost=2, turns=2)
+def _sweep(rows: Any, turns: Any, x: Any, m: Any, inverse: Any, b: Any, step: int) -> None:
     """`SWEEPS` sweeps over every second band, then over those between, which see what these have become.
 
     `step` 1 goes forwards, -1 back: the adjoint.
     """
-    last_row = x.shape[0] - PAD
-    count = bands(last_row - PAD)
-    for turn in range(2):
+    for turn in range(turns[0], turns[1]):
         odd = turn if step > 0 else 1 - turn
-        for k in prange((count + 1 - odd) // 2):
-            first, last = band_rows(2 * k + odd, PAD, last_row)
+        for start in range(rows[0] + odd * ROWS, rows[1], 2 * ROWS):
+            first, last = rows_within((start, start + ROWS), PAD, x.shape[0] - PAD)
             for _ in range(SWEEPS):  # while the band's part of the matrix is near the core
                 _sweep_rows(m, inverse, x, b, first, last, step)
 
@@ -160,49 +153,43 @@ def _settle(m: Any, inverse: Any, x: Any, b: Any) -> None:
         _sweep_rows(m, inverse, x, b, PAD, x.shape[0] - PAD, -1)
 
 
-@on_cores
-def _conjugate(z: Any, share: float, direction: FloatArray) -> None:
+@on_cores(cost=0.3)
+def _conjugate(rows: Any, _turns: Any, z: Any, share: float, direction: FloatArray) -> None:
     """direction = z + share · direction."""
-    for band in prange(bands(z.shape[0])):
-        first, last = band_rows(band, 0, z.shape[0])
-        for i in range(first, last):
-            for j in range(z.shape[1]):
-                direction[i, j] = z[i, j] + share * direction[i, j]
+    for i in range(rows[0], rows[1]):
+        for j in range(z.shape[1]):
+            direction[i, j] = z[i, j] + share * direction[i, j]
 
 
-@on_cores
-def _proceed(direction: Any, length: float, product: Any, x: Any, r: Any, b: Any) -> None:
+@on_cores(cost=0.8)
+def _proceed(
+    rows: Any, _turns: Any, direction: Any, length: float, product: Any, x: Any, r: Any, b: Any
+) -> None:
     """x += length · direction, r -= length · product, and r once more, in b."""
-    for band in prange(bands(x.shape[0])):
-        first, last = band_rows(band, 0, x.shape[0])
-        for i in range(first, last):
-            for j in range(x.shape[1]):
-                x[i, j] += length * direction[i, j]
-            for j in range(x.shape[1]):
-                r[i, j] -= length * product[i, j]
-                b[i, j] = r[i, j]
+    for i in range(rows[0], rows[1]):
+        for j in range(x.shape[1]):
+            x[i, j] += length * direction[i, j]
+        for j in range(x.shape[1]):
+            r[i, j] -= length * product[i, j]
+            b[i, j] = r[i, j]
 
 
-@on_cores
-def _shorten(m: Any, out: Any) -> None:
+@on_cores(cost=4)
+def _shorten(rows: Any, _turns: Any, m: Any, out: Any) -> None:
     """The matrix in single precision."""
-    for band in prange(bands(m.shape[1])):
-        first, last = band_rows(band, 0, m.shape[1])
-        for i in range(first, last):
-            for k in range(9):
-                for j in range(m.shape[2]):
-                    out[k, i, j] = m[k, i, j]
-
-
-@on_cores
-def _invert_diagonal(m: Any, active: Any, out: Any) -> None:
-    """One over the matrix's diagonal, 0 where a pixel is held at 0."""
-    for band in prange(bands(m.shape[1])):
-        first, last = band_rows(band, 0, m.shape[1])
-        for i in range(first, last):
+    for i in range(rows[0], rows[1]):
+        for k in range(9):
             for j in range(m.shape[2]):
-                centre = m[CENTRE, i, j]
-                out[i, j] = 1 / centre if active[i, j] and centre > 0 else 0.0
+                out[k, i, j] = m[k, i, j]
+
+
+@on_cores(cost=0.3)
+def _invert_diagonal(rows: Any, _turns: Any, m: Any, active: Any, out: Any) -> None:
+    """One over the matrix's diagonal, 0 where a pixel is held at 0."""
+    for i in range(rows[0], rows[1]):
+        for j in range(m.shape[2]):
+            centre = m[CENTRE, i, j]
+            out[i, j] = 1 / centre if active[i, j] and centre > 0 else 0.0
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from endolab.depth.curvature_kernels import COLUMNS, ROWS, fill_shares, stencils_row
+from endolab.depth.curvature_kernels import DOWN, RIGHT, fill_shares, stencils_row
 from endolab.depth.interpolation import Interpolation
 from endolab.depth.problem import CURVATURE, FIRST
 from endolab.depth.tears import Blocks, coarser_links, held, main_parts
 from endolab.numerics.arrays import FloatArray, SingleArray
 from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel
-from endolab.numerics.threads import band_rows, bands, on_cores
+from endolab.numerics.threads import ROWS, on_cores, rows_within
 
 CENTRE, E, EE, S, SS, SE, SW, SEE, SSE = range(9)  # a pixel's own entry and those towards later pixels
 # Of each pair of the six pixels of `curvature_kernels`, the entry, and which of the two holds it: that above
@@ -61,7 +60,7 @@ def _add_products(left: Any, right: Any, products: Any, i: int, m: Any) -> None:
     """Add products of the six pixels' numbers to their entries of m."""
     for n in range(len(products)):
         k, other, entry, term = products[n]
-        row, column = i + ROWS[k], PAD + COLUMNS[k]
+        row, column = i + DOWN[k], PAD + RIGHT[k]
         for j in range(left.shape[2]):
             m[entry, row, column + j] += left[term, k, j] * right[term, other, j]
 
@@ -135,7 +134,7 @@ def _smooth_row(parts: Any, link: Any, shares: Any, kind: int, entries: Any, i: 
     count = t.shape[2]
     for n in range(len(entries)):
         term, k = entries[n]
-        row, column = i + ROWS[k], PAD + COLUMNS[k]
+        row, column = i + DOWN[k], PAD + RIGHT[k]
         for j in range(count):
             t[term, k, j] *= parts[SLOPE, row, column + j]
     if kind != CURVATURE:
@@ -152,9 +151,18 @@ def _smooth_row(parts: Any, link: Any, shares: Any, kind: int, entries: Any, i: 
                 qt[term, k, j] = here + parts[c, i, PAD + j] * t[2, k, j]
 
 
-@on_cores
+@on_cores(cost=10, turns=3)
 def _assemble(
-    m: Any, parts: Any, link: Any, shares: Any, kind: int, entries: Any, products: Any, damping: float
+    rows: Any,
+    turns: Any,
+    m: Any,
+    parts: Any,
+    link: Any,
+    shares: Any,
+    kind: int,
+    entries: Any,
+    products: Any,
+    damping: float,
 ) -> None:
     """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; `parts` are those of `Coefficients`.
 
@@ -162,17 +170,17 @@ def _assemble(
     forward gradient, the Hessian or the form of `curvature`, X the slope of ξ. Squared differences of the
     step itself come in with the weights of caution, a² W once more by `damping`.
     """
-    rows, count = m.shape[1], m.shape[2] - 2 * PAD
-    for band in prange(bands(rows)):
-        first, last = band_rows(band, 0, rows)
-        for i in range(first, last):
-            for k in range(9):
-                clear_row(m[k, i])
-    many = bands(rows - 2 * PAD)
-    for odd in range(2):  # what a row adds to its neighbours' must not meet
-        for k in prange((many + 1 - odd) // 2):
-            first, last = band_rows(2 * k + odd, PAD, rows - PAD)
-            t, qt = np.empty((4, 6, count), m.dtype), np.empty((4, 6, count), m.dtype)
+    count = m.shape[2] - 2 * PAD
+    t, qt = np.empty((4, 6, count), m.dtype), np.empty((4, 6, count), m.dtype)
+    for turn in range(turns[0], turns[1]):
+        if turn == 0:
+            for i in range(rows[0], rows[1]):
+                for k in range(9):
+                    clear_row(m[k, i])
+            continue
+        odd = turn - 1  # every second band: what a row adds to its neighbours' must not meet
+        for start in range(rows[0] + odd * ROWS, rows[1], 2 * ROWS):
+            first, last = rows_within((start, start + ROWS), PAD, m.shape[1] - PAD)
             for i in range(first, last):
                 _smooth_row(parts, link, shares, kind, entries, i, t, qt)
                 _data_row(parts, link, i, damping, t, qt, m)
@@ -189,36 +197,35 @@ def _halve_row(above: Any, below: Any, kept: Any, kept_below: Any, out: Any) -> 
         out[j] = column[2 * j] + column[2 * j + 1]
 
 
-@on_cores
-def _coarsen(parts: Any, kept: Any, kind: int, out: Any) -> None:
+@on_cores(cost=25)
+def _coarsen(rows: Any, _turns: Any, out: Any, parts: Any, kept: Any, kind: int) -> None:
     """Write the maps of `Coefficients` on half the pixels: a derivative there is twice one here."""
-    last_row, count = out.shape[1] - PAD, out.shape[2] - 2 * PAD
-    for band in prange(bands(last_row - PAD)):
-        first, last = band_rows(band, PAD, last_row)
-        said, known = np.empty(count, out.dtype), np.empty(count, out.dtype)
-        flags = np.empty((4, parts.shape[2]), out.dtype)
-        for ci in range(first, last):
-            i = 2 * ci - PAD
-            for below in range(2):
-                for j in range(parts.shape[2]):
-                    flags[below, j] = 1.0 if parts[WEIGHT, i + below, j] > 0 else 0.0
-                    flags[2 + below, j] = 1.0 if parts[SLOPE, i + below, j] != 0 else 0.0
-            _halve_row(flags[0], flags[1], kept[i], kept[i + 1], said)
-            _halve_row(flags[2], flags[3], kept[i], kept[i + 1], known)
-            for k in range(len(parts)):
-                row = out[k, ci, PAD:-PAD]
-                _halve_row(parts[k, i], parts[k, i + 1], kept[i], kept[i + 1], row)
-                if k <= BY_W:  # of the pixels that data speak for
-                    halves = ONE if k == BY_V else HALF
-                    for j in range(count):
-                        row[j] *= halves / max(said[j], ONE)
-                elif k == SLOPE:
-                    for j in range(count):
-                        row[j] /= max(known[j], ONE)
-                elif k != WEIGHT:
-                    share = np.float32(1 / 16 if k >= SMOOTHNESS and kind != FIRST else 1 / 4)
-                    for j in range(count):
-                        row[j] *= share
+    first, last = rows_within(rows, PAD, out.shape[1] - PAD)
+    count = out.shape[2] - 2 * PAD
+    said, known = np.empty(count, out.dtype), np.empty(count, out.dtype)
+    flags = np.empty((4, parts.shape[2]), out.dtype)
+    for ci in range(first, last):
+        i = 2 * ci - PAD
+        for below in range(2):
+            for j in range(parts.shape[2]):
+                flags[below, j] = 1.0 if parts[WEIGHT, i + below, j] > 0 else 0.0
+                flags[2 + below, j] = 1.0 if parts[SLOPE, i + below, j] != 0 else 0.0
+        _halve_row(flags[0], flags[1], kept[i], kept[i + 1], said)
+        _halve_row(flags[2], flags[3], kept[i], kept[i + 1], known)
+        for k in range(len(parts)):
+            row = out[k, ci, PAD:-PAD]
+            _halve_row(parts[k, i], parts[k, i + 1], kept[i], kept[i + 1], row)
+            if k <= BY_W:  # of the pixels that data speak for
+                halves = ONE if k == BY_V else HALF
+                for j in range(count):
+                    row[j] *= halves / max(said[j], ONE)
+            elif k == SLOPE:
+                for j in range(count):
+                    row[j] /= max(known[j], ONE)
+            elif k != WEIGHT:
+                share = np.float32(1 / 16 if k >= SMOOTHNESS and kind != FIRST else 1 / 4)
+                for j in range(count):
+                    row[j] *= share
 
 
 @dataclass(frozen=True)
@@ -336,5 +343,5 @@ class Coefficients:
         """The same on half the pixels."""
         below = self.structure.coarser
         parts = np.zeros((len(self.parts), *below.active.shape), np.float32) if out is None else out
-        _coarsen(self.parts, self.structure.main, self.structure.kind, parts)
+        _coarsen(parts, self.parts, self.structure.main, self.structure.kind)
         return Coefficients(parts, below)

@@ -36,7 +36,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numba import prange
 
 from endolab.depth.grid import Grid
 from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem, check_maps
@@ -48,7 +47,7 @@ from endolab.numerics.checks import number, whole
 from endolab.numerics.compiled import framed, kernel, padded
 from endolab.numerics.derivatives import REFERENCE_WIDTH, gradient, hessian_stencils, links
 from endolab.numerics.iteration import Status
-from endolab.numerics.threads import band_rows, bands, on_cores
+from endolab.numerics.threads import ROWS, on_cores, rows_within
 
 BALANCE = 0.1  # τ_p in units of 1/c at the start; χ is 1
 SAFETY = 0.7  # share of the bound on τ that is taken
@@ -62,6 +61,7 @@ ODD = tuple(SINGLE(1 / k) for k in (3, 5, 7, 9, 11, 13))  # artanh z = z (1 + z�
 PASSES = SINGLE(1.5)  # what a patch of n pixels passes of a ripple's slope, times n
 FREE, TINY = SINGLE(1 / 999), SINGLE(1e-30)  # 1/χc of pixels that nothing limits; a size above 0
 STRIP = 128  # columns that are averaged together, at least
+PHASES = 5  # of a step: slopes and means along rows, means along columns, rows, columns, and the descent
 TABLE_SIZE = 4096  # of a BRDF
 
 
@@ -89,6 +89,13 @@ def _slopes(p: Any, x: Any, steps: Any, offsets: Any, sign: Any, i: int) -> None
         for j in range(x.shape[1]):
             p[0, i, j] += offsets[0, i, j]
             p[1, i, j] += offsets[1, i, j]
+
+
+@kernel
+def _along_rows(p: Any, i: int, radius: int, windows: Any, lines: Any, sums: Any) -> None:
+    """Means of both slopes along a row, in place."""
+    for k in range(2):
+        _along_row(p, k, i, radius, windows, lines, sums)
 
 
 @kernel
@@ -150,10 +157,13 @@ def _along_columns(
 
 
 @kernel
-def _strip(number: int, several: int, width: int) -> tuple[int, int, int]:
-    """Which slope and which columns, from the first to before the last, are those of a strip."""
-    half = several // 2
-    return number % 2, number // 2 * width // half, (number // 2 + 1) * width // half
+def _down_columns(rows: Any, out: Any, p: Any, radius: int, windows: Any, running: Any, sums: Any) -> None:
+    """Means of both slopes along columns, on strips of them: as large a share as `rows` are of all."""
+    height, width = p.shape[1:]
+    several = max(width // STRIP, 1)
+    for strip in range(rows[0] * 2 * several // height, rows[1] * 2 * several // height):
+        first, last = strip // 2 * width // several, (strip // 2 + 1) * width // several
+        _along_columns(out, p, strip % 2, first, last, radius, windows, running, sums)
 
 
 @kernel
@@ -252,10 +262,11 @@ def _primal(i: int, theta: Any, state: Any, rows: Any, metric: Any, share: Any, 
         x[i, j], rest[i, j], ahead[i, j] = new, less - (new - here), new - step
 
 
-@on_cores
+@on_cores(cost=3)
 def _advance(
+    rows: Any,
+    turns: Any,
     xi: Any,
-    count: int,
     theta: float,
     state: Any,
     radius: int,
@@ -268,41 +279,33 @@ def _advance(
     table: Any,
     work: Any,
 ) -> None:
-    """Take `count` steps, in place, with χ in units of τ_p."""
+    """Take steps, of `PHASES` turns each, in place, with χ in units of τ_p."""
     x, _, ahead, q, _, p, other = state
     sign, steps, offsets, metric = slopes
-    rows, lines, line_sums, running, sums = work
-    height, width = xi.shape
+    works, lines, line_sums, running, sums = work
+    band = rows[0] // ROWS
+    pull, dark, turn_by = works[band, 0], works[band, 1], works[band, 2]
+    first, last = rows_within(rows, 1, xi.shape[0] - 1)
     current = SINGLE(theta)
-    several, strips = bands(height - 2), 2 * max(width // STRIP, 1)
-    for _ in range(count):
-        for band in prange(several):
-            begin, end = band_rows(band, 1, height - 1)
-            for i in range(begin, end):
+    for turn in range(turns[0], turns[1]):
+        phase = turn % PHASES
+        if phase == 0:
+            for i in range(first, last):
                 _slopes(p, x, steps, offsets, sign, i)
                 _dual(q, ahead, regulariser, i)
                 if radius > 0:
-                    for k in range(2):
-                        _along_row(p, k, i, radius, along, lines[band], line_sums[band])
-        if radius > 0:
-            for strip in prange(strips):
-                k, begin, end = _strip(strip, strips, width)
-                _along_columns(other, p, k, begin, end, radius, down, running, sums)
-            for band in prange(several):
-                begin, end = band_rows(band, 1, height - 1)
-                for i in range(begin, end):
-                    for k in range(2):
-                        _along_row(other, k, i, radius, along, lines[band], line_sums[band])
-            for strip in prange(strips):
-                k, begin, end = _strip(strip, strips, width)
-                _along_columns(p, other, k, begin, end, radius, down, running, sums)
-        for band in prange(several):
-            begin, end = band_rows(band, 1, height - 1)
-            pull, dark, turn = rows[band, 0], rows[band, 1], rows[band, 2]
-            for i in range(begin, end):
+                    _along_rows(p, i, radius, along, lines[band], line_sums[band])
+        elif phase == 4:
+            for i in range(first, last):
                 _pull(pull, q, regulariser, i)
-                _tilt(dark, turn, p, metric, table, i)
-                _primal(i, current, state, (pull, dark, turn), metric, along[0], data, how)
+                _tilt(dark, turn_by, p, metric, table, i)
+                _primal(i, current, state, (pull, dark, turn_by), metric, along[0], data, how)
+        elif radius > 0 and phase == 2:
+            for i in range(first, last):
+                _along_rows(other, i, radius, along, lines[band], line_sums[band])
+        elif radius > 0:
+            before, after = (p, other) if phase == 1 else (other, p)
+            _down_columns(rows, after, before, radius, down, running, sums)
 
 
 def _windows(joined: BoolArray, mask: BoolArray, radius: int) -> tuple[FloatArray, Any, Any]:
@@ -378,7 +381,8 @@ class _Path:
         whole = np.stack([*joined, 0 * joined[0]] if first else hessian_stencils(joined))
         evidence = np.full(mask.shape, EXACT, np.int8) if problem.evidence is None else problem.evidence
 
-        (height, width), several = x.shape, bands(x.shape[0] - 2)
+        height, width = x.shape
+        several = -(-height // ROWS)
         slopes = np.zeros((2, 2, height, width), SINGLE)
         resting, limit = np.zeros((3, height, width), SINGLE), np.zeros((height, width), SINGLE)
         state = *_single(x, x - x.astype(SINGLE), x), resting, limit, *slopes
@@ -416,7 +420,7 @@ class _Path:
 
     def advance(self, count: int, theta: float = 1.0) -> None:
         """Take steps with χ, in units of 1/c at the start."""
-        _advance(self.state[0], count, theta / BALANCE, self.state, *self.given)
+        _advance(self.state[0], theta / BALANCE, self.state, *self.given, turns=count * PHASES)
 
     @property
     def x(self) -> FloatArray:

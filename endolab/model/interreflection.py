@@ -27,7 +27,6 @@ from functools import cached_property
 from typing import Any
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -35,7 +34,7 @@ from endolab.model.cameras import RayField
 from endolab.model.surface import normals_from_gradient, slant
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import gradient
-from endolab.numerics.threads import band_rows, bands, on_cores
+from endolab.numerics.threads import on_cores
 
 PATCHES = 500  # of the picture; twice as many change ι by a hundredth
 STEEPEST = 0.1  # cos θ below which a pixel's surface is a fold's edge rather than a wall
@@ -49,9 +48,16 @@ GRAZING = 1e-3  # cos α below which a lamp's light no longer falls
 MOST = 20.0  # ι, beyond which it says that the lamp hardly reaches the wall
 
 
-@on_cores
+@on_cores(cost=9)
 def _fill_exchange(
-    factors: FloatArray, x: FloatArray, n: FloatArray, area: FloatArray, cell: Any, limit: FloatArray
+    rows: Any,
+    _turns: Any,
+    factors: FloatArray,
+    x: Any,
+    n: Any,
+    area: FloatArray,
+    cell: Any,
+    limit: FloatArray,
 ) -> None:
     """F between patches at x, (3, N), with normals n, (3, N), into `factors`, zero, (N, N).
 
@@ -61,42 +67,35 @@ def _fill_exchange(
     count = len(area)
     x0, x1, x2 = x
     n0, n1, n2 = n
-    rows, columns = cell
+    down_at, across_at = cell
     inverse = 1 / np.sqrt(x0**2 + x1**2 + x2**2)
-    total = bands(count)
-    # Row i has i pairs: a band from the start and one from the end together are as long as any other two.
-    for couple in numba.prange((total + 1) // 2):
-        facing = np.empty(count)
-        for half in range(2):
-            band = total - 1 - couple if half else couple
-            if half and band == couple:
-                continue
-            first, end = band_rows(band, 0, count)
-            for i in range(first, end):
-                a0, a1, a2, m0, m1, m2 = x0[i], x1[i], x2[i], n0[i], n1[i], n2[i]
-                own = area[i]
-                for j in range(i):
-                    d0, d1, d2 = x0[j] - a0, x1[j] - a1, x2[j] - a2
-                    square = d0 * d0 + d1 * d1 + d2 * d2
-                    here, there = m0 * d0 + m1 * d1 + m2 * d2, -(n0[j] * d0 + n1[j] * d1 + n2[j] * d2)
-                    # A patch is no point: half of each area bounds the share that its neighbour gets.
-                    both = here * there / (square * (np.pi * square + 0.5 * (own + area[j])))
-                    facing[j] = both if min(here, there) > 0.0 else 0.0
-                row, column, near = rows[i], columns[i], inverse[i]
-                for j in range(i):
-                    if facing[j] > 0.0:
-                        down, across, change = rows[j] - row, columns[j] - column, inverse[j] - near
-                        steps = max(abs(down), abs(across))
-                        k = 1
-                        # In a picture 1/distance is nearly linear along a straight chord.
-                        while k < steps:
-                            share = k / steps
-                            i_at, j_at = np.rint(row + share * down), np.rint(column + share * across)
-                            if near + share * change < limit[int(i_at), int(j_at)]:
-                                break
-                            k += 1
-                        if k >= steps:
-                            factors[i, j], factors[j, i] = facing[j] * area[j], facing[j] * own
+    facing = np.empty(count)
+    for turn in range(rows[0], rows[1]):
+        i = count - 1 - turn // 2 if turn % 2 else turn // 2  # row i has i pairs: one from either end in turn
+        a0, a1, a2, m0, m1, m2 = x0[i], x1[i], x2[i], n0[i], n1[i], n2[i]
+        own = area[i]
+        for j in range(i):
+            d0, d1, d2 = x0[j] - a0, x1[j] - a1, x2[j] - a2
+            square = d0 * d0 + d1 * d1 + d2 * d2
+            here, there = m0 * d0 + m1 * d1 + m2 * d2, -(n0[j] * d0 + n1[j] * d1 + n2[j] * d2)
+            # A patch is no point: half of each area bounds the share that its neighbour gets.
+            both = here * there / (square * (np.pi * square + 0.5 * (own + area[j])))
+            facing[j] = both if min(here, there) > 0.0 else 0.0
+        row, column, near = down_at[i], across_at[i], inverse[i]
+        for j in range(i):
+            if facing[j] > 0.0:
+                down, across, change = down_at[j] - row, across_at[j] - column, inverse[j] - near
+                steps = max(abs(down), abs(across))
+                k = 1
+                # In a picture 1/distance is nearly linear along a straight chord.
+                while k < steps:
+                    share = k / steps
+                    i_at, j_at = np.rint(row + share * down), np.rint(column + share * across)
+                    if near + share * change < limit[int(i_at), int(j_at)]:
+                        break
+                    k += 1
+                if k >= steps:
+                    factors[i, j], factors[j, i] = facing[j] * area[j], facing[j] * own
 
 
 def _exchange(

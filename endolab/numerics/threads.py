@@ -1,12 +1,11 @@
 """Compiled loops on several cores: how many, and who may use them.
 
-A loop that `on_cores` compiles runs over bands of rows, always the same ones, and what bands write does not
-depend on which comes first. So its results are the same, bit for bit, on any number of threads.
+A loop of `on_cores` does the rows that it is told to, and what it writes does not depend on who does the
+others. So its results are the same, bit for bit, on any number of threads.
 
 As many threads as this process has cores are used, or as `ENDOLAB_THREADS` says, or fewer inside
 `limited_threads`. Joblib tells its workers their share of the cores by `NUMBA_NUM_THREADS`. Where two
-threads of one process solve at once, one has the cores and the other goes on by itself; so does a forked
-process.
+threads of one process solve at once, one has the cores and the other goes on by itself.
 """
 
 from __future__ import annotations
@@ -14,41 +13,23 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, update_wrapper
-from types import FunctionType
 from typing import Any
 
 import numba
 
 from endolab.numerics.checks import whole
-from endolab.numerics.compiled import COMPILED, kernel
+from endolab.numerics.compiled import kernel
 
 VARIABLE = "ENDOLAB_THREADS"
-ENOUGH = 12_000  # pixels; with fewer, waking other cores takes longer than what they would do
-ROWS = 16  # of a band
-
-# Turns, some microseconds, that a thread waits for the next loop before it sleeps. OpenMP's own choice,
-# milliseconds, takes the cores from other programs, and from the very threads that are waited for.
-os.environ.setdefault("GOMP_SPINCOUNT", "10000")
-
-# OpenMP first: Numba would rather have TBB, and warns if another package has loaded one that is too old.
-numba.config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]  # type: ignore[attr-defined]
+ROWS = 16  # of a band, see `in_turns`
+WORTH = 300_000  # ns that a turn must take, or waking a second core, 50 µs or more, does not pay
 
 _limit: ContextVar[int | None] = ContextVar("limit", default=None)
 _cores = threading.Lock()
-_forked = False
-
-
-def _note_fork() -> None:
-    """OpenMP does not survive a fork: a child that used it would be killed."""
-    global _forked, _cores
-    _forked, _cores = True, threading.Lock()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_note_fork)
 
 
 @cache
@@ -81,42 +62,50 @@ def limited_threads(count: int | None) -> Iterator[None]:
         _limit.reset(token)
 
 
-@kernel
-def bands(rows: int) -> int:
-    """How many bands so many rows make."""
-    return (rows + ROWS - 1) // ROWS
-
-
-@kernel
-def band_rows(band: int, first: int, last: int) -> tuple[int, int]:
-    """First row of a band, and the one after its last, of rows from `first` to before `last`."""
-    return first + band * ROWS, min(first + band * ROWS + ROWS, last)
+@cache
+def _pool(_process: int) -> ThreadPoolExecutor:
+    """The threads of a process: one that was forked has those of its parent no more."""
+    return ThreadPoolExecutor(max(cores() - 1, 1))
 
 
 class _OnCores:
-    """A compiled loop over bands, for one thread and for several; its first argument is a map of its size."""
+    """A compiled loop over rows of maps, of which the first that it is given says how many there are."""
 
-    def __init__(self, function: FunctionType) -> None:
+    def __init__(self, function: Callable[..., None], cost: float, turns: int) -> None:
         update_wrapper(self, function)
-        self.serial: Any = numba.njit(**COMPILED)(function)
-        several = FunctionType(function.__code__, function.__globals__, function.__name__)
-        several.__qualname__ = f"{function.__qualname__}_on_cores"  # caches go by this name
-        self.parallel: Any = numba.njit(parallel=True, **COMPILED)(several)
+        self.loop, self.cost, self.turns = kernel(function), cost, turns
 
-    def __call__(self, first: Any, *others: Any) -> Any:
-        if first.shape[-1] * first.shape[-2] < ENOUGH or _forked:
-            return self.serial(first, *others)
-        count = threads()
+    def __call__(self, first: Any, *others: Any, turns: int | None = None) -> None:
+        rows, turns = first.shape[-2], self.turns if turns is None else turns
+        count = 1 if rows * first.shape[-1] * self.cost < WORTH else threads()
         if count == 1 or not _cores.acquire(blocking=False):
-            return self.serial(first, *others)
+            self.loop((0, rows), (0, turns), first, *others)
+            return
+        step = -(-rows // (2 * ROWS * count)) * 2 * ROWS
+        parts = [(start, min(start + step, rows)) for start in range(0, rows, step)]
         try:
-            numba.set_num_threads(count)
-            return self.parallel(first, *others)
+            for turn in range(turns):
+                now, submit = (turn, turn + 1), _pool(os.getpid()).submit
+                helped = [submit(self.loop, part, now, first, *others) for part in parts[1:]]
+                try:
+                    self.loop(parts[0], now, first, *others)
+                finally:
+                    wait(helped)
         finally:
             _cores.release()
 
 
-def on_cores(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function whose `numba.prange` is over bands of rows, such that all cores take part."""
-    assert isinstance(function, FunctionType)
-    return _OnCores(function)
+def on_cores(cost: float, turns: int = 1) -> Callable[[Callable[..., None]], _OnCores]:
+    """Compile loop(rows, turns, map, ...), such that all cores take part where that is worth it.
+
+    `rows` are the first and the one after the last that it is to do. Where one turn must have ended on all
+    rows before the next begins, `turns` are the first and the one after the last. `cost` is what a turn
+    takes for a pixel, about, in nanoseconds.
+    """
+    return lambda function: _OnCores(function, cost, turns)
+
+
+@kernel
+def rows_within(rows: tuple[int, int], first: int, last: int) -> tuple[int, int]:
+    """Rows that are to be done, of those from `first` to before `last`."""
+    return max(rows[0], first), min(rows[1], last)

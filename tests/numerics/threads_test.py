@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from endolab.numerics import threads
-from endolab.numerics.threads import ENOUGH, ROWS, VARIABLE, band_rows, bands, limited_threads
+from endolab.numerics.threads import ROWS, VARIABLE, limited_threads
 from tests.tools.loops import blurred, plainly_blurred
 
 SEVERAL = min(2, int(numba.config.NUMBA_NUM_THREADS))
@@ -19,14 +19,12 @@ SEVERAL = min(2, int(numba.config.NUMBA_NUM_THREADS))
 
 @pytest.fixture
 def start(rng):
-    shape = 20 * ROWS + 5, 90
-    assert shape[0] * shape[1] > ENOUGH
-    return rng.normal(size=shape)
+    return rng.normal(size=(20 * ROWS + 5, 90))
 
 
 def solved(start, rounds=7):
     a = start.copy()
-    assert blurred(a, np.zeros(a.shape), rounds) == rounds
+    blurred(a, np.zeros(a.shape), turns=2 * rounds)
     return a
 
 
@@ -38,12 +36,6 @@ def said(code, **environment):
     done = subprocess.run(command, **how)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
-
-
-@pytest.mark.parametrize("rows", [1, ROWS - 1, ROWS, ROWS + 1, 5 * ROWS + 3])
-def test_bands_are_all_rows_once(rows):
-    found = [i for band in range(bands(rows)) for i in range(*band_rows(band, 3, 3 + rows))]
-    assert found == list(range(3, 3 + rows))
 
 
 def test_results_are_the_same_bit_for_bit_on_any_number_of_threads(start, all_cores):
@@ -102,7 +94,7 @@ warnings.simplefilter("ignore", DeprecationWarning)  # Python's own, of forks be
 a = np.random.default_rng(0).normal(size=(325, 90))
 def solved():
     one = a.copy()
-    blurred(one, np.zeros(one.shape), 7)
+    blurred(one, np.zeros(one.shape), turns=14)
     return one
 before = solved()
 with threads._cores:  # as another thread of the parent might
@@ -122,17 +114,3 @@ def test_a_worker_of_joblib_takes_its_share():
     joint = threads.cores()
     found = joblib.Parallel(2, backend="loky")(joblib.delayed(threads.threads)() for _ in range(2))
     assert found == [max(joint // 2, 1)] * 2
-
-
-def test_what_threads_another_package_has_loaded_does_not_matter():
-    """Open3D brings a TBB that is too old for Numba, which would warn of it."""
-    pytest.importorskip("open3d")
-    code = (
-        "import open3d, warnings; warnings.simplefilter('error'); import numpy as np, numba\n"
-        "from endolab.depth.multigrid import dot\n"
-        "assert dot(np.ones((400, 400)), np.ones((400, 400))) == 160000\n"
-        "print(numba.threading_layer())"
-    )
-    env = {**os.environ, "ENDOLAB_THREADS": "2"}
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, timeout=120)
-    assert (ran.returncode, ran.stdout.split()[-1:]) == (0, ["omp"]), ran.stderr

@@ -1,27 +1,21 @@
-"""A compiled loop over bands of rows, and the same in NumPy."""
+"""A compiled loop over rows, and the same in NumPy."""
 
 import numpy as np
-from numba import prange
 
-from endolab.numerics.threads import band_rows, bands, on_cores
+from endolab.numerics.threads import on_cores, rows_within
 
 
-@on_cores
-def blurred(a, out, rounds):
-    """Three rows' mean, in place, again and again: what other bands wrote is read in the next loop."""
-    rows = a.shape[0] - 2
-    for _ in range(rounds):
-        for band in prange(bands(rows)):
-            begin, end = band_rows(band, 1, rows + 1)
-            for i in range(begin, end):
-                for j in range(a.shape[1]):
-                    out[i, j] = (a[i - 1, j] + a[i, j] + a[i + 1, j]) / 3.1
-        for band in prange(bands(rows)):
-            begin, end = band_rows(band, 1, rows + 1)
-            for i in range(begin, end):
-                for j in range(a.shape[1]):
+@on_cores(cost=300)
+def blurred(rows, turns, a, out):
+    """Three rows' mean, in place, again and again: what others wrote is read in the next turn."""
+    first, last = rows_within(rows, 1, a.shape[0] - 1)
+    for turn in range(turns[0], turns[1]):
+        for i in range(first, last):
+            for j in range(a.shape[1]):
+                if turn % 2:
                     a[i, j] = np.sin(out[i, j]) + 0.1
-    return rounds
+                else:
+                    out[i, j] = (a[i - 1, j] + a[i, j] + a[i + 1, j]) / 3.1
 
 
 def plainly_blurred(a, rounds):
