@@ -1,6 +1,7 @@
 """Frames of a target in, endoscope.json and its report out; a call that was cut off goes on where it was."""
 
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +26,9 @@ def report_folder(out: PathLike) -> Path:
 
 def _is_calibration(path: Path) -> bool:
     """Whether a file is an endoscope.json of endolab's."""
-    try:
-        return read_json(path, "calibration").get("endolab") == 1
-    except (OSError, ValueError, AttributeError):
-        return False
+    with suppress(OSError, ValueError, AttributeError):
+        return bool(read_json(path, "calibration").get("endolab") == 1)
+    return False
 
 
 def calibrate_to_files(

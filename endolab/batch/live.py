@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from itertools import chain, islice
+from queue import Empty, Queue
 from statistics import median
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,7 +28,6 @@ from endolab.reconstruction.scale import check_scale
 from endolab.reconstruction.sequence import SCALES, Step, framed, reconstruct_sequence
 
 if TYPE_CHECKING:
-    from endolab.recording.sequence import SequenceRecorder
     from endolab.recording.stream import Sink
 
 LIVE_WIDTH = 320  # px to which a wider picture is shrunk, so that two cores keep up
@@ -45,46 +46,45 @@ class LiveStep(Step):
     lag: float = 0.0  # s from the frame's coming to its surface
 
 
-class Newest:
-    """Reads frames in a thread, as fast as they come, and keeps the last alone."""
+def newest(frames: Iterable[tuple[str, np.ndarray]]) -> Generator[Shot]:
+    """Read frames in a thread, as fast as they come, and give always the last; when closed, it ends.
 
-    def __init__(self, frames: Iterable[tuple[str, np.ndarray]]) -> None:
-        self._frames, self._changed = frames, threading.Condition()
-        self._newest: Shot | None = None
-        self._ended, self._failure = False, None  # type: tuple[bool, Exception | None]
-        self._reader = threading.Thread(target=self._read, daemon=True, name="endolab camera")
-        self._reader.start()
+    What the reader raises is raised here. A camera that does not answer is left to itself at the end.
+    """
+    last: Queue[Shot | Exception | None] = Queue(1)
+    closed = Event()
 
-    def take(self) -> Shot | None:
-        """Wait for a frame that was not taken yet; None at the end. What the reader raised is raised here."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._newest is not None or self._ended)
-            newest, self._newest = self._newest, None
-        if newest is None and self._failure is not None:
-            raise self._failure
-        return newest
+    def drop() -> None:
+        with suppress(Empty):
+            last.get_nowait()
 
-    def close(self) -> None:
-        """End the reading; a camera that does not answer is left to itself."""
-        self._ended = True
-        if isinstance(self._frames, Stream):
-            self._frames.close()
-        self._reader.join(ENDING)
-
-    def _read(self) -> None:
-        frames = self._frames.stored() if isinstance(self._frames, Stream) else self._frames
+    def read() -> None:
+        end = None
+        pictures = frames.stored() if isinstance(frames, Stream) else frames
         try:
-            for count, (name, picture) in enumerate(frames):
-                with self._changed:
-                    self._newest = count, name, picture, time.perf_counter()
-                    self._changed.notify()
-                if self._ended:
-                    break
+            for count, (name, picture) in enumerate(pictures):
+                drop()
+                last.put((count, name, picture, time.perf_counter()))
+                if closed.is_set():
+                    return
         except Exception as failure:  # who takes is told
-            self._failure = failure
-        with self._changed:
-            self._ended = True
-            self._changed.notify()
+            end = failure
+        if not closed.is_set():
+            last.put(end)  # when the last frame is taken
+
+    reader = Thread(target=read, daemon=True, name="endolab camera")
+    reader.start()
+    try:
+        while (shot := last.get()) is not None:
+            if isinstance(shot, Exception):
+                raise shot
+            yield shot
+    finally:
+        closed.set()
+        if isinstance(frames, Stream):
+            frames.close()
+        drop()
+        reader.join(ENDING)
 
 
 def reconstruct_live(
@@ -142,43 +142,42 @@ def reconstruct_live(
     check_size("the mask", inside.shape[::-1], full)
     check_scale(**{name: options.get(name) for name in SCALES})
     share = np.array([camera.width / full.width, camera.height / full.height])
-    given = {name: value for name, value in options.items() if value is not None}
-    given |= {name: _moved(given[name], share) for name in SCALES[1:] if name in given}
+    options |= {name: _moved(options[name], share) for name in SCALES[1:] if options.get(name) is not None}
     named = isinstance(source, int | str | os.PathLike)
-    newest = Newest(open_stream(source) if named else source)  # type: ignore[arg-type]
+    shots = newest(open_stream(source) if named else source)  # type: ignore[arg-type]
     taken: list[Shot] = []
 
     def frames(first: Shot) -> Iterator[tuple[str, Frame]]:
-        for shot in islice(chain([first], iter(newest.take, None)), limit):
+        for shot in islice(chain([first], shots), limit):
             taken.append(shot)
             yield shot[1], _shrunk(shot, inside, camera, calibration.photometry.gamma)
 
-    try:
-        first = newest.take()
+    with closing(shots):
+        first = next(shots, None)
         if first is None:
             return
         check_size(first[1], first[2].shape[1::-1], full)
         usual = {"channel": "green" if first[2].ndim == 3 else "grey", "regulariser": "second"}
-        last = -1
-        for step in reconstruct_sequence(frames(first), replace(calibration, camera=camera), **usual | given):
+        small, last = replace(calibration, camera=camera), -1
+        for step in reconstruct_sequence(frames(first), small, **usual | options):
             count, _, _, arrived = taken.pop()
             seen = vars(step) | {"index": count, "dropped": count - last - 1}
             yield LiveStep(**seen, lag=time.perf_counter() - arrived)
             last = count
-    finally:
-        newest.close()
 
 
 def _shrunk(shot: Shot, inside: BoolArray, camera: Camera, gamma: float) -> Frame:
     """Make a small frame; one of another size than the mask's stays as it is, to be refused."""
     _, name, picture, _ = shot
     size, stored = (camera.width, camera.height), picture.dtype == np.uint8
-    right, smaller = picture.shape[:2] == inside.shape, size != inside.shape[::-1]
-    if stored and right and smaller and inside.all():
+    smaller = picture.shape[:2] == inside.shape and size != inside.shape[::-1]
+    if stored and smaller and inside.all():
         return framed(name, shrunk_bytes(picture, *size, gamma)[..., ::-1])
     image = as_image(picture) if stored else picture
-    frame = Frame(image, inside, name) if right else framed(name, image)
-    return frame.resize(*size, gamma) if right and smaller else frame
+    if picture.shape[:2] != inside.shape:
+        return framed(name, image)
+    frame = Frame(image, inside, name)
+    return frame.resize(*size, gamma) if smaller else frame
 
 
 def _moved(length: Sequence[Any], share: FloatArray) -> tuple[Any, ...]:
@@ -212,9 +211,10 @@ def shown(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[LiveStep
     for step in steps:
         if step.result is not None:
             result, problem, row = step.result, step.result.problem, live_row(step)
-            scalars = {name: row[name] for names in CURVES.values() for name in names}
-            surface = problem.shown, result.distance, result.normals, problem.camera
             recorders = recorders or [SequenceRecorder(sink, problem.unit, curves=CURVES) for sink in sinks]
+            scalars = {name: row[name] for names in CURVES.values() for name in names}
             for recorder in recorders:
-                recorder.log(step.index, *surface, scalars)
+                recorder.log(
+                    step.index, problem.shown, result.distance, result.normals, problem.camera, scalars
+                )
         yield step

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from endolab._extras import MissingPackage
-from endolab.batch.table import Row, measured, read_rows, write_rows
+from endolab.batch.table import MEASURED, Row, measured, read_rows, write_rows
 from endolab.batch.workers import end_with
 from endolab.depth.problem import REGULARISERS
 from endolab.depth.result import Result
@@ -35,8 +35,7 @@ from endolab.reconstruction.reconstruct import reconstruct
 
 KEY = ("frame", "xi", "regulariser", "lam", "solver", "options")
 ERRORS = ("mean_mm", "median_mm", "mean_percent", "median_percent", "mean_degrees")
-MEASURED = ("iterations", "energy", "data", "regulariser_energy", "seconds", *ERRORS)
-COLUMNS = (*KEY, "status", *MEASURED, "error")
+COLUMNS = (*KEY, "status", *MEASURED, *ERRORS, "error")
 WORDS = ("frame", "xi", "regulariser", "solver", "options", "status", "error")
 BACKENDS = ("loky", "threading", "dask")
 
@@ -134,10 +133,9 @@ def sweep(
     solve = partial(_solved, calibration=calibration, options=options)
     write()  # now, rather than after an hour's run
     try:
-        with closing(
-            _by_dask(todo, solve) if backend == "dask" else _by_joblib(todo, solve, n_jobs, backend)
-        ) as solved:
-            for row in solved:
+        rows_made = _by_dask(todo, solve) if backend == "dask" else _by_joblib(todo, solve, n_jobs, backend)
+        with closing(rows_made):
+            for row in rows_made:
                 if row["status"] == Status.STOPPED.name:
                     raise KeyboardInterrupt
                 rows[_key(row)] = row
@@ -145,16 +143,12 @@ def sweep(
                 done += 1
                 if progress is not None:
                     progress(done, total, row)
-    except KeyboardInterrupt as interrupt:
-        raise KeyboardInterrupt(f"interrupted; {_so_far(done, total)}") from interrupt
-    except BrokenExecutor as error:
-        why = "a worker was lost, perhaps for want of memory"
-        raise OSError(f"{why}; {_so_far(done, total)}") from error
+    except (KeyboardInterrupt, BrokenExecutor) as failure:
+        so_far = f"{done} of {total} rows are in the table, the same command goes on"
+        if isinstance(failure, KeyboardInterrupt):
+            raise KeyboardInterrupt(f"interrupted; {so_far}") from failure
+        raise OSError(f"a worker was lost, perhaps for want of memory; {so_far}") from failure
     return [rows[_key(task[0])] for task in tasks]
-
-
-def _so_far(done: int, total: int) -> str:
-    return f"{done} of {total} rows are in the table, the same command goes on"
 
 
 def _by_joblib(todo: Sequence[Task], solve: Callable[..., Row], n_jobs: int, backend: str) -> Generator[Row]:
@@ -162,13 +156,8 @@ def _by_joblib(todo: Sequence[Task], solve: Callable[..., Row], n_jobs: int, bac
     import joblib
 
     jobs = n_jobs if n_jobs < 1 else min(n_jobs, max(1, len(todo)))  # all are started
-    parallel = joblib.Parallel(
-        n_jobs=jobs,
-        backend=backend,
-        return_as="generator_unordered",
-        initializer=end_with,  # of processes
-        initargs=(os.getpid(),),
-    )
+    how = {"initializer": end_with, "initargs": (os.getpid(),)}  # of processes
+    parallel = joblib.Parallel(n_jobs=jobs, backend=backend, return_as="generator_unordered", **how)
     solved = parallel(joblib.delayed(solve)(*task) for task in todo)
     try:
         yield from (row for row in solved)  # else it would be closed before what follows
@@ -202,8 +191,7 @@ def _by_dask(todo: Sequence[Task], solve: Callable[..., Row]) -> Generator[Row]:
 
 def _checksum(calibration: Endoscope) -> str:
     """Eight digits that tell calibrations apart, whatever they were found from."""
-    known = {key: value for key, value in calibration.to_dict().items() if key != "evidence"}
-    return f"{zlib.crc32(as_json(known)):08x}"
+    return f"{zlib.crc32(as_json(replace(calibration, evidence={}).to_dict())):08x}"
 
 
 def _named(
@@ -230,7 +218,7 @@ def _key(row: Row) -> tuple[object, ...]:
 
 
 def _unfinished(row: Row | None, compared: bool) -> bool:
-    if row is None or row["error"] or row["status"] not in Status.__members__ or math.isnan(row["energy"]):
+    if row is None or row["error"] or math.isnan(row["energy"]):
         return True
     return compared and math.isnan(row["mean_percent"])
 
@@ -239,7 +227,7 @@ def _solved(
     key: Row, frame: Frame | PathLike, truth: Truth | None, *, calibration: Endoscope, options: dict[str, Any]
 ) -> Row:
     """Make one row; runs in a worker."""
-    row: Row = key | dict.fromkeys(MEASURED, math.nan) | {"status": "", "error": ""}
+    row: Row = key | dict.fromkeys((*MEASURED, *ERRORS), math.nan) | {"status": "", "error": ""}
     started = time.perf_counter()
     how = {name: key[name] for name in ("xi", "regulariser", "lam", "solver")}
     try:
@@ -271,4 +259,4 @@ def read_table(path: PathLike) -> dict[tuple[object, ...], Row]:
 
     ValueError or OSError in one sentence, if it cannot be read or is another table.
     """
-    return {_key(row): row | {"lam": float(row["lam"])} for row in read_rows(path, COLUMNS, WORDS)}
+    return {_key(row): row for row in read_rows(path, COLUMNS, WORDS)}

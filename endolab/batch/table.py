@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 
 from endolab.depth.result import Result
-from endolab.io.atomic import PathLike, read_bytes, write_atomically
+from endolab.io.atomic import PathLike, damage_told, read_bytes, write_atomically
 from endolab.reconstruction.sequence import Step
 
 Row = dict[str, Any]
 WORDS = ("frame", "status", "unit", "error")
-ENERGIES = ("energy", "data", "regulariser_energy")
-NUMBERS = ("iterations", *ENERGIES, "seconds", "gain", "median_distance", "pixels")
-STEP = ("index", "frame", "status", "warm", "torn", "unit", *NUMBERS, "error")  # columns of a video's table
+MEASURED = ("iterations", "energy", "data", "regulariser_energy", "seconds")
+SURFACE = ("gain", "median_distance", "pixels")
+# The columns of a video's table.
+STEP = ("index", "frame", "status", "warm", "torn", "unit", *MEASURED, *SURFACE, "error")
 
 
 def measured(result: Result) -> Row:
@@ -48,21 +49,14 @@ def read_rows(path: PathLike, columns: Sequence[str], words: Collection[str]) ->
 
     ValueError or OSError in one sentence that names the file, if it is another table.
     """
-    try:
-        text = read_bytes(path, "table").decode(errors="surrogateescape")  # a file's name may be any bytes
-        head, *lines = csv.reader(io.StringIO(text, newline=""))
-    except (ValueError, csv.Error) as error:
-        raise ValueError(f"{path}: not a table of endolab's") from error
-    if head != [*columns]:
-        raise ValueError(f"{path}: not a table of endolab's; its columns must be {', '.join(columns)}")
-    rows = []
-    for number, cells in enumerate(filter(None, lines), start=2):
-        try:
-            row = dict(zip(columns, cells, strict=True))
-            rows.append(row | {name: _number(row[name]) for name in columns if name not in words})
-        except ValueError as error:
-            raise ValueError(f"{path}, line {number}: not a row of such a table") from error
-    return rows
+    content = read_bytes(path, "table").decode(errors="surrogateescape")  # a file's name may be any bytes
+    with damage_told(path, f"a table of endolab's, whose columns are {', '.join(columns)}"):
+        head, *lines = filter(None, csv.reader(io.StringIO(content, newline="")))
+        rows = [dict(zip(columns, cells, strict=True)) for cells in (head, *lines)]
+        if head != [*columns]:
+            raise ValueError("other columns")
+        numbers = [name for name in columns if name not in words]
+        return [row | {name: _number(row[name]) for name in numbers} for row in rows[1:]]
 
 
 def _number(cell: str) -> float:

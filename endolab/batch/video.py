@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,14 +14,14 @@ import numpy as np
 
 from endolab._extras import lacking
 from endolab.batch.table import STEP, WORDS, Row, read_rows, step_row, write_rows
-from endolab.io.atomic import PathLike, as_json, read_json, staged_folder, write_atomically
+from endolab.io.atomic import REPORT, PathLike, as_json, read_json, staged_folder, write_atomically
 from endolab.io.images import read_mask
 from endolab.io.surfaces import read_depth, save_depth
 from endolab.io.video import Frames, open_frames
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import number, whole
+from endolab.numerics.checks import whole
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.assumptions import meaning
@@ -31,8 +31,11 @@ if TYPE_CHECKING:
     from endolab.recording.sequence import SequenceRecorder
 
 PLOTTED = ("energy", "iterations", "seconds", "gain", "median_distance")
-FILES = ("frames", "frames.csv", "recording.rrd", "report.json")
+TABLE, RECORDING = "frames.csv", "recording.rrd"
+FILES = ("frames", TABLE, RECORDING, REPORT)
 ELSEWHERE = "choose another folder, or begin anew with overwrite=True"
+
+Pictures = Iterator[tuple[str, Frame | FloatArray | None]]
 
 
 @dataclass(frozen=True)
@@ -88,57 +91,47 @@ def reconstruct_video(
         frame could be reconstructed, or if something cannot be read or written. After that, an
         interruption or a MemoryError, what is done stays, and the same call goes on.
     """
-    for name, value in (("every", every), ("limit", 1 if limit is None else limit)):
-        whole(name, value, 1)
-    for name, value in options.items():
-        if isinstance(value, float):
-            number(name, value)
+    whole("every", every, 1)
+    whole("limit", 1 if limit is None else limit, 1)
     inside = None if mask is None else read_mask(mask)
     frames = open_frames(source)
     wanted = list(frames.names[::every][:limit])
-    known = {key: value for key, value in calibration.to_dict().items() if key != "evidence"}
+    known = replace(calibration, evidence={}).to_dict()
     settings = {**options, "mask": None if mask is None else str(mask), "calibration": known}
-    folder = _Folder(Path(out), frames, settings, overwrite)
-    recording = _Recording(folder)
+    folder = _Folder(Path(out), frames, settings, overwrite, [source, mask, *inputs])
     before = [name for name in wanted if folder.done(name)]
-    last, done = None, len(before)
+    last, done = next(iter(before), None), len(before)
     try:
-        with folder.begun([source, mask, *inputs]):
-            if before and (done < len(wanted) or not recording.path.exists()):
-                recording.add_all(_pictures(frames, before, inside), calibration.camera)
-            for is_done, group in groupby(wanted, key=set(before).__contains__):
-                names = list(group)
-                if is_done:
-                    last = names[-1]
-                    continue
-                near = last or next(iter(before), None)
-                start = None
-                if near is not None:
-                    ((_, picture),) = _pictures(frames, [near], inside)
-                    start = folder.carried(framed(near, picture), near, calibration)
-                pictures = _pictures(frames, names, inside)
-                for step in reconstruct_sequence(pictures, calibration, before=start, **options):
-                    if step.result is not None and step.result.status is Status.STOPPED:
-                        raise KeyboardInterrupt
-                    folder.add(step)
-                    if step.result is not None:
-                        problem, last = step.result.problem, step.name
-                        maps = {"distance": step.result.distance, "normals": step.result.normals}
-                        recording.add(step.name, problem.shown, maps, problem.camera)
-                    done += 1
-                    if progress is not None:
-                        progress(done, len(wanted), folder.rows[step.name])
-            rows = [folder.rows[name] for name in wanted]
-            if all(row["error"] for row in rows):
-                raise ValueError(f"no frame could be reconstructed; the first: {rows[0]['error']}")
-            recording.close()
-            folder.close()
+        if before and (done < len(wanted) or not (folder.path / RECORDING).exists()):
+            folder.record_again(_pictures(frames, before, inside), calibration.camera)
+        for is_done, group in groupby(wanted, key=set(before).__contains__):
+            names = list(group)
+            if is_done:
+                last = names[-1]
+                continue
+            start = None
+            if last is not None:
+                ((_, picture),) = _pictures(frames, [last], inside)
+                start = folder.carried(framed(last, picture), last, calibration)
+            pictures = _pictures(frames, names, inside)
+            for step in reconstruct_sequence(pictures, calibration, before=start, **options):
+                if step.result is not None and step.result.status is Status.STOPPED:
+                    raise KeyboardInterrupt
+                folder.add(step)
+                last = step.name if step.result is not None else last
+                done += 1
+                if progress is not None:
+                    progress(done, len(wanted), folder.rows[step.name])
+        rows = [folder.rows[name] for name in wanted]
+        if all(row["error"] for row in rows):
+            raise ValueError(f"no frame could be reconstructed; the first: {rows[0]['error']}")
+        folder.close()
     except (KeyboardInterrupt, OSError, MemoryError) as failure:
         count = sum(folder.done(name) for name in wanted)
         if not count:
             raise
         with suppress(OSError):  # there is a failure to tell already
-            recording.close()
+            folder.close_recording()
         said = str(failure) or ("interrupted" if isinstance(failure, KeyboardInterrupt) else "out of memory")
         kind = OSError if isinstance(failure, OSError) else type(failure)
         stay = f"{count} of {len(wanted)} frames are done and stay"
@@ -147,9 +140,7 @@ def reconstruct_video(
     return VideoSummary(rows, len(before), tuple(path for path in paths if path.exists()))
 
 
-def _pictures(
-    frames: Frames, names: list[str], mask: BoolArray | None
-) -> Iterator[tuple[str, Frame | FloatArray | None]]:
+def _pictures(frames: Frames, names: list[str], mask: BoolArray | None) -> Pictures:
     """Give names and pictures, within the mask; one of another size is left to be refused."""
     for name, image in frames.read(names):
         if image is not None and mask is not None and mask.shape == image.shape[:2]:
@@ -159,29 +150,40 @@ def _pictures(
 
 
 class _Folder:
-    """Holds ``frames/NAME/depth.npz``, the table ``frames.csv`` and ``report.json``.
+    """Holds ``frames/NAME/depth.npz``, ``frames.csv``, ``report.json`` and, with Rerun, a recording.
 
     Of an earlier call's results, those that can be read are done. ValueError in one sentence, if they are of
-    another video or of other settings, and this is not to `overwrite` them.
+    another video or of other settings, OSError, if they are somebody else's, and this is not to `overwrite`.
     """
 
-    def __init__(self, path: Path, frames: Frames, settings: dict[str, Any], overwrite: bool) -> None:
-        self.path, self.rows, self.meaning = path, {}, []  # type: tuple[Path, dict[str, Row], list[str]]
-        self._source, self._overwrite = str(frames.path.resolve()), overwrite
-        self._settings = json.loads(as_json(settings))
+    def __init__(
+        self,
+        path: Path,
+        frames: Frames,
+        settings: dict[str, Any],
+        overwrite: bool,
+        inputs: list[PathLike | None],
+    ) -> None:
+        self.path = path
+        self.rows: dict[str, Row] = {}
+        self._settings = json.loads(json.dumps(settings))
+        self._overwrite, self._inputs = overwrite, inputs
+        self._source, self._meaning = str(frames.path.resolve()), list[str]()
         self._index = {name: index for index, name in enumerate(frames.names)}
-        stems = {Path(name).stem for name in frames.names}
-        self._stems = len(stems) == len(frames.names)  # whether they tell frames apart
-        self._opening = ExitStack()
-        if (path / "frames.csv").is_file():
-            try:
+        self._unique = len({Path(name).stem for name in frames.names}) == len(frames.names)
+        self._recorder: SequenceRecorder | None = None
+        try:
+            if (path / TABLE).is_file():
                 self._resume()
-            except ValueError:
-                if not overwrite:
-                    raise
+        except ValueError:
+            if not overwrite:
+                raise
+        if not self.rows:
+            with staged_folder(path, overwrite=overwrite):
+                pass  # what speaks against it is told before a frame is solved
 
     def _resume(self) -> None:
-        report = read_json(self.path / "report.json", "report")
+        report = read_json(self.path / REPORT, "report")
         if not (isinstance(report, dict) and isinstance(report.get("settings"), dict)):
             raise ValueError(f"{self.path} holds other results; {ELSEWHERE}")
         if report.get("sequence") != self._source:
@@ -190,27 +192,18 @@ class _Folder:
         for name in sorted({*before, *self._settings}):
             if before.get(name) != self._settings.get(name):
                 raise ValueError(f"{self.path} holds frames made with another {name}; {ELSEWHERE}")
-        for row in read_rows(self.path / "frames.csv", STEP, WORDS):
+        for row in read_rows(self.path / TABLE, STEP, WORDS):
             if row["frame"] in self._index and not row["error"]:
                 with suppress(ValueError, OSError):  # it is done again
-                    self.maps(row["frame"])
+                    self._maps(row["frame"])
                     self.rows[row["frame"]] = row
-        self.meaning = report.get("meaning", [])
+        self._meaning = report.get("meaning", [])
 
-    def begun(self, inputs: list[PathLike | None]) -> ExitStack:
-        """Claim the folder, in which nothing is written before the first frame is done."""
-        if not self.rows:
-            how: dict[str, Any] = {"overwrite": self._overwrite, "inputs": inputs}
-            self._staging = self._opening.enter_context(staged_folder(self.path, **how))
-        return self._opening
+    def _depth(self, name: str) -> Path:
+        return self.path / "frames" / (Path(name).stem if self._unique else name) / "depth.npz"
 
-    def depth(self, name: str) -> Path:
-        """Where a frame's depth map is."""
-        return self.path / "frames" / (Path(name).stem if self._stems else name) / "depth.npz"
-
-    def maps(self, name: str) -> dict[str, np.ndarray]:
-        """Read a frame's maps; ValueError or OSError in one sentence, if that cannot be done."""
-        return read_depth(self.depth(name), ("distance", "normals"))
+    def _maps(self, name: str) -> dict[str, np.ndarray]:
+        return read_depth(self._depth(name), ("distance", "normals"))
 
     def done(self, name: str) -> bool:
         """Whether a frame needs not be done again."""
@@ -218,40 +211,43 @@ class _Folder:
 
     def carried(self, frame: Frame, name: str, calibration: Endoscope) -> Carried:
         """Return what a frame that is done hands to the next."""
-        row, distance = self.rows[name], self.maps(name)["distance"].astype(np.float64)
+        row, distance = self.rows[name], self._maps(name)["distance"].astype(np.float64)
         surface = Surface(distance, row["gain"], row["unit"] == "mm")
         return Carried.again(surface, frame, calibration, bool(row["torn"]), row["energy"])
 
     def add(self, step: Step) -> None:
         """Write what became of a frame; OSError in one sentence, and what was there stays."""
-        row = step_row(step, self._index[step.name])
-        if step.result is not None:
+        result, row = step.result, step_row(step, self._index[step.name])
+        if result is not None:
             if not any(map(self.done, self.rows)):
-                self._begin(list(meaning(step.result)))
-            self.depth(step.name).parent.mkdir(parents=True, exist_ok=True)
-            save_depth(self.depth(step.name), step.result, step.result.metric)
+                self._begin(list(meaning(result)))
+            self._depth(step.name).parent.mkdir(parents=True, exist_ok=True)
+            save_depth(self._depth(step.name), result, result.metric)
             self._write_table(self.path, self.rows | {step.name: row})
         self.rows[step.name] = row  # that of a broken frame is in the table when the next is written
+        if result is not None:
+            maps = {"distance": result.distance, "normals": result.normals}
+            self._record(step.name, result.problem.shown, maps, result.problem.camera)
 
     def _begin(self, first: list[str]) -> None:
         """Make it ours, with no frame."""
-        self.meaning = first
-        self._write_table(self._staging, {})
-        self._report(self._staging)
-        self._opening.close()  # they are moved in
+        self._meaning = first
+        with staged_folder(self.path, overwrite=self._overwrite, inputs=self._inputs) as staging:
+            self._write_table(staging, {})
+            self._write_report(staging)
         for name in self._index:  # what is there of other settings would be taken for this call's
-            self.depth(name).unlink(missing_ok=True)
+            self._depth(name).unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Write the table, with the broken frames, and the report."""
+        """Write the table, with the broken frames, the recording and the report."""
+        self.close_recording()
         self._write_table(self.path, self.rows)
-        self._report(self.path)
+        self._write_report(self.path)
 
     def _write_table(self, folder: Path, rows: dict[str, Row]) -> None:
-        in_order = sorted(rows.values(), key=lambda row: row["index"])
-        write_rows(folder / "frames.csv", STEP, in_order)
+        write_rows(folder / TABLE, STEP, sorted(rows.values(), key=lambda row: row["index"]))
 
-    def _report(self, folder: Path) -> None:
+    def _write_report(self, folder: Path) -> None:
         done = [row for row in self.rows.values() if not row["error"]]
         content = {
             "endolab": 1,
@@ -259,42 +255,33 @@ class _Folder:
             "frames": len(self._index),
             "done": len(done),
             "unit": done[0]["unit"] if done else None,
-            "meaning": self.meaning,
+            "meaning": self._meaning,
             "broken": {name: row["error"] for name, row in self.rows.items() if row["error"]},
             "settings": self._settings,
         }
-        write_atomically(folder / "report.json", as_json(content))
+        write_atomically(folder / REPORT, as_json(content))
 
-
-class _Recording:
-    """The recording of a folder's frames, begun with the first of them; none without Rerun."""
-
-    def __init__(self, folder: _Folder) -> None:
-        self.path, self._folder = folder.path / "recording.rrd", folder
-        self._recorder: SequenceRecorder | None = None
-
-    def add(self, name: str, picture: FloatArray, maps: dict[str, np.ndarray], camera: Camera) -> None:
-        """Log a frame that is done."""
+    def _record(self, name: str, picture: FloatArray, maps: dict[str, np.ndarray], camera: Camera) -> None:
         if lacking("rerun"):
             return
         from endolab.recording.sequence import SequenceRecorder
 
-        row = self._folder.rows[name]
+        row = self.rows[name]
         if self._recorder is None:
-            self._recorder = SequenceRecorder(self.path, row["unit"])
+            self._recorder = SequenceRecorder(self.path / RECORDING, row["unit"])
         scalars = {key: row[key] for key in PLOTTED}
         self._recorder.log(row["index"], picture, maps["distance"], maps["normals"], camera, scalars)
 
-    def add_all(self, pictures: Iterator[tuple[str, Frame | FloatArray | None]], camera: Camera) -> None:
-        """Log frames that an earlier call has done."""
+    def record_again(self, pictures: Pictures, camera: Camera) -> None:
+        """Record frames that an earlier call has done."""
         for name, picture in pictures:
-            maps = self._folder.maps(name)
+            maps = self._maps(name)
             height, width = maps["distance"].shape
             if (camera.width, camera.height) != (width, height):  # once: its rays take their time
                 camera = camera.resize(width, height)
-            self.add(name, framed(name, picture).image, maps, camera)
+            self._record(name, framed(name, picture).image, maps, camera)
 
-    def close(self) -> None:
-        """Write it, if there is something new in it."""
+    def close_recording(self) -> None:
+        """Write the recording, if there is something new in it."""
         if self._recorder is not None:
             self._recorder.close()
