@@ -1,6 +1,7 @@
 """What every test can ask for: a random generator, the published frames, Open3D, Mitsuba."""
 
 import os
+import signal
 from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
@@ -15,7 +16,21 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # there are as many of these as cores
 os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=off,re_sdk=off")
 os.environ.setdefault("CI", "1")  # the one variable by which a Rerun viewer sends no usage data
 
+# Programs that tests start and interrupt would ignore what nohup, or a shell's &, has this one ignore.
+for _name, _usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
+    if hasattr(signal, _name) and signal.getsignal(getattr(signal, _name)) is signal.SIG_IGN:
+        signal.signal(getattr(signal, _name), _usual)
+
 ROOT = Path(__file__).resolve().parent.parent
+SLOW = ("browser", "hostile", "benchmarks")  # folders: what opens a browser, kills, fills a disk, measures
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what is slow by nature; `make test` leaves it to `make test-slow`."""
+    for item in items:
+        if item.path.relative_to(ROOT).parts[1] in SLOW:
+            item.add_marker(pytest.mark.slow)
 
 
 def missing_system(sentence: str) -> NoReturn:
