@@ -28,13 +28,9 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.problem import Problem, check_maps
-from endolab.depth.result import Iterate, Solver
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import whole
 from endolab.numerics.compiled import kernel
 from endolab.numerics.derivatives import links, shifted
-from endolab.numerics.iteration import Status
 
 # Neighbours in turn around a pixel (row, column): consecutive ones make the eight triangles.
 _AROUND = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)])
@@ -310,27 +306,3 @@ class March:
     def log_distance(self) -> FloatArray:
         """v = log d, (H, W): the march where it has arrived, the upper bound d₀ elsewhere."""
         return 0.5 * np.log(np.where(self.arrived, self.value.reshape(self.y0.shape), self.y0))
-
-
-def fast_marching(problem: Problem, inflow: FloatArray | None = None, snapshots: int = 1) -> Solver:
-    """Viscosity solution of the simplified model in one pass; see the head of this file.
-
-    `inflow` (H, W) is log d where it is known, at the picture's border say, nan elsewhere; `snapshots`
-    is how many times to yield as the front advances. First comes the start d₀, then the march where it
-    has arrived (`maps["arrived"]`) and d₀, an upper bound, elsewhere; the last is the solution. An island
-    of the mask is solved by itself. n pixels cost O(n log n), and distances err by the second power of
-    the pixel on smooth surfaces. ValueError if the BRDF cannot be inverted or `inflow` cannot be used.
-    """
-    check_maps(problem.mask, inflow=inflow)
-    whole("snapshots", snapshots, 1)
-    mask, metric = problem.mask, problem.field.inverse_metric
-    table = problem.photometry.slant_table()
-    march = March.seeded(problem.log_facing, mask, metric, table, inflow, problem.cuts)
-    iterate = Iterate.of(problem, march.log_distance, maps={"arrived": march.arrived})
-    yield iterate
-    count = -(-int(mask.sum()) // snapshots)
-    while march.size:
-        march.advance(count)
-        iterate = Iterate.of(problem, march.log_distance, iterate, maps={"arrived": march.arrived})
-        yield iterate
-    return Status.CONVERGED

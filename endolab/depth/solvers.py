@@ -1,15 +1,21 @@
-"""The solvers by their names, and the simplest of them."""
+"""The solvers by their names, and those that never ask the regulariser."""
 
 import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from endolab.depth.fast_marching import fast_marching
+import numpy as np
+
+from endolab.depth.fast_marching import March
 from endolab.depth.gauss_newton import gauss_newton
+from endolab.depth.grid import Grid
 from endolab.depth.primal_dual import primal_dual
-from endolab.depth.problem import Problem
+from endolab.depth.problem import Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.model.schema import unknown_name
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import whole
+from endolab.numerics.compiled import padded
 from endolab.numerics.iteration import Status
 
 
@@ -18,7 +24,38 @@ def facing(problem: Problem) -> Solver:
 
     One iterate: d₀ is an upper bound of the distance, reached where the surface faces the camera.
     """
-    yield Iterate.of(problem, problem.log_facing)
+    grid = Grid.of(problem)
+    yield Iterate.of(problem, grid.log_facing, terms=grid.terms(padded(grid.log_facing), problem.lam))
+    return Status.CONVERGED
+
+
+def fast_marching(problem: Problem, inflow: FloatArray | None = None, snapshots: int = 1) -> Solver:
+    """Viscosity solution of the simplified model in one pass; see `March`.
+
+    `inflow` (H, W) is log d where it is known, at the picture's border say, nan elsewhere; `snapshots`
+    is how many times to yield as the front advances. First comes the start d₀, then the march where it
+    has arrived (`maps["arrived"]`) and d₀, an upper bound, elsewhere; the last is the solution. An island
+    of the mask is solved by itself. n pixels cost O(n log n), and distances err by the second power of
+    the pixel on smooth surfaces. ValueError if the BRDF cannot be inverted or `inflow` cannot be used.
+    """
+    check_maps(problem.mask, inflow=inflow)
+    whole("snapshots", snapshots, 1)
+    mask, metric, grid = problem.mask, problem.field.inverse_metric, Grid.of(problem)
+    table = problem.photometry.slant_table()
+    march = March.seeded(problem.log_facing, mask, metric, table, inflow, problem.cuts)
+
+    def shown(previous: Iterate | None) -> Iterate:
+        v = march.log_distance
+        terms = grid.terms(padded(np.where(mask, v, 0.0)), problem.lam)
+        return Iterate.of(problem, v, previous, terms, maps={"arrived": march.arrived})
+
+    iterate = shown(None)
+    yield iterate
+    count = -(-int(mask.sum()) // snapshots)
+    while march.size:
+        march.advance(count)
+        iterate = shown(iterate)
+        yield iterate
     return Status.CONVERGED
 
 
@@ -32,8 +69,8 @@ DEFAULT_SOLVER = "gauss_newton"
 
 
 def knows_curvature(solver: str, xi: str) -> bool:
-    """Whether the regulariser "curvature" can be had: of ξ = 1/d, by all but `primal_dual`."""
-    return xi == "1/d" and solver != "primal_dual"
+    """Whether the regulariser "curvature" is the best: of ξ = 1/d, with the solver that can use it."""
+    return xi == "1/d" and solver == DEFAULT_SOLVER
 
 
 def checked_solver(name: str, options: Mapping[str, Any]) -> Callable[..., Solver]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.depth.fast_marching import fast_marching
+from endolab.depth.solvers import fast_marching
 from endolab.metrics.depth_errors import occlusion_cuts
 from tests.tools.adjoints import between
 from tests.tools.problems import SHEET, border, errors_of, percent_off, problem_of
