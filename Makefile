@@ -13,7 +13,7 @@ NBVAL  := -p tests.tools.notebook_timeouts -p tests.tools.notebook_solutions
 NBVAL  += --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
 
 .DEFAULT_GOAL := help
-.PHONY: help lab demo test test-browser attack html drawings lint bench unseen traced lock clean
+.PHONY: help lab demo test test-browser attack html lint bench unseen traced lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -47,9 +47,6 @@ attack: $(READY) ## damage files 2000 times each and kill every command 20 times
 html: $(READY) ## render notebooks and a reference to build/html; with SOLUTIONS=1, the solutions are open
 	@unset MPLBACKEND; $(BIN)/python -m tests.tools.render_pages notebooks build/html $(if $(SOLUTIONS),--solutions)
 	@echo 'Look at build/html/index.html'
-
-drawings: $(READY) ## draw the vector figures of notebooks and README anew
-	@unset MPLBACKEND; $(BIN)/python -m tests.tools.draw_images
 
 lint: $(READY) ## check style, format and types
 	$(BIN)/ruff check .

@@ -41,7 +41,6 @@ def record(
     path: PathLike | None = None,
     *,
     spawn: bool = False,
-    live: bool = False,
     truth: FloatArray | None = None,
     max_width: int = 480,
 ) -> Recorder:
@@ -51,9 +50,8 @@ def record(
     ----------
     path : path, optional
         The recording to write, ``.rrd``. An old one is replaced when the recording is closed.
-    spawn, live : bool
-        Show the run as it goes instead: in the native viewer, or in one below the notebook's cell.
-        Viewer and server listen on this machine only.
+    spawn : bool
+        Show the run as it goes instead, in the native viewer, which listens on this machine only.
     truth : (H, W) float array, optional
         True distance, mm, to show beside the result; nan where unknown.
     max_width : int
@@ -72,15 +70,15 @@ def record(
     Raises
     ------
     ValueError
-        If it is not one of path, spawn and live.
+        If it is not one of path and spawn.
     OSError
         If the file cannot be written or the viewer does not start.
     """
-    if (path is not None) + spawn + live != 1:
-        raise ValueError("give record() either a path or spawn=True or live=True")
+    if (path is not None) == spawn:
+        raise ValueError("give record() either a path or spawn=True")
     if max_width < 1:
         raise ValueError(f"max_width must be at least 1 px, got {max_width}")
-    return Recorder(Sink(path, live), truth, max_width)
+    return Recorder(Sink(path), truth, max_width)
 
 
 class Comparison:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from endolab.io.atomic import PathLike, one_sentence, staged_file
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray, frozen
-from endolab.recording.viewer import end, follow, start_viewer, viewer_address
+from endolab.recording.viewer import end, start_viewer, viewer_address
 
 NOW, START, TRUTH, OUTLIER = (230, 159, 0), (86, 180, 233), (160, 160, 160), (213, 94, 0)
 THIN = rr.Radius.ui_points(1.5)
@@ -68,16 +68,14 @@ class Sink:
     """Where a recording goes: a file, ``.rrd``, or a viewer.
 
     Rerun writes a file under a temporary name, and `close` gives it its own; if nothing was logged, or
-    something failed, there is none. Without a path it is the native viewer, started if none listens, to take
-    that much `memory`; with `live` one below the notebook's cell; with an `address`, such as
-    ``rerun+http://127.0.0.1:9876/proxy``, one that is there. As a context manager it is closed at the end,
-    and an error leaves no file.
+    something failed, there is none. Without a path it is the native viewer, started if none listens, to
+    take that much `memory`; with an `address`, such as ``rerun+http://127.0.0.1:9876/proxy``, one that is
+    there. As a context manager it is closed at the end, and an error leaves no file.
     """
 
     def __init__(
         self,
         path: PathLike | None = None,
-        live: bool = False,
         *,
         address: str | None = None,
         memory: str | None = None,
@@ -89,7 +87,7 @@ class Sink:
         self._viewer: subprocess.Popen[bytes] | None = None
         self._staged: contextlib.AbstractContextManager[Path] | None = None
         self._writer: _Writer | None = None
-        if self.path is None and not live and address is None:
+        if self.path is None and address is None:
             self._viewer, address = start_viewer(memory=memory), viewer_address()
         self.stream = rr.RecordingStream("endolab")
         try:
@@ -110,10 +108,8 @@ class Sink:
                 self._writer.start()
             else:
                 self.stream.save(temporary)
-        elif address is not None:
-            self.stream.connect_grpc(address)
         else:
-            follow(self.stream)
+            self.stream.connect_grpc(address)
 
     @property
     def gone(self) -> bool:

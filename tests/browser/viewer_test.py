@@ -5,7 +5,7 @@ import io
 import numpy as np
 from matplotlib.image import imread
 
-from tests.browser.conftest import NEWER, READY
+from tests.browser.conftest import NEWER
 
 SOLVE = """
 import endolab as el
@@ -15,10 +15,6 @@ scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry
 frame, known = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
 """
 FILE = 'el.reconstruct(frame, known, observers=[el.record("run.rrd")])\nel.show("run.rrd", height=500)'
-# Would take minutes: the browser has time to draw before the cell has ended.
-LIVE = """import time
-steps = el.iterate(frame, known, solver="primal_dual", every=1)
-el.run(steps, observers=[el.record(live=True), lambda iterate: time.sleep(1)], max_iterations=500).status"""
 
 
 def colours(opened):
@@ -46,19 +42,4 @@ def test_the_viewer_draws_a_run(open_notebook):
     seen = drawn(opened)
     opened.photograph("viewer_show")
     assert seen
-    assert set(opened.outside) <= {NEWER}
-
-
-def test_the_viewer_follows_a_run_in_its_own_cell(open_notebook):
-    opened = open_notebook("00_quickstart.ipynb", cells=[SOLVE, LIVE], height=1600)
-    opened.command("notebook:run-all-cells")
-    seen = drawn(opened, 60)
-    opened.photograph("viewer_live")
-    state = opened.state()
-    assert seen
-    assert state["waiting"] == 1  # the run goes on
-    opened.command("notebook:interrupt-kernel")
-    opened.page.wait_for_function(READY)
-    state = opened.state()
-    assert (state["complaints"], state["waiting"]) == ([], 0)
     assert set(opened.outside) <= {NEWER}

@@ -3,11 +3,9 @@
 import io
 import subprocess
 import sys
-import time
 
 import matplotlib.image
 import numpy as np
-import psutil
 import pytest
 
 import endolab as el
@@ -91,49 +89,6 @@ def test_a_closed_recorder_can_be_shown(tmp_path, path, nobody, monkeypatch):
     recorder.close()
     (tmp_path / "run.rrd").write_bytes(path.read_bytes())
     embed.show(recorder)
-
-
-def test_following_a_run_needs_a_front_end(nobody):
-    with pytest.raises(OSError, match="needs JupyterLab; record to a file instead"):
-        el.record(live=True)
-
-
-SERVE = """
-import time
-from endolab.recording import viewer
-print("here", flush=True)
-print(viewer.start_server(), flush=True)
-time.sleep(600)
-"""
-
-
-@pytest.mark.parametrize("early", [True, False], ids=["while it starts", "when it listens"])
-def test_the_server_ends_with_a_program_that_is_killed(early):
-    program = subprocess.Popen([sys.executable, "-c", SERVE], stdout=subprocess.PIPE, text=True)
-    assert program.stdout.readline() == "here\n"
-    whole = psutil.Process(program.pid)
-    if not early:
-        assert program.stdout.readline().startswith("rerun+http://127.0.0.1:")
-    while not (started := whole.children(recursive=True)) and program.poll() is None:
-        time.sleep(0.001)
-    used = [one for child in started for one in child.net_connections("inet") if one.status == "LISTEN"]
-    assert {one.laddr.ip for one in used} == (set() if early and not used else {"127.0.0.1"})
-    program.kill()
-    program.communicate()
-    alive = psutil.wait_procs(started, 60)[1]
-    for child in alive:
-        child.kill()
-    assert alive == []
-
-
-def test_servers_of_earlier_cells_end():
-    addresses = [viewer.start_server() for _ in range(viewer.MOST_SERVERS + 1)]
-    ports = [int(one.split(":")[-1].split("/")[0]) for one in addresses]
-    listening = [viewer.is_listening(port) for port in ports]
-    for one in viewer._servers:
-        viewer.end(one)
-    assert listening == [False] + viewer.MOST_SERVERS * [True]
-    assert not any(viewer.is_listening(port) for port in ports)
 
 
 def test_the_viewer_comes_from_this_machine(path, monkeypatch):
