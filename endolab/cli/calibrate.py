@@ -8,24 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from endolab._extras import lacking
-from endolab.cli.options import add_command, add_overwrite, matt_wall, number, whole
+from endolab.cli.options import add_command, add_overwrite, albedo, count, number, progress_bar, several
 
 SHEET = "sheet"  # the scene of `simulate` that is a video of a target
-SHEET_OPTIONS: dict[str, Any] = {  # what only that can be told, and what it is by default
-    **{"target": "vicalib_small", "frames": 300, "fold": 20.0},
-    **{"outliers": 0.0, "motion": 0.0, "video": False},
-}
-
-
+SHEET_OPTIONS = ("target", "frames", "fold", "outliers", "motion", "video")  # what only that can be told
 LIGHT_FRAMES = 8  # of a video, that are asked for its light
 
 
 @contextmanager
 def _bar() -> Iterator[Callable[[str, int, int], None]]:
     """Show the progress of one stage after the other on stderr."""
-    from tqdm import tqdm
-
-    with tqdm(unit="frame", leave=False, disable=None) as bar:
+    with progress_bar("frame") as bar:
 
         def show(stage: str, done: int, total: int) -> None:
             if done <= bar.n:
@@ -40,7 +33,7 @@ def _known(text: str) -> float | tuple[float, ...] | str:
     """Read ``2.2``, or ``2.2,0.1``: a value and its standard deviation; or ``free``."""
     if text == "free":
         return text
-    values = tuple(number(part) for part in text.split(","))
+    values = tuple(several(number)(text))
     if len(values) > 2 or not all(0 < value < math.inf for value in values):
         either = "a positive number, one and its standard deviation (2.2,0.1) or free"
         raise argparse.ArgumentTypeError(f"expected {either}, found {text!r}")
@@ -66,35 +59,23 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     from endolab.io.descriptions import read_target
     from endolab.io.sheet_video import save_sheet_video
 
-    fold = arguments.fold
-    for name, usual in SHEET_OPTIONS.items():
-        if getattr(arguments, name) is None:
-            setattr(arguments, name, usual)
-    if fold is not None and read_target(arguments.target).fold is None:
-        raise ValueError(f"--fold is of a folded target, and {arguments.target} is flat")
-    names = ("video", "noise", "bits", "outliers", "motion", "seed")
+    target, frames = arguments.target or "vicalib_small", arguments.frames or 300
+    if arguments.fold is not None and read_target(target).fold is None:
+        raise ValueError(f"--fold is of a folded target, and {target} is flat")
+    names = ("video", "noise", "bits", "outliers", "motion", "seed", "overwrite")
+    how = {name: value for name in names if (value := getattr(arguments, name)) is not None}
+    how["fold"] = math.radians(20.0 if arguments.fold is None else arguments.fold)
+    how["inputs"] = [arguments.calibration, target]
     with _bar() as bar:
-        save_sheet_video(
-            arguments.out,
-            arguments.target,
-            calibration,
-            arguments.frames,
-            fold=math.radians(arguments.fold),
-            progress=bar,
-            overwrite=arguments.overwrite,
-            inputs=[arguments.calibration, arguments.target],
-            **{name: getattr(arguments, name) for name in names},
-        )
-    what = "sheet.mkv" if arguments.video else f"{arguments.frames} pictures"
+        save_sheet_video(arguments.out, target, calibration, frames, progress=bar, **how)
+    what = "sheet.mkv" if arguments.video else f"{frames} pictures"
     print(f"written to {arguments.out}: {what}, truth.json")
 
 
 def _light_options(arguments: argparse.Namespace, target: Any) -> dict[str, Any]:
     """Check the options of the fit of the light, before a long search for the target."""
     from endolab.calibration.photometric.fit import checked_gamma
-    from endolab.numerics import checks
 
-    checks.whole("--every", arguments.every, 1)
     patches = len(set(target.ink.greys[:, 3]))
     given = [None if known == "free" else known for known in arguments.reflectance]
     if given and len(given) != patches:
@@ -143,20 +124,18 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     from endolab.reconstruction.sequence import framed
     from endolab.reconstruction.unknown_light import estimate_light
 
-    if arguments.frames < 1:
-        raise ValueError(f"--frames must be at least 1, got {arguments.frames}")
     known = arguments.camera in CALIBRATIONS
     camera = load_calibration(arguments.camera).camera if known else read_camera(arguments.camera)
     frames = open_frames(*arguments.source)
-    count = min(arguments.frames, len(frames))
-    names = [frames.names[i] for i in np.linspace(0, len(frames) - 1, count).round().astype(int)]
+    many = min(arguments.frames, len(frames))
+    names = [frames.names[i] for i in np.linspace(0, len(frames) - 1, many).round().astype(int)]
     how: dict[str, Any] = {"gamma": arguments.gamma, "otherwise": arguments.k}
     if arguments.albedo is not None:
-        how["albedo"] = matt_wall(arguments.albedo).albedo
+        how["albedo"] = arguments.albedo
     read = (framed(name, picture) for name, picture in frames.read(names) if picture is not None)
     out = {"overwrite": arguments.overwrite, "inputs": [arguments.camera, *arguments.source]}
     with staged_file(arguments.out, **out) as temporary, _bar() as bar:
-        found = estimate_light(read, camera, progress=lambda done, _: bar("light", done, count), **how)
+        found = estimate_light(read, camera, progress=lambda done, _: bar("light", done, many), **how)
         if found.status is Status.STOPPED:
             raise KeyboardInterrupt
         Calibration(camera, found.photometry, found.evidence).save(temporary)
@@ -202,7 +181,7 @@ def add_sheet_options(add: argparse.ArgumentParser) -> None:
     """Add what `simulate sheet` can be told."""
     option = add.add_argument_group("a calibration video (SCENE sheet)").add_argument
     option("--target", metavar="NAME", help="as for target (default vicalib_small)")
-    option("--frames", type=whole, metavar="N", help="how many (default 300)")
+    option("--frames", type=count, metavar="N", help="how many (default 300)")
     option("--fold", type=number, metavar="DEG", help="of a folded target (default 20)")
     option("--outliers", type=number, metavar="SHARE", help="of the pixels that are wrong")
     option("--motion", type=number, metavar="PX", help="of motion blur")
@@ -241,7 +220,7 @@ def add_calibration_commands(commands: Any) -> None:
     add_overwrite(command)
     option("--camera", metavar="CAL.json", help="calibrate the light only, with the camera of this file")
     how = "one frame of a video in N goes into the geometry (default 20)"
-    option("--every", type=whole, default=20, metavar="N", help=how)
+    option("--every", type=count, default=20, metavar="N", help=how)
     how = "frames, by their names in the report, that the calibration is to do without"
     option("--leave-out", nargs="+", action="extend", default=[], metavar="NAME", help=how)
     how = "whose response: grey (default), red, green or blue"
@@ -273,9 +252,9 @@ def add_calibration_commands(commands: Any) -> None:
     option("--out", required=True, metavar="CAL.json")
     add_overwrite(command)
     how = f"so many, spread evenly (default {LIGHT_FRAMES}); each takes some seconds"
-    option("--frames", type=whole, default=LIGHT_FRAMES, metavar="N", help=how)
+    option("--frames", type=count, default=LIGHT_FRAMES, metavar="N", help=how)
     option("--gamma", type=number, default=2.2, metavar="γ", help="which frames don't tell (default 2.2)")
-    option("--albedo", metavar="A", help="of the wall's green, or R,G,B, if known")
+    option("--albedo", type=albedo, metavar="A", help="of the wall's green, or R,G,B, if known")
     option("--k", type=number, default=2.5, metavar="K", help="if it is not found (default 2.5)")
 
     command = add_command(

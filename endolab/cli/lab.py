@@ -7,10 +7,6 @@ import socket
 import sqlite3
 import sys
 import tempfile
-import threading
-import time
-import urllib.error
-import urllib.request
 from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
@@ -19,7 +15,6 @@ from endolab._extras import need
 
 OWN = Path(__file__).resolve().parents[2] / "notebooks"  # of endolab's checkout, where there is one
 PORTS = 50  # that are tried, one after the other
-PATIENCE = 120.0  # seconds until the server must answer
 
 # Open3D brings a Dash extension, for which JupyterLab would ask, over the whole page, to be built again.
 SETTINGS = {
@@ -74,20 +69,6 @@ def free_port(first: int) -> int:
     raise OSError(f"all ports from {first} to {last} are taken; name another one with --port")
 
 
-def lab_options(root: str | os.PathLike[str], port: int, folder: str = "notebooks") -> list[str]:
-    """JupyterLab's options: its file browser shows `root`, where `folder` is opened first.
-
-    It listens on `port`, on this machine only.
-    """
-    options = [f"--notebook-dir={root}", "--ip=127.0.0.1", f"--port={port}", "--ServerApp.port_retries=0"]
-    options += [f"--LabApp.default_url=/lab/tree/{folder}", "--LabApp.extension_manager=readonly"]
-    # One line with the link is printed in place of Jupyter's thirty.
-    options += ["--log-level=WARN", "--LabApp.log_level=WARN"]
-    if hasattr(os, "geteuid") and os.geteuid() == 0:  # in a container; Jupyter would refuse
-        options.append("--allow-root")
-    return options
-
-
 def _prepend(variable: str, folder: Path) -> None:
     others = os.environ.get(variable)
     os.environ[variable] = f"{folder}{os.pathsep}{others}" if others else str(folder)
@@ -114,27 +95,10 @@ def _sign(notebooks: Iterable[Path]) -> None:
                 notary.sign(notebook)
 
 
-def _announce(server: str, line: str) -> None:
-    """Print a line as soon as a server answers."""
-    with suppress(OSError, sqlite3.Error):  # no place for signatures: JupyterLab warns that it trusts none
-        _sign(OWN.glob("[0-9][0-9]_*.ipynb"))
-    given_up = time.monotonic() + PATIENCE
-    while time.monotonic() < given_up:
-        try:
-            urllib.request.urlopen(f"{server}/api", timeout=5).close()
-        except urllib.error.HTTPError:  # an answer too
-            pass
-        except OSError:
-            time.sleep(0.1)
-            continue
-        print(line, flush=True)
-        return
-
-
 def open_lab(
     notebooks: str | os.PathLike[str] | None = None, port: int = 8888, options: Sequence[str] = ()
 ) -> None:
-    """Run JupyterLab until it is told to stop; print the link to it as soon as it answers.
+    """Run JupyterLab until it is told to stop; print the link to it.
 
     `notebooks` is the folder that is opened, by default that of endolab's checkout; `port` is where to
     listen, or on the next that is free; `options`, such as ``--no-browser``, are passed on. OSError if
@@ -157,14 +121,36 @@ def open_lab(
         _prepend("JUPYTER_PATH", home)
         # The Rerun viewer's assets then come from this machine; it must be set before rerun is imported.
         os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "serve-local")
-        server = f"http://127.0.0.1:{free}"
-        line = f"JupyterLab: {server}/lab/tree/{folder.name}?token={token}"
-        line += f" (port {port} is taken)" if free != port else ""
-        threading.Thread(target=_announce, args=(server, line), daemon=True).start()
+        options = [
+            f"--notebook-dir={folder.parent}",
+            f"--LabApp.default_url=/lab/tree/{folder.name}",
+            *options,
+        ]
+        options = ["--ip=127.0.0.1", f"--port={free}", "--ServerApp.port_retries=0", *options]
+        # One line with the link is printed in place of Jupyter's thirty.
+        options = [
+            "--log-level=WARN",
+            "--LabApp.log_level=WARN",
+            "--LabApp.extension_manager=readonly",
+            *options,
+        ]
+        if hasattr(os, "geteuid") and os.geteuid() == 0:  # in a container; Jupyter would refuse
+            options.append("--allow-root")
 
+        from jupyter_core.application import NoStart
         from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
-        LabApp.launch_instance([*lab_options(folder.parent, free, folder.name), *options])
+        with suppress(
+            OSError, sqlite3.Error
+        ):  # no place for signatures: JupyterLab warns that it trusts none
+            _sign(OWN.glob("[0-9][0-9]_*.ipynb"))
+        with suppress(NoStart):
+            server = LabApp.initialize_server(options)
+            taken = f" (port {port} is taken)" if free != port else ""
+            print(
+                f"JupyterLab: http://127.0.0.1:{free}/lab/tree/{folder.name}?token={token}{taken}", flush=True
+            )
+            server.start()
 
 
 if __name__ == "__main__":  # python -m endolab.cli.lab .venv, for a JupyterLab that is started by hand

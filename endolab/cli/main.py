@@ -20,7 +20,7 @@ from endolab.cli.calibrate import (
     add_sheet_options,
     simulate_sheet,
 )
-from endolab.cli.options import add_command, add_overwrite, number, whole
+from endolab.cli.options import add_command, add_overwrite, number, whole, wide
 from endolab.cli.reconstruct import add_reconstruct_commands
 from endolab.cli.tune import add_tune_command
 
@@ -56,11 +56,8 @@ def _simulate(arguments: argparse.Namespace) -> None:
         raise unknown_name("scene", arguments.scene, (*SCENES, SHEET))
     _check_scenes_options(arguments)
     calibration = load_calibration(arguments.calibration)
-    if arguments.width is not None:
-        if arguments.width < 16:
-            raise ValueError(f"--width must be at least 16 px, got {arguments.width}")
-        height = calibration.camera.height * arguments.width / calibration.camera.width
-        calibration = calibration.resize(arguments.width, max(1, round(height)))
+    height = calibration.camera.height * arguments.width / calibration.camera.width
+    calibration = calibration.resize(arguments.width, max(1, round(height)))
     if arguments.scene == SHEET:
         simulate_sheet(arguments, calibration)
         return
@@ -178,7 +175,7 @@ def _parser() -> argparse.ArgumentParser:
     option("--out", required=True, metavar="DIR", help="folder for the results")
     add_overwrite(command)
     option("--calibration", default="paper", metavar="CAL", help="endoscope.json, or a name (default paper)")
-    option("--width", type=whole, default=640, metavar="PX", help="of the frame (default 640)")
+    option("--width", type=wide, default=640, metavar="PX", help="of the frame (default 640)")
     option("--noise", type=number, default=1.0, metavar="GREY", help="standard deviation (default 1 of 255)")
     option("--bits", type=whole, default=8, choices=(8, 16), help="of each channel (default 8)")
     option("--texture", type=number, metavar="S", help="sd of the albedo's logarithm")

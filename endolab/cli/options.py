@@ -37,12 +37,36 @@ def count(text: str) -> int:
     return whole(text)
 
 
+def wide(text: str) -> int:
+    """Read a width, px."""
+    if whole(text) < 16:
+        raise argparse.ArgumentTypeError(f"expected at least 16 px, found {text!r}")
+    return whole(text)
+
+
 def number(text: str) -> float:
     """Read a number that an option was given."""
     try:
         return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected a number, found {text!r}") from None
+
+
+def several(kind: Callable[[str], Any]) -> Callable[[str], list[Any]]:
+    """Return what reads several values of a kind, ``0.1,1,10``."""
+    return lambda text: [kind(part.strip()) for part in text.split(",")]
+
+
+def albedo(text: str) -> float | tuple[float, ...]:
+    """Read the albedo of a matt wall, or its three."""
+    from endolab.model.brdf import Lambertian
+
+    try:
+        first, *others = several(float)(text)
+        return Lambertian((first, *others) if others else first).albedo
+    except ValueError as error:
+        expected = "one number in (0, 1] or three (R,G,B)"
+        raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}") from error
 
 
 def _distance(text: str) -> tuple[float, ...]:
@@ -59,11 +83,6 @@ def _numbers(text: str, form: str) -> list[float]:
     if len(values) != form.count(",") + 1:
         raise argparse.ArgumentTypeError(f"expected {form}, found {text!r}")
     return values
-
-
-def several(kind: Callable[[str], Any]) -> Callable[[str], list[Any]]:
-    """Return what reads several values of a kind, ``0.1,1,10``."""
-    return lambda text: [kind(part.strip()) for part in text.split(",")]
 
 
 # Options --------------------------------------------------------------------------------
@@ -89,7 +108,7 @@ def add_overwrite(parser: argparse.ArgumentParser) -> None:
 
 
 def add_solving_options(parser: argparse.ArgumentParser, swept: bool = False) -> None:
-    """Add what `solving_keywords` and `calibration_of` read; λ, ξ and order are lists if `swept`."""
+    """Add what `solving` reads; λ, ξ and order are lists if `swept`."""
     add = parser.add_argument
     more, orders, weights = (
         f"; several as {example}" if swept else "" for example in ("d,1/d", "first,curvature", "0.1,1,10")
@@ -109,11 +128,16 @@ def add_solving_options(parser: argparse.ArgumentParser, swept: bool = False) ->
     add("--threshold", type=number, metavar="ρ", help=how)
     add("--max-iterations", type=count, metavar="N", help="steps of the solver at most")
     how = (
-        "auto (default): what the frame's evidence allows; separated: all three colours, light that bounced "
+        "auto (default): what the frame's evidence allows; separated: all colours, light that bounced taken "
     )
-    how += "taken out; red, green, blue or grey: this alone (green with the solvers of the paper)"
+    how += "out; red, green, blue or grey: this alone (green with the solvers of the paper)"
     add("--channel", choices=CHANNELS, metavar="NAME", help=how)
-    add("--albedo", metavar="A", help="of a matt wall, or R,G,B, in place of the calibration's BRDF")
+    add(
+        "--albedo",
+        type=albedo,
+        metavar="A",
+        help="of a matt wall, or R,G,B, in place of the calibration's BRDF",
+    )
     how = "whether folds may hide what is behind them; auto: if that explains the picture better"
     add("--contours", choices=tuple(CONTOURS), help=how)
     how = "what to do with mirrored light (default: ignore it with auto and separated, else keep)"
@@ -132,52 +156,40 @@ def add_solving_options(parser: argparse.ArgumentParser, swept: bool = False) ->
 
 
 # What they stand for --------------------------------------------------------------------
-def solving_keywords(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the keywords of `endolab.reconstruct` that the settings file and the options stand for."""
-    kept = dict(_settings(arguments).keywords)
-    said = {name: getattr(arguments, name, None) for name in SOLVING}
-    said = {name: value for name, value in said.items() if value is not None}
-    if arguments.contours is not None:
-        said["contours"] = CONTOURS[arguments.contours]
-    if any(name in said for name in LENGTHS):
-        kept = {name: value for name, value in kept.items() if name not in LENGTHS}
-    return kept | said
+def solving(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
+    """Return what the settings file and the options stand for.
 
-
-def calibration_of(arguments: argparse.Namespace) -> Any:
-    """Return the calibration that the options name, with the light and the wall that they believe in."""
+    It is the calibration, with the light and the wall that they believe in, and keywords of
+    `endolab.reconstruct`.
+    """
     from endolab.datasets.known_endoscopes import load_calibration
-    from endolab.io.settings import SolvingSettings
+    from endolab.io.settings import SolvingSettings, read_settings
 
     calibration = load_calibration(arguments.calibration)
-    light = dict(_settings(arguments).photometry)
+    path = getattr(arguments, "settings", None)
+    kept = SolvingSettings() if path is None else read_settings(path)
+    light, keywords = dict(kept.photometry), dict(kept.keywords)
     if arguments.albedo is not None:
-        light["albedo"] = matt_wall(arguments.albedo).albedo
+        light["albedo"] = arguments.albedo
     evidence = calibration.evidence.get("photometry")
     if "albedo" not in light and isinstance(evidence, dict) and evidence.get("brdf_of"):
         print("The BRDF is that of the calibration sheet; --albedo 0.5 takes a matt wall instead.")
-    return SolvingSettings(photometry=light).believed(calibration)
-
-
-def _settings(arguments: argparse.Namespace) -> Any:
-    from endolab.io.settings import SolvingSettings, read_settings
-
-    path = getattr(arguments, "settings", None)
-    return SolvingSettings() if path is None else read_settings(path)
-
-
-def matt_wall(albedo: str) -> Any:
-    """Read the albedo of a matt wall, or three, as its BRDF."""
-    from endolab.model.brdf import Lambertian
-
-    try:
-        values = tuple(float(part) for part in albedo.split(","))
-        return Lambertian(values[0] if len(values) == 1 else values)  # type: ignore[arg-type]
-    except ValueError as error:
-        raise ValueError(f"--albedo must be one number in (0, 1] or three (R,G,B), got {albedo}") from error
+    said = {name: value for name in SOLVING if (value := getattr(arguments, name, None)) is not None}
+    if arguments.contours is not None:
+        said["contours"] = CONTOURS[arguments.contours]
+    if any(name in said for name in LENGTHS):
+        keywords = {name: value for name, value in keywords.items() if name not in LENGTHS}
+    return SolvingSettings(photometry=light).believed(calibration), keywords | said
 
 
 # What is told meanwhile -----------------------------------------------------------------
+def progress_bar(unit: str, what: str | None = None, total: int | None = None) -> Any:
+    """Return a bar on stderr, where that is a terminal."""
+    from tqdm import tqdm
+
+    return tqdm(total=total, unit=unit, leave=False, disable=None, desc=what)
+
+
 @contextmanager
 def compiling_said() -> Iterator[None]:
     """Say on stderr, once, that loops are compiled, if any are in the block."""

@@ -11,10 +11,10 @@ from endolab.cli.options import (
     add_command,
     add_overwrite,
     add_solving_options,
-    calibration_of,
     compiling_said,
     count,
-    solving_keywords,
+    progress_bar,
+    solving,
     whole,
 )
 
@@ -52,23 +52,18 @@ def _refuse(arguments: argparse.Namespace, options: tuple[str, ...], kind: str) 
             raise ValueError(f"--{option} is not of {kind}")
 
 
-def _bar(unit: str, what: str, total: int | None = None) -> Any:
-    """Return a progress bar on stderr, where that is a terminal."""
-    from tqdm import tqdm
-
-    return tqdm(total=total, unit=unit, leave=False, disable=None, desc=what)
-
-
 def _say_if_large(arguments: argparse.Namespace, calibration: Any) -> None:
     camera = calibration.camera
     wide = arguments.width or camera.width
-    pixels = camera.width * camera.height * (wide / camera.width) ** 2
+    pixels = wide**2 * camera.height / camera.width
     if pixels > LARGE:
         print(f"{pixels / 1e6:.0f} megapixels take their time; --width 1000 is quicker.", flush=True)
 
 
-def _inputs(arguments: argparse.Namespace) -> list[Any]:
-    return [arguments.frame, arguments.calibration, arguments.mask, arguments.settings]
+def _where(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Say what may be replaced in the folder of results, and what never."""
+    inputs = [arguments.frame, arguments.calibration, arguments.mask, arguments.settings]
+    return {"overwrite": arguments.overwrite, "inputs": inputs}
 
 
 # One frame ------------------------------------------------------------------------------
@@ -83,24 +78,22 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     from endolab.reports.result import write_files
     from endolab.uncertainty.trust import check_solver
 
-    calibration = calibration_of(arguments)
+    calibration, keywords = solving(arguments)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
     _say_if_large(arguments, calibration)
     if depth_layout(arguments.frame) or looks_like_depth(frame.image):
         print(f"{arguments.frame} may be a depth map and no picture, by its name or for it has no noise.")
-    keywords = {"solver": DEFAULT_SOLVER} | solving_keywords(arguments)
+    solver = keywords.setdefault("solver", DEFAULT_SOLVER)
     if arguments.trust:
-        check_solver(keywords["solver"])
-    snapshots = arguments.snapshots
-    if keywords["solver"] == "fast_marching" or snapshots is not None:
-        keywords["snapshots"] = SNAPSHOTS if snapshots is None else snapshots
-    how = {"overwrite": arguments.overwrite, "inputs": _inputs(arguments)}
-    with compiling_said(), staged_folder(arguments.out, **how) as folder:
+        check_solver(solver)
+    if solver == "fast_marching" or arguments.snapshots is not None:
+        keywords["snapshots"] = SNAPSHOTS if arguments.snapshots is None else arguments.snapshots
+    unrecorded = lacking("rerun")
+    with compiling_said(), staged_folder(arguments.out, **_where(arguments)) as folder:
         prepared = prepare(frame, calibration, highlights="keep") if arguments.prepare else None
-        unrecorded = lacking("rerun")
         with (
             nullcontext() if unrecorded else _recorder(folder / "recording.rrd") as recorder,
-            _bar("it", "solving", keywords.get("snapshots")) as bar,
+            progress_bar("it", "solving", keywords.get("snapshots")) as bar,
         ):
 
             def show(iterate: Any) -> None:
@@ -117,7 +110,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
                 recorder.add_trust(trust, result)
         write_files(result, folder, mesh=arguments.mesh, prepared=prepared, trust=trust)
         written = sorted(path.name for path in folder.iterdir())
-    _tell(result, keywords["solver"], prepared, trust)
+    _tell(result, solver, prepared, trust)
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")
     print(f"written to {arguments.out}: {', '.join(written)}")
@@ -133,7 +126,7 @@ def _trust(result: Any, calibration: Any) -> Any:
     """How far a result can be trusted; None if the user had no patience for it."""
     from endolab.uncertainty.trust import trust_of
 
-    with _bar("draw", "trust") as bar:
+    with progress_bar("draw", "trust") as bar:
 
         def show(progress: Any) -> None:
             bar.total = progress.of
@@ -154,7 +147,7 @@ def _tell(result: Any, solver: str, prepared: Any, trust: Any) -> None:
     from endolab.reports.result import trusted
 
     near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
-    steps = f"{result.iterations} iteration{'' if result.iterations == 1 else 's'}"
+    steps = f"{result.iterations} iteration" + "s" * (result.iterations != 1)
     energy = f"energy {result.history[0]['energy']:.3e} to {result.energy:.3e}"
     print(f"{result.status.name}: {result.status.value}")
     print(f"{solver}, {steps}, {result.seconds:.2f} s, {energy}, {int(result.mask.sum())} pixels")
@@ -182,12 +175,12 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
     from endolab.batch.video import reconstruct_video
     from endolab.datasets.folders import depth_layout
 
-    calibration = calibration_of(arguments)
+    calibration, keywords = solving(arguments)
     _say_if_large(arguments, calibration)
     depths = sorted(path.name for path in Path(arguments.frame).glob("*") if depth_layout(path))
     if depths:
         print(f"{arguments.frame} holds depth maps too, which are taken for frames, such as {depths[0]}.")
-    with compiling_said(), _bar("frame", "video") as bar:
+    with compiling_said(), progress_bar("frame", "video") as bar:
 
         def show(done: int, total: int, row: dict[str, Any]) -> None:
             bar.total = total
@@ -205,7 +198,7 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
             every=arguments.every or 1,
             limit=arguments.limit,
             progress=show,
-            **solving_keywords(arguments),
+            **keywords,
         )
     done = [row for row in found.rows if not row["error"]]
     for row in found.rows:
@@ -232,18 +225,16 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
     from endolab.io.atomic import as_json, staged_folder, write_atomically
     from endolab.io.surfaces import save_depth
 
-    calibration = calibration_of(arguments)
-    keywords = solving_keywords(arguments)
+    calibration, keywords = solving(arguments)
     if keywords.get("regulariser") == "auto":
         del keywords["regulariser"]  # that of a live view
     width = keywords.get("width") or min(LIVE_WIDTH, calibration.camera.width)
     rows: list[dict[str, Any]] = []
-    last = None
+    dropped, last = 0, None
     with ExitStack() as ending:
         sinks: list[Any] = []
         if arguments.out is not None:
-            how = {"overwrite": arguments.overwrite, "inputs": _inputs(arguments)}
-            folder = ending.enter_context(staged_folder(arguments.out, **how))
+            folder = ending.enter_context(staged_folder(arguments.out, **_where(arguments)))
         if not lacking("rerun"):
             from endolab.recording.stream import Sink
 
@@ -256,17 +247,21 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
                     if arguments.out is None:
                         raise
                     print(error)
-        print(
-            f"live: {width} px wide, channel {keywords.get('channel') or 'green'}; Ctrl-C ends it", flush=True
-        )
+        channel = keywords.get("channel") or "green"
+        print(f"live: {width} px wide, channel {channel}; Ctrl-C ends it", flush=True)
         started = time.perf_counter()
-        how = {"mask": arguments.mask, "limit": arguments.limit}
-        steps = reconstruct_live(arguments.frame, calibration, **how, **keywords)
-        with compiling_said(), _bar("frame", "live") as bar, closing(steps), suppress(KeyboardInterrupt):
+        keywords |= {"mask": arguments.mask, "limit": arguments.limit}
+        steps = reconstruct_live(arguments.frame, calibration, **keywords)
+        with (
+            compiling_said(),
+            progress_bar("frame", "live") as bar,
+            closing(steps),
+            suppress(KeyboardInterrupt),
+        ):
             for step in shown(steps, sinks):
                 rows.append(live_row(step))
                 last = step.result or last
-                dropped = sum(row["dropped"] for row in rows)
+                dropped += step.dropped
                 bar.set_postfix_str(f"lag {1000 * step.lag:.0f} ms, {dropped} dropped", refresh=False)
                 bar.update()
                 if arguments.out is None and all(sink.gone for sink in sinks):
@@ -288,10 +283,10 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
 def _sweep(arguments: argparse.Namespace) -> None:
     from endolab.batch.sweep import sweep
 
-    calibration = calibration_of(arguments)
+    calibration, keywords = solving(arguments)
     _say_if_large(arguments, calibration)
     made = 0
-    with compiling_said(), _bar("row", "sweep") as bar:
+    with compiling_said(), progress_bar("row", "sweep") as bar:
 
         def show(done: int, total: int, row: dict[str, Any]) -> None:
             nonlocal made
@@ -308,7 +303,7 @@ def _sweep(arguments: argparse.Namespace) -> None:
             n_jobs=arguments.jobs,
             backend=arguments.backend,
             progress=show,
-            **solving_keywords(arguments),
+            **keywords,
         )
     failed = [row for row in rows if row["error"]]
     if len(failed) == len(rows):

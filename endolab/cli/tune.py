@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any
 
 from endolab._extras import need
-from endolab.cli.options import add_command, whole
+from endolab.cli.options import add_command, whole, wide
 
 PORT = 8877  # the first that is tried, apart from JupyterLab's
 
@@ -21,8 +21,6 @@ def _tune(arguments: argparse.Namespace) -> None:
     from endolab.datasets.known_endoscopes import load_calibration
     from endolab.io.images import read_frame
 
-    if arguments.width < 16:
-        raise ValueError(f"--width must be at least 16 px, got {arguments.width}")
     port = free_port(arguments.port)
 
     from endolab.tuning.folder import find_pictures, read_truth
@@ -83,7 +81,7 @@ def add_tune_command(commands: Any) -> None:
     how = "endoscope.json, or a known endoscope's name"
     option("--calibration", required=True, metavar="CAL", help=how)
     option("--truth", metavar="T", help="truth.npz of the frame, or its depth map of a published data set")
-    option("--width", type=whole, default=320, metavar="PX", help="to begin with (default 320)")
+    option("--width", type=wide, default=320, metavar="PX", help="to begin with (default 320)")
     option("--port", type=whole, default=PORT, metavar="N", help=f"the next free one (default {PORT})")
     how = "print the link, and open no browser"
     option("--no-browser", action="store_false", dest="browser", help=how)
