@@ -58,7 +58,6 @@ bench: $(READY) ## measure speed
 	$(BIN)/python -m tests.benchmarks.solvers
 	$(BIN)/python -m tests.benchmarks.calibration
 	$(BIN)/python -m tests.benchmarks.session
-	$(BIN)/python -m tests.benchmarks.targets
 	$(BIN)/python -m tests.benchmarks.colon
 	$(BIN)/python -m tests.benchmarks.light traced
 	$(BIN)/python -m tests.benchmarks.highlights

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.session import Named, Session
-from endolab.calibration.summary import account, brdf_of, mean_distances
+from endolab.calibration.summary import account, mean_distances
 from endolab.io.atomic import PathLike
 from endolab.io.video import Frames
 from endolab.numerics.arrays import FloatArray
@@ -44,7 +44,7 @@ def record_calibration(
     ``picture/reprojection`` (measured - predicted, magnified), ``picture/samples`` (coloured by
     measured - predicted grey level), ``world/sheet`` (the target's points), ``plots/gain``,
     ``plots/distance``, ``plots/residual`` (standard deviation). Per iteration: ``fit/k``, ``fit/gamma``,
-    ``fit/sigma``, ``fit/cost``, ``fit/change``, ``brdf``, ``residuals``.
+    ``fit/sigma``, ``fit/cost``, ``fit/change``.
     """
     with Sink(path) as sink:
         _Recording(sink, session, max_width).log(frames, light_steps)
@@ -164,18 +164,8 @@ class _Recording:
     # Iterations -----------------------------------------------------------------------
 
     def _log_step(self, step: FitIterate) -> None:
-        unknowns, light = step.unknowns, self.session.light
+        unknowns = step.unknowns
         numbers = {"fit/k": unknowns.k, "fit/gamma": unknowns.gamma}
         numbers |= {f"fit/{name}": getattr(step, name) for name in ("sigma", "cost", "change")}
         for name, value in numbers.items():
             self.sink.log_scalar(name, value)
-        edges = np.linspace(-20, 20, 81)
-        count = np.histogram(step.residual[step.used, 0], edges)[0]
-        chart = rr.BarChart(count, abscissa=(edges[1:] + edges[:-1]) / 2, widths=np.diff(edges), color=START)
-        self.sink.log("residuals", chart)
-        if light is None:
-            return
-        theta, relative, _ = brdf_of(light)
-        pinned = light.photometry.brdf.value(np.cos(theta[:1]), np.cos(theta[:1])) / relative[:1]
-        values = np.broadcast_to(np.exp(unknowns.log_brdf) / pinned, theta.shape)
-        self.sink.log("brdf", rr.BarChart(values, abscissa=np.rad2deg(theta), color=NOW))

@@ -125,11 +125,8 @@ def reconstruction(shown: Shown) -> Layout:
         rrb.Tabs(*sigma, shown.view("Normals", "normals"), active_tab=0),
         rrb.Tabs(_residual(shown), *decided, *maps, active_tab=0),
     )
-    documents = [("settings", "Settings"), ("end", "End"), ("trust/words", "Trust")]
-    words = [
-        rrb.TextDocumentView(origin=shown.at(entity), name=name)
-        for entity, name in documents[: 3 if trust else 2]
-    ]
+    documents = {"settings": "Settings", "end": "End"}
+    words = [rrb.TextDocumentView(origin=shown.at(one), name=name) for one, name in documents.items()]
     steps = rrb.Vertical(_change([shown]), _solver(shown), name="Steps")
     stages = rrb.TextLogView(origin=shown.at("stage"), name="Stages")
     curves = rrb.Vertical(_energy(shown), stages, row_shares=[2, 1])
@@ -187,8 +184,6 @@ def calibration(centre: FloatArray, curves: Mapping[str, Sequence[str]], timelin
     fit = rrb.Vertical(
         rrb.TimeSeriesView(origin="/fit", contents=["/fit/k", "/fit/gamma"], name="k and γ"),
         rrb.TimeSeriesView(origin="/fit", contents=["/fit/sigma"], name="σ [grey levels]"),
-        rrb.BarChartView(origin="/brdf", name="BRDF over θ [°]"),
-        rrb.BarChartView(origin="/residuals", name="Residuals [grey levels]"),
         name="Fit",
     )
     words = rrb.Tabs(rrb.TextDocumentView(origin="/account", name="Account"), fit)

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Self
 
-import cv2
 import numpy as np
 import rerun as rr
 
@@ -147,8 +146,8 @@ class Recorder:
     logged for every iterate, pictures for the first 20 of the solution, its last, and between them each
     time k has grown by half; of the stages before it only for the first and the last, as there may be a
     dozen. The timeline "iteration" runs on over all stages. At the end, static: ``end`` (what came of each
-    stage), and of how far it can be trusted, if that is added: ``trust/sigma`` (% of the distance),
-    ``trust/decided_by``, ``trust/words``. In a `Comparison` all names begin with the run's.
+    stage), and of how far it can be trusted, if that is added: ``trust/sigma`` (% of the distance) and
+    ``trust/decided_by``. In a `Comparison` all names begin with the run's.
     """
 
     def __init__(
@@ -219,8 +218,6 @@ class Recorder:
         self._log("trust/sigma", depth_map(percent, False, (0.0, most), "magma"), static=True)
         colours = {"left out": BLACK} | {name: (*colour, 255) for name, colour in DECIDERS.items()}
         self._log("trust/decided_by", *classes(trust.decided_by[thin], colours), static=True)
-        words = _words_of(trust, percent[np.isfinite(percent)])
-        self._log("trust/words", rr.TextDocument(words, media_type="text/markdown"), static=True)
         self.shown = replace(self.shown, sigma=most)
         self._arrange(watched=True)
 
@@ -274,7 +271,7 @@ class Recorder:
         own = rr.Points3D.from_fields(colors=picture[painter.sparse][inside], radii=rr.Radius.ui_points(2.5))
         self._log("world/cloud", own)
         self._log("world/camera", camera_shape(problem.camera, 0.35 * float(np.nanmedian(distance))))
-        if self.truth is not None:
+        if self.truth is not None and (iterate.stage == SOLUTION or self.truth.shape == iterate.mask.shape):
             self._log_truth(iterate, self.truth)
         self._reach_of(iterate)
         self._arrange(watched=True)
@@ -290,12 +287,10 @@ class Recorder:
             self._log(f"log10/{name}", style, static=True)
 
     def _log_truth(self, iterate: Iterate, truth: FloatArray) -> None:
-        """Log the true surface, in the unit of an iterate and on its grid, which may be smaller."""
+        """Log the true surface, in the unit of an iterate."""
         problem, thin, shape = iterate.problem, self._painter.thin, iterate.mask.shape
-        if truth.shape != shape and iterate.stage == SOLUTION:
+        if truth.shape != shape:
             raise ValueError(f"truth has shape {truth.shape}, the frame {shape}")
-        if truth.shape != shape:  # a stage on a smaller grid
-            truth = np.asarray(cv2.resize(truth, shape[::-1], interpolation=cv2.INTER_AREA))
         known = iterate.mask & (truth > 0) & np.isfinite(truth)
         if not known.any():
             return
@@ -376,48 +371,18 @@ def stage_of(text: str) -> tuple[str, int]:
 
 
 def _settings(problem: Problem) -> str:
-    """What is solved and how, and what the colours mean, as Markdown."""
-    gain = problem.photometry.gain
-    order = "" if problem.regulariser == "curvature" else " order"
+    """What is solved and how, as Markdown."""
+    photometry, order = problem.photometry, "" if problem.regulariser == "curvature" else " order"
     rows = {
         "distances": "mm" if problem.metric else "**relative units**",
         "picture": f"{problem.camera.width} x {problem.camera.height} px",
         "camera": problem.camera.model.replace("_", "-"),
-        "k": problem.photometry.k,
-        "γ": problem.photometry.gamma,
-        "gain": ("unknown" if gain is None else f"{gain:.6g}") + ("" if problem.metric else " (a guess)"),
+        "light": f"k = {photometry.k:.6g}, γ = {photometry.gamma:.6g}, gain = {photometry.gain or 'unknown'}",
         "ξ": problem.xi,
         "regulariser": f"{problem.regulariser}{order}, λ = {problem.lam:g}, ε = {problem.epsilon:g}",
         "data": f"Huber, ρ = {255 * problem.threshold:.3g}/255",
         **{name: value for name, value in problem.settings.items() if name != "notes"},
     }
-    for name, value in rows.items():
-        rows[name] = f"{value:.6g}" if isinstance(value, float) else str(value).replace("|", "\\|")
-    table = "\n".join(f"| {name} | {value} |" for name, value in rows.items())
-    return (
-        f"## Settings\n\n| | |\n|---|---|\n{table}\n\n## Colours\n\n"
-        "- **frame**: yellow saturated, blue highlight, red contour\n"
-        "- **distance**: from the camera, dark is near\n"
-        "- **residual**: model - frame; blue is too dark, red too bright\n"
-        "- **normals**: (n + 1)/2 as red, green, blue; x right, y down, z forward\n"
-        "- **surface**: in the frame's colours; grey, the truth\n"
-        "- black: left out\n"
-    )
-
-
-def _words_of(trust: Trust, percent: FloatArray) -> str:
-    """How far the end can be trusted, as Markdown; σ in % of the pixels that are seen, (n,)."""
-    inside = trust.decided_by > 0
-    parts = [
-        f"{name} {100 * np.mean(trust.decided_by[inside] == k):.0f} %" for k, name in enumerate(DECIDERS, 1)
-    ]
-    causes = [f"- {name}: {100 * np.median(share[inside]):.2g} %" for name, share in trust.causes.items()]
-    low, middle, high = np.percentile(percent, [10, 50, 90])
-    return (
-        "## How far it can be trusted\n\n"
-        f"σ, the standard deviation of the distance: {middle:.2g} % for the median pixel, {low:.2g} to "
-        f"{high:.2g} % for four in five; {100 * trust.sigma_scale:.2g} % is a scale that all share.\n\n"
-        f"Who decided the pixels: {', '.join(parts)} (blue, orange, pink).\n\nCauses, in the median:\n\n"
-        + "\n".join(causes)
-        + f"\n\n{' '.join(trust.notes)}"
-    )
+    cells = {name: str(value).replace("|", "\\|") for name, value in rows.items()}
+    table = "\n".join(f"| {name} | {value} |" for name, value in cells.items())
+    return f"## Settings\n\n| | |\n|---|---|\n{table}"

@@ -86,12 +86,8 @@ def _embed(path: Path, height: int) -> None:
     display(VBox([viewer, hint]))
 
 
-def picture_of(recording: Recording, iteration: int | None = None) -> Figure:
-    """Draw how a recording's runs ended, or stood at an iteration; a row for each.
-
-    A run's row has distance, normals, and the way of its energy, with a line at the iteration. A run that had
-    ended by then, or has no picture of it, is shown at its last one before; all with the colours of the ends.
-    """
+def picture_of(recording: Recording) -> Figure:
+    """Draw how a recording's runs ended; a row for each: distance, normals, and the way of its energy."""
     from matplotlib.figure import Figure
 
     from endolab import plots
@@ -103,14 +99,10 @@ def picture_of(recording: Recording, iteration: int | None = None) -> Figure:
     limits = plots.common_limits([run.depth() for run in runs.values()])
     axes = figure.subplots(len(runs), 3, squeeze=False)
     for (depth, facing, energy), (name, run) in zip(axes, runs.items(), strict=True):
-        until = run.pictured if iteration is None else [k for k in run.pictured if k <= iteration]
-        k = until[-1] if until else run.pictured[0]
-        title = f"{name.replace('_', ' ')}, iteration {k}" if name else f"Distance, iteration {k}"
-        plots.show_depth(run.depth(k), depth, unit=run.unit, limits=limits, title=title)
-        plots.show_normals(run.normals(k), facing)
+        title = f"{name.replace('_', ' ') or 'Distance'}, iteration {run.pictured[-1]}"
+        plots.show_depth(run.depth(), depth, unit=run.unit, limits=limits, title=title)
+        plots.show_normals(run.normals(), facing)
         names = list(run.scalars)
         history = [{"k": row["iteration"], **{name: row[name] for name in names}} for row in run.table()]
         plots.show_history(history, energy)
-        if iteration is not None:
-            energy.axvline(k, color="grey", lw=1)
     return figure

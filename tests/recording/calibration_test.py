@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from endolab.calibration.summary import brdf_of, mean_distances
+from endolab.calibration.summary import mean_distances
 from endolab.plots.calibration import samples_of
 from endolab.recording.calibration import record_calibration
 from tests.tools.recorded import Recorded
@@ -82,11 +82,6 @@ def test_samples_are_coloured_by_their_residual(recorded):
     assert np.all(red[~used] == 160)
 
 
-def brdf_at(file, k):
-    """A BRDF over its angles, as a bar for each."""
-    return np.array(file.rows["/brdf"]["values"][k][0].as_py()["buffer"])
-
-
 def test_curves_are_on_the_frames_of_the_video_and_iterations_are_those_of_the_fit(recorded):
     session, _, steps, file = recorded
     names = list(session.detections)
@@ -105,10 +100,6 @@ def test_curves_are_on_the_frames_of_the_video_and_iterations_are_those_of_the_f
         found = {k: value.item() for k, value in file.numbers(f"/fit/{name}", "scalars").items()}
         # A new round begins with the last step of the one before.
         assert found == {step.k: value for step, value in zip(steps, values, strict=True)}
-    relative = brdf_of(session.light)[1]
-    values = [brdf_at(file, k) for k in (0, steps[-1].k)]
-    assert np.allclose(values[1], relative, rtol=1e-3)
-    assert not np.allclose(*values, rtol=1e-5)
 
 
 def test_a_session_without_light_camera_or_picture_is_recorded(tmp_path):
@@ -119,7 +110,6 @@ def test_a_session_without_light_camera_or_picture_is_recorded(tmp_path):
     record_calibration(session, frames, tmp_path / "calibration.rrd", light_steps=steps)
     file = Recorded(tmp_path / "calibration.rrd")
     assert 2 not in file.numbers("/picture", "blob")
-    assert "/brdf" not in file.rows
     assert "/plots/gain" not in file.rows
     assert "/fit/k" in file.rows
 

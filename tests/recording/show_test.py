@@ -68,19 +68,6 @@ def test_the_picture_has_a_row_per_run_on_one_scale(path):
     assert limits[0] == limits[1]
 
 
-def test_a_picture_of_an_iteration_shows_each_run_as_far_as_it_had_come(path):
-    kept = el.read_recording(path)
-    figure = embed.picture_of(kept, 1)
-    titles = [axes.get_title() for axes in figure.axes]
-    assert "facing, iteration 0" in titles  # where it had ended
-    assert "gauss newton, iteration 1" in titles
-    end = {axes.get_title(): axes.images[0].get_clim() for axes in embed.picture_of(kept).axes if axes.images}
-    now = {axes.get_title(): axes.images[0].get_clim() for axes in figure.axes if axes.images}
-    assert now["gauss newton, iteration 1"] == end["gauss newton, iteration 3"]
-    lines = [axes.lines[-1].get_xdata()[0] for axes in figure.axes if axes.get_title() == "Energy"]
-    assert lines == [0, 1]
-
-
 def test_a_closed_recorder_can_be_shown(tmp_path, path, nobody, monkeypatch):
     monkeypatch.setattr(embed, "_display", lambda figure: None)
     recorder = el.record(tmp_path / "run.rrd")
