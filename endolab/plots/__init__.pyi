@@ -11,7 +11,6 @@ from .light import show_gains as show_gains
 from .light import show_light_residuals as show_light_residuals
 from .light import show_sampling as show_sampling
 from .light import show_scores as show_scores
-from .maps import compare_depths as compare_depths
 from .maps import overview as overview
 from .maps import show_decided as show_decided
 from .maps import show_depth as show_depth
@@ -25,7 +24,6 @@ from .preparation import prepare_figure as prepare_figure
 from .scales import common_limit as common_limit
 from .scales import common_limits as common_limits
 from .surface_view import show_cloud as show_cloud
-from .surface_view import show_mesh as show_mesh
 from .uncertainty import show_fall_off_uncertainty as show_fall_off_uncertainty
 from .uncertainty import show_ray_uncertainty as show_ray_uncertainty
 from .uncertainty import uncertainty_figure as uncertainty_figure

@@ -1,6 +1,6 @@
 """Figures: a frame, its depth, normals and surface, errors and energies.
 
-Every function but the two pages, `overview` and `compare_depths`, draws into the axes ``ax`` it
+Every function but the page, `overview`, draws into the axes ``ax`` it
 is given, or into new ones, under ``title``, and returns the axes. Maps are nan where unknown,
 which is shown in neutral grey; ``unit`` is that of the distances. Colours are safe for
 colour-blind readers, and axes carry units (`style`).
@@ -23,7 +23,7 @@ from endolab.depth.result import Iterate, Result
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import FloatArray
 from endolab.plots import style
-from endolab.plots.scales import DECIDERS, common_limit, common_limits, tallness
+from endolab.plots.scales import DECIDERS, common_limit, common_limits
 from endolab.plots.surface_view import show_cloud
 from endolab.reconstruction.assumptions import meaning
 
@@ -84,7 +84,7 @@ def show_depth(
     distance : (H, W) float array, in `unit`; nan where unknown
     limits : two floats, optional
         Ends of the colour bar; the 1st and 99th percentile by default. Panels to be compared
-        need the same: see `common_limits` and `compare_depths`.
+        need the same: see `common_limits`.
     label : str, optional
         Of the colour bar; "distance" and the unit by default.
     """
@@ -114,27 +114,21 @@ def show_error(
     truth: FloatArray,
     ax: Axes | None = None,
     *,
-    relative: bool = True,
-    unit: str = "mm",
     limit: float | None = None,
-    label: str | None = None,
+    label: str = "error [%]",
     title: str = "Error",
 ) -> Axes:
-    """Show estimate - truth: red is too far, blue too near.
+    """Show estimate - truth in per cent of the truth: red is too far, blue too near.
 
     Parameters
     ----------
-    estimate, truth : (H, W) float array, distances in `unit`; nan where unknown
-    relative : bool
-        In per cent of the truth, else in `unit`.
+    estimate, truth : (H, W) float array, distances of one unit; nan where unknown
     limit : float, optional
         End of the colour bar; the 98th percentile of the absolute error by default.
     label : str, optional
-        Of the colour bar; "error" and its unit by default.
+        Of the colour bar.
     """
-    error = estimate - truth
-    error, of = (100 * error / truth, "%") if relative else (error, unit)
-    return _diverging(error, ax, title, f"error [{of}]" if label is None else label, limit)
+    return _diverging(100 * (estimate - truth) / truth, ax, title, label, limit)
 
 
 @style.house()
@@ -255,62 +249,6 @@ def show_history(
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend()
     return ax
-
-
-def compare_depths(
-    distances: Mapping[str, FloatArray],
-    truth: FloatArray | None = None,
-    *,
-    relative: bool = True,
-    unit: str = "mm",
-    limits: tuple[float, float] | None = None,
-    limit: float | None = None,
-    label: str | None = None,
-) -> Figure:
-    """Draw distances side by side with the same limits, and their errors below.
-
-    Parameters
-    ----------
-    distances : mapping of str to (H, W) float array, in `unit`; nan where unknown
-        The maps by name.
-    truth : (H, W) float array, optional
-        The true distance: drawn first, and what the errors are errors from.
-    relative, limit
-        Of the errors: see `show_error`. By default the limit that suits all that is drawn.
-    limits, label
-        Of the distances: see `show_depth`. Likewise.
-
-    Returns
-    -------
-    Figure
-        About 480 px a panel when saved; not one of pyplot's, so there is nothing to close.
-
-    Raises
-    ------
-    ValueError
-        If there is nothing to compare or sizes differ.
-    """
-    shown = ({} if truth is None else {"truth": truth}) | dict(distances)
-    sizes = {name: f"{name} {values.shape[1]}x{values.shape[0]} px" for name, values in shown.items()}
-    if not distances or len({values.shape for values in shown.values()}) > 1:
-        raise ValueError(f"expected maps of one size, found {', '.join(sizes.values()) or 'none'}")
-    limits = common_limits(shown.values()) if limits is None else limits
-    if truth is not None and limit is None:
-        errors = (values - truth for values in distances.values())
-        limit = common_limit(100 * error / truth if relative else error for error in errors)
-    rows, columns = 1 if truth is None else 2, len(shown)
-    size = 4.8 * columns, rows * (3.2 * tallness(next(iter(shown.values())).shape) + 1.0)
-    with style.house():
-        figure = Figure(figsize=size, dpi=100, layout="constrained")
-        axes = figure.subplots(rows, columns, squeeze=False)
-        for i, (name, values) in enumerate(shown.items()):
-            show_depth(values, axes[0, i], unit=unit, limits=limits, label=label, title=name)
-            if name not in distances:
-                axes[1, i].set_axis_off()
-            elif truth is not None:
-                panel, title = axes[1, i], f"{name}: error"
-                show_error(values, truth, panel, relative=relative, unit=unit, limit=limit, title=title)
-    return figure
 
 
 def overview(

@@ -1,14 +1,9 @@
 """A surface seen from beside the camera: the view, the light, and a depth map's surface in it."""
 
-import os
-import sys
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from endolab.metrics.mesh_distance import load_open3d, to_open3d
-from endolab.model.mesh import Mesh, triangle_normals
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import VIEW_WIDTH, in_colour, lifted
 from endolab.plots.style import BACKDROP, house, new_axes, scale_bar
@@ -29,7 +24,6 @@ def show_cloud(
     elevation: float = 20.0,
     unit: str = "mm",
     title: str = "Surface from the side",
-    lift: bool = True,
 ) -> Axes:
     """Show a surface from beside the camera, in its picture's colours and with relief.
 
@@ -41,8 +35,6 @@ def show_cloud(
     angle, elevation : float
         How far the viewer stands to the left of the optical axis and above it, degrees.
     unit, title : str
-    lift : bool
-        Make the dark of a frame brighter; not for a map whose colours have a meaning.
 
     Notes
     -----
@@ -67,75 +59,9 @@ def show_cloud(
         kept = (normal[..., 2] > 0) & (distance.max(axis=-1) < JUMP * distance.min(axis=-1))
         kept &= np.abs(np.sum(normal * sight, axis=-1)) > EDGE_ON
     colour = in_colour(colours)[:-1, :-1][kept]
-    _show_patches(ax, patch[kept], colour, normal[kept], distance[kept].max(axis=-1), unit, lift)
+    _show_patches(ax, patch[kept], colour, normal[kept], distance[kept].max(axis=-1), unit)
     _mark_camera(ax, title)
     return ax
-
-
-def show_mesh(
-    mesh: Mesh,
-    ax: Axes | None = None,
-    *,
-    angle: float = 30.0,
-    elevation: float = 20.0,
-    title: str = "Surface from the side",
-) -> Axes | None:
-    """Show a mesh: in a window to turn it in, or as a picture.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    ax : Axes, optional
-        If given, the picture is drawn there and no window opens.
-    angle, elevation : float
-        Of the picture, degrees: see `show_cloud`.
-
-    Returns
-    -------
-    Axes, or None after the window has been closed
-        Where none can open, a sentence says so and the axes are those of a new figure.
-
-    Raises
-    ------
-    OSError
-        In one sentence, if Open3D does not import.
-    """
-    if ax is None:
-        if _show_window(mesh, title):
-            return None
-        print("No window can open here, so this is a picture of the mesh; `angle` and `elevation` turn it.")
-    with house():
-        ax = new_axes(ax)
-        patch = (mesh.vertices @ _to_viewer(angle, elevation).T)[mesh.triangles]
-        away = -triangle_normals(patch)
-        distance = np.linalg.norm(patch.mean(axis=1), axis=-1)
-        colour = mesh.colours[mesh.triangles].mean(axis=1)
-        kept = away[:, 2] > 0
-        _show_patches(ax, patch[kept], colour[kept], away[kept], distance[kept], mesh.unit)
-        _mark_camera(ax, title)
-    return ax
-
-
-def _show_window(mesh: Mesh, title: str) -> bool:
-    """Open a window and wait until it is closed; False if it does not open."""
-    open3d = load_open3d()
-    on_linux = sys.platform.startswith("linux")
-    if on_linux and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        return False
-    quiet = open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error)
-    window = open3d.visualization.Visualizer()
-    with quiet:
-        if not window.create_window(window_name=title, width=1200, height=900):
-            return False
-        try:
-            window.add_geometry(to_open3d(mesh))
-            view = window.get_view_control()
-            view.set_front([-0.5, -0.35, -0.8])  # from behind the camera, to its left and above it
-            view.set_up([0, -1, 0])
-            window.run()
-        finally:
-            window.destroy_window()
-    return True
 
 
 def _show_patches(
@@ -145,7 +71,6 @@ def _show_patches(
     away: FloatArray,
     distance: FloatArray,
     unit: str,
-    lift: bool = True,
 ) -> None:
     """Draw flat patches, the farthest first, with relief and a scale bar.
 
@@ -156,7 +81,7 @@ def _show_patches(
         return
     order = np.argsort(-patches[..., 2].mean(axis=-1))
     light = 0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)
-    faces = ((lifted(colours) if lift else colours) * light[:, None])[order]
+    faces = (lifted(colours) * light[:, None])[order]
     flat = patches[order, :, :2]  # an array: Matplotlib takes several times as long over a list
     look = {"facecolors": faces, "edgecolors": faces, "linewidths": 0.4, "rasterized": True}
     drawn = PolyCollection(flat, **look)  # type: ignore[arg-type]

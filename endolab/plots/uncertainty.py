@@ -20,7 +20,6 @@ from endolab.plots.style import LEFT_OUT, PAGE_SIZE, VERMILION, colour_bar, deco
 MOST = 90  # percentile of what lies within the angles seen, where the colours end: the rim is far worse
 RAYS = {  # what can be shown of them: field of `RayUncertainty`, title and label
     "shape": ("mrad_shape", "Rays, a common turn apart", "σ of the ray [mrad]"),
-    "whole": ("mrad", "Rays", "σ of the ray [mrad]"),
     "px": ("px", "Pixel of a ray", "σ of the pixel [px]"),
 }
 
@@ -30,13 +29,6 @@ def ring(camera: Camera, angle: float) -> FloatArray:
     turn = np.linspace(0, 2 * np.pi, 241)
     out, along = np.sin(angle), np.full_like(turn, np.cos(angle))
     return camera.project(np.stack([out * np.cos(turn), out * np.sin(turn), along], axis=-1))
-
-
-def _largest_shown(values: FloatArray, camera: Camera, seen: float) -> float:
-    """Where the colours of a map at `places` end, by what lies within the angle seen, rad."""
-    inside = known_within(values, camera, seen)
-    most = float(np.percentile(inside, MOST)) if inside.size else 0.0
-    return most if most > 0 else 1.0
 
 
 def _show(
@@ -51,7 +43,9 @@ def _show(
 ) -> Axes:
     """Show a map at `places` with the ring of the largest angle seen."""
     ax = new_axes(ax)
-    most = _largest_shown(values, camera, seen) if limit is None else limit
+    inside = known_within(values, camera, seen)
+    most = (float(np.percentile(inside, MOST)) if inside.size else 0.0) if limit is None else limit
+    most = most if most > 0 else 1.0
     extent = (-0.5, camera.width - 0.5, camera.height - 0.5, -0.5)
     shown = ax.imshow(values, cmap="viridis", vmin=0.0, vmax=most, extent=extent, interpolation="nearest")
     decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(LEFT_OUT)
@@ -79,8 +73,8 @@ def show_ray_uncertainty(
     Parameters
     ----------
     geometry : GeometricFit
-    what : {"shape", "whole", "px"}
-        How far rays are off without the turn that all share, with it, or how far pixels are.
+    what : {"shape", "px"}
+        How far rays are off without the turn that all share, or how far pixels are.
     limit : float, optional
         Where the colours end, mrad or px; by default such that most of what was seen is below.
     """

@@ -148,10 +148,7 @@ def comparison(runs: Sequence[Shown]) -> Layout:
 
 def _plots(curves: Mapping[str, Sequence[str]]) -> list[rrb.TimeSeriesView]:
     """Curves below ``plots``, by their titles."""
-    return [
-        rrb.TimeSeriesView(origin="/", contents=[f"/plots/{name}" for name in names], name=title)
-        for title, names in curves.items()
-    ]
+    return [_curves(title, [f"/plots/{name}" for name in names]) for title, names in curves.items()]
 
 
 def sequence(
@@ -182,8 +179,8 @@ def calibration(centre: FloatArray, curves: Mapping[str, Sequence[str]], timelin
     away = 2 * float(np.linalg.norm(centre))
     sheet = _space("Sheet", centre / 2, away, direction=(-0.6, -0.4, -0.7))
     fit = rrb.Vertical(
-        rrb.TimeSeriesView(origin="/fit", contents=["/fit/k", "/fit/gamma"], name="k and γ"),
-        rrb.TimeSeriesView(origin="/fit", contents=["/fit/sigma"], name="σ [grey levels]"),
+        _curves("k and γ", ["/fit/k", "/fit/gamma"]),
+        _curves("σ [grey levels]", ["/fit/sigma"]),
         name="Fit",
     )
     words = rrb.Tabs(rrb.TextDocumentView(origin="/account", name="Account"), fit)

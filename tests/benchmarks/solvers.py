@@ -10,8 +10,6 @@ from dataclasses import replace
 from itertools import product
 from statistics import median
 
-import numpy as np
-
 import endolab as el
 from endolab import datasets
 from endolab.depth.problem import Problem
@@ -22,7 +20,6 @@ from tests.tools.problems import Shot
 
 SIZES = (80, 160, 320, 640, 1440)
 PRIMAL_DUAL_SIZES = (80, 160, 320)  # its iterations grow with the pixels
-LAMBDAS = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
 PAPER = (  # Table I: scene, ξ, order, iterations, mean / median %, mean / median °
     ("plane", "1/z", "first", "1148", "0.90 / 0.04", "1.19 / 0.20"),
     ("plane", "1/z", "second", "73", "0.32 / 0.09", "0.62 / 0.18"),
@@ -102,35 +99,7 @@ def sizes() -> None:
     table("Solver, scene, size (ms: solver alone, median of 3, or of 1 where slow)", heads, rows)
 
 
-def sensitivity() -> None:
-    """Error against λ for each ξ, and against the start."""
-    rows = []
-    for noise in (0.0, 3.0):
-        shot = shot_of("tube", 160, noise=noise, **({"bits": 8} if noise else {}))
-        for xi, order in product(("1/z", "d", "1/d"), ("first", "second")):
-            how = {"xi": xi, "regulariser": order, "channel": "grey"}
-            results = [shot.reconstruct(lam=lam, **how) for lam in LAMBDAS]
-            cells = [f"{shot.errors(result).mean_percent:.2f}" for result in results]
-            rows.append([f"{noise:g} grey", xi, order, *cells])
-    heads = ("noise", "ξ", "order", *(f"λ {lam:g}" for lam in LAMBDAS))
-    table("Gauss-Newton, tube at 160x120: mean error of distance, %, against λ", heads, rows)
-
-    rows = []
-    for scene in el.SCENES:
-        shot = shot_of(scene)
-        problem = problem_of(shot)
-        middle = np.full(problem.mask.shape, float(np.median(problem.log_facing)))
-        march = el.run(solve(problem, "fast_marching")).iterate.log_distance
-        starts = {"none": None, "march": march, "d₀": problem.log_facing, "constant": middle}
-        for name, start in starts.items():
-            result = el.run(solve(problem, "gauss_newton", start=start))
-            e, least = shot.errors(result), f"{result.energy:.3e}"
-            rows.append([scene, name, ended(result), least, both(e, "percent"), both(e, "degrees", 3)])
-    heads = ("scene", "start", "iterations", "energy", "% mean / median", "° mean / median")
-    table("Gauss-Newton at 320x240 from other starts (none: coarse to fine)", heads, rows)
-
-
-TABLES = {one.__name__: one for one in (table_one, sizes, sensitivity)}
+TABLES = {one.__name__: one for one in (table_one, sizes)}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or TABLES:

@@ -95,9 +95,7 @@ def test_an_error_is_signed_and_centred():
     assert image.get_clim()[0] == -image.get_clim()[1]
     assert image.get_clim()[1] == pytest.approx(8.0, rel=0.1)
     assert image.colorbar.ax.get_ylabel().endswith("[%]")
-    image = plots.show_error(estimate, truth, relative=False, unit="mm", limit=2.0).images[0]
-    assert image.get_clim() == (-2.0, 2.0)
-    assert image.colorbar.ax.get_ylabel().endswith("[mm]")
+    assert plots.show_error(estimate, truth, limit=2.0).images[0].get_clim() == (-2.0, 2.0)
     pixels(plots.show_error(truth, truth).figure)  # no error at all
     pixels(plots.show_depth(truth * np.nan).figure)
     with pytest.raises(ValueError, match="limit"):
@@ -289,33 +287,3 @@ def test_common_limits_are_those_of_all(rng):
     expected = np.percentile(np.abs(everything - 50), 98)
     assert plots.common_limit([m - 50 for m in maps]) == pytest.approx(expected)
     assert (plots.common_limits([]), plots.common_limit([np.zeros(3), np.full(2, np.nan)])) == ((0, 1), 1)
-
-
-@pytest.mark.parametrize("relative", [True, False])
-def test_compared_panels_have_the_same_limits(rendered, relative):
-    truth = rendered.distance
-    open_figures = plt.get_fignums()
-    figure = plots.compare_depths({"near": 0.8 * truth, "far": 1.4 * truth}, truth, relative=relative)
-    assert plt.get_fignums() == open_figures
-    panels = {ax.get_title(): ax for ax in figure.axes if ax.images}
-    assert sorted(panels) == ["far", "far: error", "near", "near: error", "truth"]
-    limits = {name: ax.images[0].get_clim() for name, ax in panels.items()}
-    assert limits["truth"] == limits["near"] == limits["far"]
-    assert limits["near: error"] == limits["far: error"]
-    end = limits["far: error"][1]
-    assert end == pytest.approx(40 if relative else np.nanpercentile(0.4 * truth, 96), rel=0.1)
-    labels = {name: ax.images[0].colorbar.ax.get_ylabel() for name, ax in panels.items()}
-    assert labels["near"] == "distance [mm]"
-    assert labels["near: error"].endswith("[%]" if relative else "[mm]")
-    pixels(figure)
-    with pytest.raises(ValueError, match="one size"):
-        plots.compare_depths({"a": truth, "b": truth[::2, ::2]})
-
-
-@pytest.mark.parametrize("shape", [(3000, 3), (1, 500)])
-def test_a_figure_stays_a_page_whatever_is_drawn(shape):
-    ramp = np.linspace(1.0, 2.0, shape[0] * shape[1]).reshape(shape)
-    for figure in (plots.compare_depths({"a": ramp}), plots.compare_depths({"a": ramp}, 1.1 * ramp)):
-        wide, high = figure.get_size_inches() * figure.dpi
-        assert wide < 1000
-        assert high < 1500

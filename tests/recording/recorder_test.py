@@ -2,10 +2,7 @@
 
 import contextlib
 import resource
-import signal
-import subprocess
 import sys
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -219,26 +216,6 @@ def test_nothing_is_left_of_a_run_that(what, tmp_path, solved):
     assert [path.name for path in tmp_path.iterdir() if path.name != "run.rrd"] == []
 
 
-def test_a_program_that_is_interrupted_leaves_no_file_of_its_own_name(tmp_path):
-    code = f"""
-import time, endolab as el
-from tests.recording.recorder_test import PAPER, towards
-steps, _ = towards(PAPER.resize(40, 30), 2)
-with el.record({str(tmp_path / "run.rrd")!r}) as recorder:
-    recorder(steps[0])
-    print("here", flush=True)
-    time.sleep(60)
-"""
-    program = subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert program.stdout.readline() == "here\n"
-    time.sleep(0.2)
-    program.send_signal(signal.SIGINT)
-    assert "KeyboardInterrupt" in program.communicate(timeout=60)[1]
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_file_that_cannot_be_written_is_named(tmp_path, solved):
     (tmp_path / "folder.rrd").mkdir()
     for path in (tmp_path / "missing" / "run.rrd", tmp_path / "folder.rrd"):
@@ -280,26 +257,6 @@ def test_wrong_arguments_are_named(how, named, tmp_path, monkeypatch):
 
 
 # Damaged files ------------------------------------------------------------------------
-@pytest.mark.parametrize("seed", range(12))
-def test_a_damaged_recording_is_one_sentence_or_as_it_was(solved, tmp_path, seed):
-    """Zeros, cuts, what is put elsewhere: nothing ends Python."""
-    chance, content = np.random.default_rng(seed), bytearray(solved[1].path.read_bytes())
-    at, other = (int(place) for place in chance.integers(len(content), size=2))
-    if seed % 3 == 0:
-        content[at : at + 300] = bytes(len(content[at : at + 300]))
-    elif seed % 3 == 1:
-        del content[at:]
-    else:
-        content[at : at + 1000] = content[other : other + 1000]
-    (tmp_path / "run.rrd").write_bytes(content)
-    if seed % 3 == 1:
-        with pytest.raises(ValueError, match=r"run\.rrd is damaged"):
-            el.read_recording(tmp_path / "run.rrd")
-    else:
-        with contextlib.suppress(ValueError):
-            assert el.read_recording(tmp_path / "run.rrd").depth().shape == (60, 80)
-
-
 @pytest.mark.parametrize(
     "content", [b"", b"hello, world\n" * 99, b"RRF2", b"RRF2\x00\x63\x00\x00" + bytes(99)]
 )
