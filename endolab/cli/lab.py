@@ -121,35 +121,24 @@ def open_lab(
         _prepend("JUPYTER_PATH", home)
         # The Rerun viewer's assets then come from this machine; it must be set before rerun is imported.
         os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "serve-local")
-        options = [
-            f"--notebook-dir={folder.parent}",
-            f"--LabApp.default_url=/lab/tree/{folder.name}",
-            *options,
-        ]
-        options = ["--ip=127.0.0.1", f"--port={free}", "--ServerApp.port_retries=0", *options]
+        asked = [f"--notebook-dir={folder.parent}", f"--LabApp.default_url=/lab/tree/{folder.name}"]
+        asked += ["--ip=127.0.0.1", f"--port={free}", "--ServerApp.port_retries=0"]
+        asked += ["--LabApp.extension_manager=readonly"]
         # One line with the link is printed in place of Jupyter's thirty.
-        options = [
-            "--log-level=WARN",
-            "--LabApp.log_level=WARN",
-            "--LabApp.extension_manager=readonly",
-            *options,
-        ]
+        asked += ["--log-level=WARN", "--LabApp.log_level=WARN"]
         if hasattr(os, "geteuid") and os.geteuid() == 0:  # in a container; Jupyter would refuse
-            options.append("--allow-root")
+            asked.append("--allow-root")
 
         from jupyter_core.application import NoStart
         from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
-        with suppress(
-            OSError, sqlite3.Error
-        ):  # no place for signatures: JupyterLab warns that it trusts none
+        with suppress(OSError, sqlite3.Error):  # no place for signatures: JupyterLab trusts none
             _sign(OWN.glob("[0-9][0-9]_*.ipynb"))
         with suppress(NoStart):
-            server = LabApp.initialize_server(options)
+            server = LabApp.initialize_server([*asked, *options])
+            link = f"http://127.0.0.1:{free}/lab/tree/{folder.name}?token={token}"
             taken = f" (port {port} is taken)" if free != port else ""
-            print(
-                f"JupyterLab: http://127.0.0.1:{free}/lab/tree/{folder.name}?token={token}{taken}", flush=True
-            )
+            print(f"JupyterLab: {link}{taken}", flush=True)
             server.start()
 
 

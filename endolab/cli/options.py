@@ -128,9 +128,9 @@ def add_solving_options(parser: argparse.ArgumentParser, swept: bool = False) ->
     add("--threshold", type=number, metavar="ρ", help=how)
     add("--max-iterations", type=count, metavar="N", help="steps of the solver at most")
     how = (
-        "auto (default): what the frame's evidence allows; separated: all colours, light that bounced taken "
+        "auto (default): what the frame's evidence allows; separated: all colours, bounced light taken out; "
     )
-    how += "out; red, green, blue or grey: this alone (green with the solvers of the paper)"
+    how += "red, green, blue or grey: this alone (green with the solvers of the paper)"
     add("--channel", choices=CHANNELS, metavar="NAME", help=how)
     add(
         "--albedo",

@@ -75,8 +75,6 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     from endolab.preprocessing.frame import looks_like_depth
     from endolab.preprocessing.prepare import prepare
     from endolab.reconstruction.reconstruct import reconstruct
-    from endolab.reports.result import write_files
-    from endolab.uncertainty.trust import check_solver
 
     calibration, keywords = solving(arguments)
     frame = read_frame(arguments.frame, calibration, arguments.mask)
@@ -85,6 +83,8 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
         print(f"{arguments.frame} may be a depth map and no picture, by its name or for it has no noise.")
     solver = keywords.setdefault("solver", DEFAULT_SOLVER)
     if arguments.trust:
+        from endolab.uncertainty.trust import check_solver
+
         check_solver(solver)
     if solver == "fast_marching" or arguments.snapshots is not None:
         keywords["snapshots"] = SNAPSHOTS if arguments.snapshots is None else arguments.snapshots
@@ -108,6 +108,9 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
             trust = _trust(result, calibration) if arguments.trust else None
             if recorder is not None and trust is not None:
                 recorder.add_trust(trust, result)
+
+        from endolab.reports.result import write_files  # now, as drawing takes half a second to load
+
         write_files(result, folder, mesh=arguments.mesh, prepared=prepared, trust=trust)
         written = sorted(path.name for path in folder.iterdir())
     _tell(result, solver, prepared, trust)

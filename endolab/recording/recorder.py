@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import rerun as rr
@@ -29,7 +29,9 @@ from endolab.recording.stream import (
     depth_map,
     every,
 )
-from endolab.uncertainty.trust import Trust
+
+if TYPE_CHECKING:
+    from endolab.uncertainty.trust import Trust
 
 ALL_UNTIL, GROWTH = 20, 1.5  # pictures of a run's first iterates, then each time k has grown by half
 COLOURS = {"energy": (230, 159, 0), "data": (86, 180, 233), "regulariser": (213, 94, 0)}

@@ -78,7 +78,6 @@ def test_the_truth_is_a_distance(made):
         ("several --truth sim/truth.npz", "--truth"),
         ("sim/frame.png --truth none.npz", "none.npz"),
         ("sim/frame.png --truth large.png", "large.png"),
-        ("sim/frame.png --width 3", "--width"),
         ("sim/frame.png --port 0", "--port"),
     ],
 )
