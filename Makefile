@@ -13,7 +13,7 @@ NBVAL  := -p tests.tools.notebook_timeouts -p tests.tools.notebook_solutions
 NBVAL  += --runxfail --nbval-lax --nbval-current-env --nbval-cell-timeout=60
 
 .DEFAULT_GOAL := help
-.PHONY: help lab demo test test-browser attack html lint bench unseen traced lock clean
+.PHONY: help lab demo test test-slow attack html lint bench unseen traced lock clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -34,12 +34,12 @@ demo: $(READY) ## simulate a frame of a colon, reconstruct it, and compare it wi
 
 test: $(READY) ## run the tests, then every notebook with the solutions of its exercises
 	@unset MPLBACKEND; export OPENBLAS_NUM_THREADS=1; status=0; \
-	$(BIN)/python -m pytest -n 2 --dist worksteal || status=1; \
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" || status=1; \
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(NBVAL) notebooks || status=1; \
 	exit $$status
 
-test-browser: $(READY) ## run the browser's tests alone; they leave screenshots in build/screenshots
-	$(BIN)/python -m pytest tests/browser
+test-slow: $(READY) ## test with a browser (screenshots: build/screenshots), kills, full disks, fresh environments
+	@unset MPLBACKEND; export OPENBLAS_NUM_THREADS=1; $(BIN)/python -m pytest -n 2 --dist loadfile -m slow
 
 attack: $(READY) ## damage files 2000 times each and kill every command 20 times (a quarter of an hour)
 	@export OPENBLAS_NUM_THREADS=1 ENDOLAB_EXAMPLES=2000; $(BIN)/python -m pytest -n 2 --timeout 3600 tests/hostile

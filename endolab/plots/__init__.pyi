@@ -9,6 +9,7 @@ from .light import show_brdf as show_brdf
 from .light import show_fall_off as show_fall_off
 from .light import show_gains as show_gains
 from .light import show_light_residuals as show_light_residuals
+from .light import show_ridge as show_ridge
 from .light import show_sampling as show_sampling
 from .light import show_scores as show_scores
 from .maps import overview as overview

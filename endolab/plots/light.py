@@ -4,6 +4,8 @@ As in `maps`, every function draws into the axes ``ax`` it is given, or into new
 ``title``, and returns the axes.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -195,3 +197,16 @@ def show_scores(scores: HeldOut, ax: Axes | None = None, *, title: str = "Frames
         ax.text(at, 0.02, f"{count}", ha="center", color="0.3", size="small", transform=below)
     what = "measured/modelled light - 1 [%]"
     return decorate(ax, f"{title}, with samples", "angle α off the axis [°]", what)
+
+
+@house()
+def show_ridge(fits: Sequence[PhotometricFit], ax: Axes | None = None, *, title: str = "") -> Axes:
+    """Show how well fits with γ held at several values explain the samples, and the k that goes with each."""
+    ax = new_axes(ax)
+    gammas = [fit.photometry.gamma for fit in fits]
+    sigmas, ks = [fit.sigma for fit in fits], [fit.photometry.k for fit in fits]
+    ax.plot(gammas, sigmas, "o-", color=VERMILION, label="residuals [grey levels]")
+    ax.plot(gammas, ks, "--", color=BLUE, label="k")
+    ax.set_ylim(0, 1.2 * max(*sigmas, *ks))
+    ax.legend(loc="lower right")
+    return decorate(ax, title or "What the samples know of γ", "γ", "σ of residuals, and k")

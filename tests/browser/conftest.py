@@ -18,7 +18,6 @@ from tests.conftest import missing_system
 from tests.tools.foreign_notebooks import foreign_notebooks
 
 ROOT = Path(__file__).resolve().parents[2]
-NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 SCREENSHOTS = Path(os.environ.get("ENDOLAB_SCREENSHOTS") or ROOT / "build" / "screenshots")
 FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
 FLAGS += ["--disable-background-networking", "--disable-component-update"]

@@ -1,17 +1,14 @@
-"""Every notebook opened in JupyterLab in a real browser, run to its end, without an error or a warning."""
+"""A notebook opened in JupyterLab in a real browser, run to its end, without an error or a warning."""
 
-import pytest
-
-from tests.browser.conftest import CURRENT, NEWER, NOTEBOOKS
+from tests.browser.conftest import CURRENT, NEWER
 from tests.tools.foreign_notebooks import TAKEN, foreign_notebooks
 
 
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs_in_the_browser(open_notebook, notebook):
-    opened = open_notebook(notebook.name)
+def test_a_notebook_runs_in_the_browser(open_notebook):
+    opened = open_notebook("00_quickstart.ipynb")
     assert opened.page.locator(".jp-Dialog").count() == 0, "a dialog blocks the page"
     state = opened.run_all()
-    opened.photograph(notebook.stem)
+    opened.photograph("00_quickstart")
     assert state["complaints"] == []
     assert state["waiting"] == 0, f"{state['waiting']} of {state['cells']} cells did not end"
     assert state["pictures"] > 0
