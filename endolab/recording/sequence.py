@@ -32,9 +32,8 @@ class SequenceRecorder:
     ``plots/<name>``; ``world/camera`` is the same for all. Distances are in `unit`; pictures wider than
     `max_width`, px, are thinned; `curves` are titles of what is plotted.
 
-    `path` names a file, which `close` writes, whole or not at all, or is a `Sink`: ``Sink()`` starts the
-    native viewer, ``Sink(address="rerun+http://127.0.0.1:9876/proxy")`` logs to one that listens, and its
-    ``gone`` tells whether the user has closed it.
+    `path` names a file, which `close` writes, whole or not at all, or is a `Sink`: ``Sink()`` is the native
+    viewer, and its ``gone`` tells whether the user has closed it.
     """
 
     def __init__(

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from endolab.io.atomic import PathLike, one_sentence, staged_file
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray, frozen
-from endolab.recording.viewer import end, start_viewer, viewer_address
+from endolab.recording.viewer import ADDRESS, end, start_viewer
 
 NOW, START, TRUTH, OUTLIER = (230, 159, 0), (86, 180, 233), (160, 160, 160), (213, 94, 0)
 THIN = rr.Radius.ui_points(1.5)
@@ -69,17 +69,10 @@ class Sink:
 
     Rerun writes a file under a temporary name, and `close` gives it its own; if nothing was logged, or
     something failed, there is none. Without a path it is the native viewer, started if none listens, to
-    take that much `memory`; with an `address`, such as ``rerun+http://127.0.0.1:9876/proxy``, one that is
-    there. As a context manager it is closed at the end, and an error leaves no file.
+    take that much `memory`. As a context manager it is closed at the end, and an error leaves no file.
     """
 
-    def __init__(
-        self,
-        path: PathLike | None = None,
-        *,
-        address: str | None = None,
-        memory: str | None = None,
-    ) -> None:
+    def __init__(self, path: PathLike | None = None, *, memory: str | None = None) -> None:
         self.path = None if path is None else Path(path)
         if self.path is not None and self.path.suffix != ".rrd":
             raise ValueError(f"a recording's name ends in .rrd, got {path}")
@@ -87,16 +80,16 @@ class Sink:
         self._viewer: subprocess.Popen[bytes] | None = None
         self._staged: contextlib.AbstractContextManager[Path] | None = None
         self._writer: _Writer | None = None
-        if self.path is None and address is None:
-            self._viewer, address = start_viewer(memory=memory), viewer_address()
+        if self.path is None:
+            self._viewer = start_viewer(memory=memory)
         self.stream = rr.RecordingStream("endolab")
         try:
-            self._connect(address)
+            self._connect()
         except BaseException:
             self.drop()
             raise
 
-    def _connect(self, address: str | None) -> None:
+    def _connect(self) -> None:
         if self.path is not None:
             staged = staged_file(self.path)
             temporary, self._staged = staged.__enter__(), staged
@@ -109,7 +102,7 @@ class Sink:
             else:
                 self.stream.save(temporary)
         else:
-            self.stream.connect_grpc(address)
+            self.stream.connect_grpc(ADDRESS)
 
     @property
     def gone(self) -> bool:

@@ -13,6 +13,7 @@ from typing import Any
 import psutil
 
 PORT = 9876  # the viewer's own default
+ADDRESS = f"rerun+http://127.0.0.1:{PORT}/proxy"
 HEIGHT = 640  # px, of a viewer in a notebook
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")  # variables, one of which Linux has then
 # Told to kernels by those who show what they say: Jupyter's server, VS Code, Colab.
@@ -20,11 +21,6 @@ FRONT_ENDS = ("JPY_SESSION_NAME", "VSCODE_PID", "COLAB_RELEASE_TAG")
 # Run as a module, rerun_cli exits with 0 whatever has happened.
 VIEWER = "import sys, rerun_cli.__main__ as cli; sys.exit(cli.main())"
 NO_SCREEN = "the Rerun viewer did not start: it needs a screen; record to a file instead"
-
-
-def viewer_address() -> str:
-    """Where the native viewer listens."""
-    return f"rerun+http://127.0.0.1:{PORT}/proxy"
 
 
 def start_viewer(path: Path | None = None, memory: str | None = None) -> subprocess.Popen[bytes] | None:

@@ -21,17 +21,7 @@ from endolab.plots import calibration as figures
 from endolab.plots.style import PAGE_SIZE, house
 from endolab.plots.uncertainty import uncertainty_figure
 
-REPORT = (  # at most
-    *("camera.json", "camera.png", "detection.png", "frames.png", "light.png", "uncertainty.png"),
-    *("report.html", "report.json"),
-)
 TEMPLATE = Path(__file__).with_suffix(".html.j2")
-
-
-def _symbol(name: str) -> str:
-    """Shorten the name of an unknown for the head of a matrix."""
-    kind, _, rest = name.partition(" ")
-    return {"gamma": "γ", "brdf": "f", "reflectance": "a"}.get(kind, kind) + rest.replace("tilt ", "t")
 
 
 def _values(rows: Iterable[tuple[str, float, float, str]]) -> list[tuple[str, str]]:
@@ -68,7 +58,6 @@ def _page(session: Session, source: str, shown: str) -> str:
         camera_values=_values(summary.camera_values(session)),
         light_values=[] if light is None else _values(summary.light_values(light)),
         brdf=[] if light is None else _brdf(light),
-        symbols=[] if light is None else [_symbol(name) for name in light.names],
         correlation=[] if light is None else np.nan_to_num(light.correlation),
     )
 
