@@ -72,23 +72,9 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     print(f"written to {arguments.out}: {what}, truth.json")
 
 
-def _light_options(arguments: argparse.Namespace, target: Any) -> dict[str, Any]:
-    """Check the options of the fit of the light, before a long search for the target."""
-    from endolab.calibration.photometric.fit import checked_gamma
-
-    patches = len(set(target.ink.greys[:, 3]))
-    given = [None if known == "free" else known for known in arguments.reflectance]
-    if given and len(given) != patches:
-        said = f"but --reflectance says {len(given)}"
-        raise ValueError(f"the target has {patches} kinds of grey patches, {said}")
-    checked_gamma(arguments.gamma)
-    names = ("every", "channel", "leave_out", "record", "overwrite", "gamma", "brdf", "gain", "light")
-    options = {name: getattr(arguments, name) for name in names}
-    return options | {"reflectance": given or [None] * patches}
-
-
 def _calibrate(arguments: argparse.Namespace) -> None:
     from endolab.batch.calibrate import calibrate_to_files, report_folder
+    from endolab.calibration.photometric.fit import checked_gamma
     from endolab.calibration.summary import account
     from endolab.io.descriptions import read_camera, read_target
     from endolab.io.video import open_frames
@@ -99,12 +85,19 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     camera = None if arguments.camera is None else read_camera(arguments.camera)
     if not isinstance(camera, KannalaBrandt | None):
         raise ValueError(f"{arguments.camera}: camera.model: expected kannala_brandt, found {camera.model}")
-    options = _light_options(arguments, target)
+    # Checked before a long search for the target.
+    patches = len(set(target.ink.greys[:, 3]))
+    given = [None if known == "free" else known for known in arguments.reflectance]
+    if given and len(given) != patches:
+        said = f"but --reflectance says {len(given)}"
+        raise ValueError(f"the target has {patches} kinds of grey patches, {said}")
+    checked_gamma(arguments.gamma)
+    names = ("every", "channel", "leave_out", "record", "overwrite", "gamma", "brdf", "gain", "light")
+    options = {name: getattr(arguments, name) for name in names}
+    options |= {"camera": camera, "reflectance": given or [None] * patches}
     options["inputs"] = [arguments.target, arguments.camera]
     with _bar() as bar:
-        session = calibrate_to_files(
-            frames, target, arguments.out, camera=camera, progress=bar, say=print, **options
-        )
+        session = calibrate_to_files(frames, target, arguments.out, progress=bar, say=print, **options)
     print("\n".join(account(session)))
     if session.light is None:
         raise ValueError(f"{session.refused}; the camera alone is in {folder / 'camera.json'}")

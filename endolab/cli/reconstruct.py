@@ -89,10 +89,12 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     if solver == "fast_marching" or arguments.snapshots is not None:
         keywords["snapshots"] = SNAPSHOTS if arguments.snapshots is None else arguments.snapshots
     unrecorded = lacking("rerun")
+    if not unrecorded:
+        from endolab.recording.recorder import record
     with compiling_said(), staged_folder(arguments.out, **_where(arguments)) as folder:
         prepared = prepare(frame, calibration, highlights="keep") if arguments.prepare else None
         with (
-            nullcontext() if unrecorded else _recorder(folder / "recording.rrd") as recorder,
+            nullcontext() if unrecorded else record(folder / "recording.rrd") as recorder,
             progress_bar("it", "solving", keywords.get("snapshots")) as bar,
         ):
 
@@ -102,7 +104,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
                 bar.set_postfix_str(f"energy {iterate.energy:.3e}", refresh=False)
                 bar.update(iterate.k - bar.n)  # the start is none
 
-            observers = [show] if recorder is None else [recorder, show]
+            observers: list[Any] = [show] if recorder is None else [recorder, show]
             picture = frame if prepared is None else prepared.frame
             result = reconstruct(picture, calibration, observers=observers, **keywords)
             trust = _trust(result, calibration) if arguments.trust else None
@@ -117,12 +119,6 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")
     print(f"written to {arguments.out}: {', '.join(written)}")
-
-
-def _recorder(path: Path) -> Any:
-    from endolab.recording.recorder import record
-
-    return record(path)
 
 
 def _trust(result: Any, calibration: Any) -> Any:

@@ -5,7 +5,6 @@ import os
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -24,6 +23,7 @@ def _tune(arguments: argparse.Namespace) -> None:
     port = free_port(arguments.port)
 
     from endolab.tuning.folder import find_pictures, read_truth
+    from endolab.tuning.server import Page
 
     calibration = load_calibration(arguments.calibration)
     pictures = find_pictures(arguments.frame)
@@ -37,15 +37,6 @@ def _tune(arguments: argparse.Namespace) -> None:
 
         return TunerBox(first, calibration, truth, width=arguments.width, pictures=pictures)
 
-    _serve(arguments, port, first.name, make)
-
-
-def _serve(arguments: argparse.Namespace, port: int, name: str, make: Callable[[], Any]) -> None:
-    """Show a widget until its page is closed."""
-    from endolab.tuning.server import Page
-
-    page = Page(make, f"{name} · endolab", port)
-
     def opened() -> None:
         taken = f" (port {arguments.port} is taken)" if port != arguments.port else ""
         print(f"tuner: {page.link}{taken}", flush=True)
@@ -53,6 +44,7 @@ def _serve(arguments: argparse.Namespace, port: int, name: str, make: Callable[[
         if arguments.browser:
             threading.Thread(target=_open, args=(page.link,), daemon=True).start()
 
+    page = Page(make, f"{first.name} · endolab", port)
     with suppress(KeyboardInterrupt):  # which is how it ends
         page.run(opened)
     print("ended", flush=True)
