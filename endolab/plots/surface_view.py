@@ -24,6 +24,7 @@ def show_cloud(
     elevation: float = 20.0,
     unit: str = "mm",
     title: str = "Surface from the side",
+    lift: bool = True,
 ) -> Axes:
     """Show a surface from beside the camera, in its picture's colours and with relief.
 
@@ -35,6 +36,8 @@ def show_cloud(
     angle, elevation : float
         How far the viewer stands to the left of the optical axis and above it, degrees.
     unit, title : str
+    lift : bool
+        Make the dark of a frame brighter; not for a map whose colours have a meaning.
 
     Notes
     -----
@@ -59,7 +62,7 @@ def show_cloud(
         kept = (normal[..., 2] > 0) & (distance.max(axis=-1) < JUMP * distance.min(axis=-1))
         kept &= np.abs(np.sum(normal * sight, axis=-1)) > EDGE_ON
     colour = in_colour(colours)[:-1, :-1][kept]
-    _show_patches(ax, patch[kept], colour, normal[kept], distance[kept].max(axis=-1), unit)
+    _show_patches(ax, patch[kept], colour, normal[kept], distance[kept].max(axis=-1), unit, lift)
     _mark_camera(ax, title)
     return ax
 
@@ -71,6 +74,7 @@ def _show_patches(
     away: FloatArray,
     distance: FloatArray,
     unit: str,
+    lift: bool,
 ) -> None:
     """Draw flat patches, the farthest first, with relief and a scale bar.
 
@@ -81,7 +85,7 @@ def _show_patches(
         return
     order = np.argsort(-patches[..., 2].mean(axis=-1))
     light = 0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)
-    faces = (lifted(colours) * light[:, None])[order]
+    faces = ((lifted(colours) if lift else colours) * light[:, None])[order]
     flat = patches[order, :, :2]  # an array: Matplotlib takes several times as long over a list
     look = {"facecolors": faces, "edgecolors": faces, "linewidths": 0.4, "rasterized": True}
     drawn = PolyCollection(flat, **look)  # type: ignore[arg-type]
