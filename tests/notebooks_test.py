@@ -104,17 +104,6 @@ def test_every_solution_goes_through_the_check_of_an_answer(cells):
     assert [CHECKED.findall(code)[-1:] for code in found] == [[name] for name in names]
 
 
-def test_solutions_are_found():
-    fold = "<details><summary>{}</summary>\n\n{}\n</details>"
-    python = "```python\n{}\n```\n"
-    hint = fold.format("Hint 1", python.format("not(this)"))
-    told = fold.format("Solution", "Because.\n```\nls\n```") + python.format("not(this)")
-    coded = fold.format("Solution", python.format("a = 1") + "then\n" + python.format("b = a"))
-    cells = [{"cell_type": "markdown", "source": text} for text in (hint + told, coded)]
-    code = {"cell_type": "code", "source": coded}
-    assert solutions([*cells, code]) == ["", "a = 1\nb = a\n"]
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
 def test_its_links_lead_somewhere(page):
     assert list(broken(page)) == []

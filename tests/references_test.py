@@ -57,14 +57,3 @@ def test_every_entry_is_whole_and_read_somewhere():
         assert key == "rerun" or key.endswith(entry["year"])
     everywhere = [link for entry in ENTRIES.values() for link in links(entry)]
     assert len(everywhere) == len(set(everywhere))
-
-
-def test_a_wrong_word_is_found():
-    entries = {"a1999": {"author": "Ab, C. and De, F.", "title": "On G", "year": "1999", "doi": "10.1/2"}}
-    right = "Ab and De,\n  *On G*, 1999 ([doi](https://doi.org/10.1/2)): for H."
-    assert wrong("a1999", right, entries) == []
-    assert wrong("b1999", right, entries) == ["b1999: no such entry"]
-    assert wrong("a1999", right.replace("De", "Ed"), entries) == ["a1999: De is not said"]
-    assert wrong("a1999", right.replace(", 1999", ""), entries) == ["a1999: 1999 is not said"]
-    other = [f"a1999: https://doi.org/10.{one}/2" for one in (1, 7)]
-    assert wrong("a1999", right.replace("10.1", "10.7"), entries) == other

@@ -142,10 +142,8 @@ def test_mesh_and_preparation_and_snapshots_come_if_they_are_asked_for(solve, tm
     assert solve("--solver", "facing", "--out", tmp_path / "out", "--mesh", "--prepare") == 0
     assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply", "preparation.png"])
     assert "100 % of the picture" in capsys.readouterr().out
-    assert solve("--width", "80", "--solver", "fast_marching", "--out", tmp_path, "--snapshots", "3") == 2
-    assert (
-        solve("--width", "80", "--solver", "fast_marching", "--out", tmp_path / "m", "--snapshots", "3") == 0
-    )
+    march = ("--width", "80", "--solver", "fast_marching", "--snapshots", "3")
+    assert solve(*march, "--out", tmp_path / "m") == 0
     assert "fast_marching, 3 iterations" in capsys.readouterr().out
 
 
@@ -160,15 +158,8 @@ def test_trust_comes_if_it_is_asked_for(solve, sim, tmp_path, capsys, refused):
     assert "within 1 σ" in capsys.readouterr().out
     assert call("evaluate", tmp_path / "out/depth.npz", sim / "truth.npz", "--json") == 0
     assert 0 < json.loads(capsys.readouterr().out)["coverage"]["within_one"] <= 100
-    command = (
-        "reconstruct",
-        sim / "frame.png",
-        "--calibration",
-        sim / "endoscope.json",
-        "--out",
-        tmp_path / "f",
-    )
-    assert "'facing'" in refused(*command, "--trust", "--solver", "facing")
+    command = ("reconstruct", sim / "frame.png", "--calibration", sim / "endoscope.json", "--trust")
+    assert "'facing'" in refused(*command, "--solver", "facing", "--out", tmp_path / "f")
 
 
 def test_options_arrive(work, solve, tmp_path):
@@ -296,25 +287,17 @@ def test_what_a_command_reads_is_never_replaced(sim, tmp_path, refused, read):
     [
         (["--solver", "gaus_newton"], "did you mean gauss_newton"),
         (["--snapshots", "3"], "snapshots"),
-        (["--xi", "z"], "xi"),
-        (["--regulariser", "third"], "regulariser"),
         (["--channel", "pink"], "--channel"),
-        (["--lam", "-1"], "lam"),
         (["--lam", "nan"], "lam"),
         (["--lam", "auto"], "--lam"),
-        (["--epsilon", "0"], "epsilon"),
         (["--max-iterations", "0"], "--max-iterations"),
         (["--threads", "0"], "--threads"),
-        (["--threads", "1.5"], "--threads"),
-        (["--median-distance", "0"], "median_distance"),
         (["--known-distance", "30,a,2"], "--known-distance"),
         (["--known-distance", "30,160,60"], "column 160"),
         (["--known-diameter", "9,1,2"], "--known-diameter"),
-        (["--known-distance", "30,80,60", "--median-distance", "30"], "known_distance"),
         (["--highlights", "paint"], "--highlights"),
         (["--albedo", "2"], "--albedo"),
         (["--width", "161"], "161"),
-        (["--smooth", "-1"], "smooth"),
         (["--every", "2"], "--every"),
         (["--settings", "none.json"], "none.json"),
         (["--bogus"], "--bogus"),
