@@ -4,13 +4,16 @@ Numba keeps what it has compiled for the next run: beside the sources, in the us
 or where `NUMBA_CACHE_DIR` says. Where none of them can be written, each run compiles.
 """
 
+import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.core import event
 
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.iteration import CLOCK
 
 
 def _kept() -> bool:
@@ -25,6 +28,25 @@ def _kept() -> bool:
 COMPILED: dict[str, Any] = {"cache": _kept(), "nogil": True, "error_model": "numpy"}
 kernel: Callable[..., Any] = njit(**COMPILED)
 PAD = 2
+
+
+class _Compiling(event.Listener):
+    """Adds up, in `CLOCK`, the seconds that loops are being compiled; one may need others."""
+
+    depth, began = 0, 0.0
+
+    def on_start(self, _: Any) -> None:
+        if self.depth == 0:
+            self.began = time.perf_counter()
+        self.depth += 1
+
+    def on_end(self, _: Any) -> None:
+        self.depth -= 1
+        if self.depth == 0:
+            CLOCK.compiled += time.perf_counter() - self.began
+
+
+event.register("numba:compile", _Compiling())
 
 
 @kernel

@@ -26,6 +26,19 @@ class Status(Enum):
     NON_FINITE = "The solver produced a value that is not finite."
 
 
+class Clock:
+    """Tells seconds, without those that loops were being compiled: `compiled` adds them up."""
+
+    compiled = 0.0
+
+    def now(self) -> float:
+        """Seconds from some time on."""
+        return time.perf_counter() - self.compiled
+
+
+CLOCK = Clock()
+
+
 def drive(
     steps: Generator[Step, None, Status],
     observers: Iterable[Callable[[Step], bool | None]],
@@ -33,20 +46,20 @@ def drive(
 ) -> Status:
     """Take steps to the end, or until an observer or the user stops.
 
-    `keep` is given every step, and the seconds that the steps took so far, before the observers see
-    it. An interrupt after the first step counts as a stop; one before it is passed on.
+    `keep` is given every step, and the seconds that the steps took so far but for compiling, before the
+    observers see it. An interrupt after the first step counts as a stop; one before it is passed on.
     """
     watching, seconds, begun = list(observers), 0.0, False
     try:
         while True:
-            started = time.perf_counter()
+            started = CLOCK.now()
             try:
                 step = next(steps)
             except StopIteration as end:
                 status: Status = end.value
                 return status
             finally:
-                seconds += time.perf_counter() - started
+                seconds += CLOCK.now() - started
             keep(step, seconds)
             begun = True
             wishes = [observer(step) for observer in watching]  # all see it, whatever one says

@@ -4,7 +4,14 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
+
+import numba
+import numpy as np
+
+from endolab.numerics import compiled  # noqa: F401 - it watches the compiler
+from endolab.numerics.iteration import Status, drive
 
 PACKAGE = Path(__file__).resolve().parents[2] / "endolab"
 RUN = """
@@ -19,7 +26,7 @@ def test_loops_run_where_nothing_can_be_kept(tmp_path):
     """A copy of some of endolab beside which nothing can be kept, and a user without a home."""
     numerics = tmp_path / "endolab" / "numerics"
     numerics.mkdir(parents=True)
-    for name in ("__init__.py", "arrays.py", "compiled.py"):
+    for name in ("__init__.py", "arrays.py", "compiled.py", "iteration.py"):
         shutil.copy(PACKAGE / "numerics" / name, numerics)
     for taken in (tmp_path / "endolab/__init__.py", numerics / "__pycache__", tmp_path / "home"):
         taken.touch()  # a file, in which even root can make no folder
@@ -28,3 +35,17 @@ def test_loops_run_where_nothing_can_be_kept(tmp_path):
     how = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 120}
     done = subprocess.run([sys.executable, "-B", "-c", RUN], env=environment, **how, check=False)
     assert (done.stdout, done.stderr) == ("False\n", "")
+
+
+def test_seconds_that_are_told_do_not_count_compiling():  # "98.45 s for 4 iterations" was said of 1.3 s
+    def steps():
+        for k in range(3):
+            started = time.perf_counter()
+            numba.njit(lambda x: np.sort(x) + 1)(np.ones(3))
+            took.append(time.perf_counter() - started)
+            yield k
+        return Status.CONVERGED
+
+    took, told = [], []
+    drive(steps(), [], lambda _, seconds: told.append(seconds))
+    assert told[-1] < 0.5 * sum(took)
