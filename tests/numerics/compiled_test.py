@@ -26,7 +26,7 @@ def test_loops_run_where_nothing_can_be_kept(tmp_path):
     """A copy of some of endolab beside which nothing can be kept, and a user without a home."""
     numerics = tmp_path / "endolab" / "numerics"
     numerics.mkdir(parents=True)
-    for name in ("__init__.py", "arrays.py", "compiled.py", "iteration.py"):
+    for name in ("__init__.py", "arrays.py", "checks.py", "compiled.py", "iteration.py"):
         shutil.copy(PACKAGE / "numerics" / name, numerics)
     for taken in (tmp_path / "endolab/__init__.py", numerics / "__pycache__", tmp_path / "home"):
         taken.touch()  # a file, in which even root can make no folder
