@@ -91,6 +91,8 @@ class _OnCores:
                     self.loop(parts[0], now, first, *others)
                 finally:
                     wait(helped)
+                for one in helped:
+                    one.result()  # or what it raised, such as that memory ran out
         finally:
             _cores.release()
 
