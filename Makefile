@@ -83,19 +83,19 @@ clean: ## delete what the other targets made, but for .venv
 	rm -rf demo build *.egg-info .pytest_cache .ruff_cache .mypy_cache
 	find endolab tests notebooks \( -name __pycache__ -o -name .ipynb_checkpoints \) -prune -exec rm -rf {} +
 
-# uv is several times faster than pip; where it cannot be had, or cannot reach the packages, pip does it. Both
-# byte-compile what they install (half a minute), so that no first run does, nor each where nothing can be kept.
+# uv is several times faster than pip; where it cannot be had, or cannot reach the packages, pip does it. What they
+# install is byte-compiled, so that no first run does it, nor each where nothing can be kept; the loops beside it.
 $(READY): requirements.lock pyproject.toml | $(BIN)/python
 	@echo 'Setting up $(VENV): about 3 GB, and some minutes the first time.'
-	$(PIP) install --quiet uv && $(BIN)/uv pip install --compile-bytecode --python $(BIN)/python -r requirements.lock \
-	  || $(PIP) install -r requirements.lock
+	$(PIP) install --quiet uv && $(BIN)/uv pip install --python $(BIN)/python -r requirements.lock \
+	  || $(PIP) install --no-compile -r requirements.lock
 	$(PIP) install --quiet --no-deps --no-build-isolation -e .
-	$(BIN)/python -m compileall -q endolab
 	$(BIN)/python -m endolab.cli.lab $(VENV)
-	@echo 'Compiling the loops: a minute or two.'
-	-@$(BIN)/endolab simulate colon --width 200 --out $(VENV)/first --overwrite >/dev/null 2>&1 && \
+	@echo 'Compiling packages and loops: a minute.'
+	-@$(BIN)/python -m compileall -qq -j 2 endolab $(VENV)/lib & \
+	  $(BIN)/endolab simulate colon --width 200 --out $(VENV)/first --overwrite >/dev/null 2>&1 && \
 	  $(BIN)/endolab reconstruct $(VENV)/first/frame.png --calibration $(VENV)/first/endoscope.json \
-	    --out $(VENV)/first/result --overwrite >/dev/null 2>&1
+	    --out $(VENV)/first/result --overwrite >/dev/null 2>&1; wait
 	@touch $@
 
 $(BIN)/python:
