@@ -153,16 +153,7 @@ def _smooth_row(parts: Any, link: Any, shares: Any, kind: int, entries: Any, i: 
 
 @on_cores(cost=10, turns=3)
 def _assemble(
-    rows: Any,
-    turns: Any,
-    m: Any,
-    parts: Any,
-    link: Any,
-    shares: Any,
-    kind: int,
-    entries: Any,
-    products: Any,
-    damping: float,
+    rows: Any, turns: Any, m: Any, parts: Any, link: Any, shares: Any, kind: int, lists: Any, damping: float
 ) -> None:
     """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; `parts` are those of `Coefficients`.
 
@@ -170,6 +161,7 @@ def _assemble(
     forward gradient, the Hessian or the form of `curvature`, X the slope of ξ. Squared differences of the
     step itself come in with the weights of caution, a² W once more by `damping`.
     """
+    entries, products = lists
     count = m.shape[2] - 2 * PAD
     t, qt = np.empty((4, 6, count), m.dtype), np.empty((4, 6, count), m.dtype)
     for turn in range(turns[0], turns[1]):
@@ -336,7 +328,7 @@ class Coefficients:
         m = np.empty((9, *self.active.shape)) if out is None else out
         on = self.structure
         lists = ENTRIES[on.kind], PRODUCTS[on.kind]
-        _assemble(m, self.parts, on.link, on.shares, on.kind, *lists, damping)
+        _assemble(m, self.parts, on.link, on.shares, on.kind, lists, damping)
         return m
 
     def coarser(self, out: SingleArray | None = None) -> Coefficients:

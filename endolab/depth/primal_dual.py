@@ -263,24 +263,10 @@ def _primal(i: int, theta: Any, state: Any, rows: Any, metric: Any, share: Any, 
 
 
 @on_cores(cost=3)
-def _advance(
-    rows: Any,
-    turns: Any,
-    xi: Any,
-    theta: float,
-    state: Any,
-    radius: int,
-    slopes: Any,
-    along: Any,
-    down: Any,
-    regulariser: Any,
-    data: Any,
-    how: Any,
-    table: Any,
-    work: Any,
-) -> None:
-    """Take steps, of `PHASES` turns each, in place, with χ in units of τ_p."""
+def _advance(rows: Any, turns: Any, xi: Any, theta: float, state: Any, given: Any) -> None:
+    """Take steps, of `PHASES` turns each, in place, with χ in units of τ_p; `given` is that of `_Path`."""
     x, _, ahead, q, _, p, other = state
+    radius, slopes, along, down, regulariser, data, how, table, work = given
     sign, steps, offsets, metric = slopes
     works, lines, line_sums, running, sums = work
     band = rows[0] // ROWS
@@ -420,7 +406,7 @@ class _Path:
 
     def advance(self, count: int, theta: float = 1.0) -> None:
         """Take steps with χ, in units of 1/c at the start."""
-        _advance(self.state[0], theta / BALANCE, self.state, *self.given, turns=count * PHASES)
+        _advance(self.state[0], theta / BALANCE, self.state, self.given, turns=count * PHASES)
 
     @property
     def x(self) -> FloatArray:
