@@ -14,8 +14,9 @@ SOLVING = (
     *("solver", "xi", "regulariser", "lam", "epsilon", "threshold", "max_iterations", "channel"),
     *("width", "smooth", "highlights", *LENGTHS),
 )
-COMPILING = "Compiling for this machine, a minute or two; only the first run does."
-NOT_KEPT = "Compiling, a minute or two, in every run: NUMBA_CACHE_DIR can name a folder to keep it in."
+COMPILING = "Compiling for this machine, a minute or so; only the first run does."
+LOOPS = 170  # that a default reconstruction compiles
+NOT_KEPT = "Compiling, a minute or so, in every run: NUMBA_CACHE_DIR can name a folder to keep it in."
 
 
 # Values ---------------------------------------------------------------------------------
@@ -192,21 +193,26 @@ def progress_bar(unit: str, what: str | None = None, total: int | None = None) -
 
 @contextmanager
 def compiling_said() -> Iterator[None]:
-    """Say on stderr, once, that loops are compiled, if any are in the block."""
+    """Say on stderr, once, that loops are compiled, if any are in the block, and show how far that is."""
     from numba.core import event
+    from tqdm import tqdm
 
     from endolab.numerics.compiled import COMPILED
 
-    class First(event.Listener):
-        said = False
+    bars: list[Any] = []
 
+    class Watching(event.Listener):
         def on_start(self, event: object) -> None:
-            if not self.said:
-                print(COMPILING if COMPILED["cache"] else NOT_KEPT, file=sys.stderr, flush=True)
-            self.said = True
+            if not bars:
+                tqdm.write(COMPILING if COMPILED["cache"] else NOT_KEPT, file=sys.stderr)
+                bars.append(tqdm(total=LOOPS, unit="loop", desc="compiling", leave=False, disable=None))
 
         def on_end(self, event: object) -> None:
-            pass
+            bars[0].update()
 
-    with event.install_listener("numba:compile", First()):
-        yield
+    try:
+        with event.install_listener("numba:compile", Watching()):
+            yield
+    finally:
+        for bar in bars:
+            bar.close()
