@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -118,9 +118,11 @@ def _residual(answer: Answer, view: View) -> Panel:
     quiet = np.abs(residual) <= floor
     share = 100 * float(quiet.sum()) / max(int(np.isfinite(residual).sum()), 1)
     title = f"Model - frame [grey of 255], {share:.0f} % is noise"
-    shown = _value_map(view, title, residual, (-end, end), "diverging", "{:+.1f} grey levels")
-    shown.picture[quiet] = BELOW_NOISE
-    return shown
+    picture = coloured(residual, (-end, end), "diverging")
+    picture[quiet] = BELOW_NOISE
+    return replace(
+        _value_map(view, title, residual, (-end, end), "diverging", "{:+.1f} grey levels"), picture=picture
+    )
 
 
 def _error(answer: Answer, view: View) -> Panel:
@@ -260,8 +262,7 @@ def differs_by_lam(one: Any, other: Any) -> bool:
 
 def _surface(answer: Answer, view: View) -> Panel:
     """Room for the surface in 3D, which lies above it."""
-    blank = np.full(answer.result.mask.shape, 1.0)
-    return Map("3D: drag to turn", grey_or_colour(blank))
+    return Map("3D: drag to turn", None)
 
 
 PANELS: dict[str, Callable[[Answer, View], Panel]] = {

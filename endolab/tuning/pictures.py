@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.scales import blue_white_red, in_colour
+from endolab.plots.scales import blue_white_red, in_colour, round_length
 
 Picture = NDArray[np.uint8]
 Limits = tuple[float, float]
@@ -28,7 +28,6 @@ INK, PALE, LEFT_OUT = (34, 34, 34), (225, 225, 225), (184, 184, 184)
 BLACK, SKY, VERMILION, BLUE, GREEN = (0, 0, 0), (86, 180, 233), (213, 94, 0), (0, 114, 178), (0, 158, 115)
 MAPS = {"viridis": cv2.COLORMAP_VIRIDIS, "magma": cv2.COLORMAP_MAGMA}
 QUALITY = 88  # of a JPEG
-TICKS = (1, 2, 5, 10)
 
 
 def jpeg(picture: Picture) -> bytes:
@@ -99,30 +98,27 @@ def grey_or_colour(image: FloatArray) -> Picture:
     return np.where(known, bytes_, np.array(LEFT_OUT, np.uint8))
 
 
-def ticks(low: float, high: float, count: int = 4) -> list[float]:
-    """Round numbers in [low, high], about `count` of them."""
-    span = high - low
-    if not (np.isfinite(span) and span > 0):
+def ticks(low: float, high: float) -> list[float]:
+    """Round numbers in [low, high], three to eight of them."""
+    if not (np.isfinite(high - low) and high > low):
         return [low]
-    power = 10.0 ** np.floor(np.log10(span / count))
-    step = min((factor * power for factor in TICKS), key=lambda step: abs(span / step - count))
+    step = round_length((high - low) / 3)
     return [float(k * step) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
 
 
-@dataclass(frozen=True)
-class Cell:
-    """Room for a panel, px."""
+def log_ticks(low: float, high: float) -> list[float]:
+    """Logarithms, in [low, high], of 1, 2 and 5 times powers of ten, or of round numbers if they are few."""
+    powers = range(int(np.floor(low)), int(np.ceil(high)))
+    found = [float(np.log10(factor) + power) for power in powers for factor in (1, 2, 5)]
+    found = [one for one in found if low <= one <= high]
+    return found if len(found) > 1 else [float(np.log10(one)) for one in ticks(10**low, 10**high)]
 
-    width: int
-    height: int
-    text: int = 12  # size of letters
 
-    def paper(self, title: str) -> tuple[Picture, Box]:
-        """A white cell with a title, and what is left below it."""
-        paper = np.full((self.height, self.width, 3), 255, np.uint8)
-        edge = self.text // 2
-        write(paper, title, edge, 0, self.text + 1)
-        return paper, (edge, 2 * self.text, self.width - edge, self.height - edge)
+def _room(paper: Picture, title: str, text: int) -> Box:
+    """Write a title into a cell, and tell what is left below it."""
+    edge = text // 2
+    write(paper, title, edge, 0, text + 1)
+    return edge, 2 * text, paper.shape[1] - edge, paper.shape[0] - edge
 
 
 @dataclass(frozen=True)
@@ -130,24 +126,24 @@ class Map:
     """A picture with a title, which fills its cell, with a colour bar if there are limits.
 
     `keys` say what colours mean, `line` is a row (True) or column and its share of the picture, and `says`
-    tells what is known of a pixel.
+    tells what is known of a pixel. Without a picture, its place is left free.
     """
 
     title: str
-    picture: Picture
+    picture: Picture | None
     limits: Limits | None = None
     palette: str = "viridis"
     keys: Sequence[tuple[str, Colour]] = ()
     line: tuple[bool, float] | None = None
     says: Callable[[int, int], str] | None = None
-    barred: bool = True
 
-    def draw(self, cell: Cell) -> tuple[Picture, Box]:
-        """Draw it, and tell where in the cell the picture is."""
-        paper, (left, top, right, bottom) = cell.paper(self.title)
-        text, bar = cell.text, self.limits is not None and self.barred
+    def draw(self, paper: Picture, text: int) -> tuple[Box, list[tuple[int, int]]]:
+        """Draw it into a white cell with letters of so many px, and tell where in the cell the picture is."""
+        left, top, right, bottom = _room(paper, self.title, text)
+        if self.picture is None:
+            return (left, top, right, bottom), []
         height, width = self.picture.shape[:2]
-        room = right - left - (5 * text if bar else 0)
+        room = right - left - (5 * text if self.limits else 0)
         scale = max(min(room / width, (bottom - top) / height), 1 / min(width, height))
         wide, tall = max(1, round(width * scale)), max(1, round(height * scale))
         left += (room - wide) // 2
@@ -161,9 +157,9 @@ class Map:
             y = place.shape[0] - round(1.6 * text) * (number + 1)
             labelled(place, name, round(1.6 * text), y, text)
             place[max(0, y + 4) : y + text + 2, 3 : text + 1] = colour
-        if bar and self.limits is not None:
+        if self.limits is not None:
             scale_bar(paper[top : top + tall], left + wide + text // 2, self.limits, self.palette, text)
-        return paper, (left, top, left + wide, top + tall)
+        return (left, top, left + wide, top + tall), []
 
 
 def scale_bar(paper: Picture, left: int, limits: Limits, palette: str, text: int) -> None:
@@ -202,10 +198,9 @@ class Chart:
     equal: bool = False
     fitted: tuple[FloatArray, FloatArray] | None = None  # x and y that set the limits
 
-    def draw(self, cell: Cell) -> tuple[Picture, list[tuple[int, int]]]:
-        """Draw it, and tell where in the cell the dots are."""
-        paper, (left, top, right, bottom) = cell.paper(self.title)
-        text = cell.text
+    def draw(self, paper: Picture, text: int) -> tuple[None, list[tuple[int, int]]]:
+        """Draw it into a white cell with letters of so many px, and tell where in the cell the dots are."""
+        left, top, right, bottom = _room(paper, self.title, text)
         left, right, bottom = left + round(3.6 * text), right - text // 2, bottom - round(2.4 * text)
         limits = self._limits((right - left) / max(bottom - top, 1))
         (x_low, x_high), (y_low, y_high) = limits
@@ -218,11 +213,11 @@ class Chart:
             return np.clip(column, -4e3, 4e3), np.clip(row, -4e3, 4e3)
 
         inner = paper[top : bottom + 1, left : right + 1]
-        for value in ticks(x_low, x_high):
+        for value in (log_ticks if self.log[0] else ticks)(x_low, x_high):
             at = round((value - x_low) / (x_high - x_low) * (right - left))
             inner[:, at] = PALE
             write(paper, _number(value, self.log[0]), left + at, bottom, text, 0.5)
-        for value in ticks(y_low, y_high):
+        for value in (log_ticks if self.log[1] else ticks)(y_low, y_high):
             share = (value - y_low) / (y_high - y_low)
             at = round((share if self.down else 1 - share) * (bottom - top))
             inner[at] = PALE
@@ -240,7 +235,7 @@ class Chart:
             spot = tuple(int(one) for one in place(x_of, y_of))
             cv2.circle(inner, spot, text // 2, tuple(colour), -1 if filled else 2, cv2.LINE_AA)
             dots.append((left + spot[0], top + spot[1]))
-        return paper, dots
+        return None, dots
 
     def _scaled(self, x: FloatArray | float, y: FloatArray | float) -> tuple[FloatArray, FloatArray]:
         """What the axes measure: the values, or their logarithms."""

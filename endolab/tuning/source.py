@@ -14,6 +14,7 @@ from endolab.model.brdf import Lambertian
 from endolab.model.photometry import Photometry
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import whole
 from endolab.preprocessing.frame import Frame, check_size
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES
@@ -53,6 +54,8 @@ class Settings:
     def __post_init__(self) -> None:
         if self.albedo is not None and len(self.albedo) != 3:
             raise ValueError(f"albedo must be three numbers, of red, green and blue, got {self.albedo}")
+        if self.max_iterations is not None:
+            whole("max_iterations", self.max_iterations)
 
     def keywords(self, grey: bool) -> dict[str, Any]:
         """What `reconstruct` is given, of a grey picture or of one in colour."""

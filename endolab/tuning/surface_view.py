@@ -34,18 +34,6 @@ OUTLYING = 1.0  # %, of the points lie beyond each face of the box: spikes must 
 KEPT = 1.25  # the box stays if the new one is larger or smaller, or its middle is off, by less than this
 Given = tuple[FloatArray, FloatArray, np.ndarray, BoolArray | None, str, bool]
 
-STYLE = """
-.endolab-surface { position: relative; overflow: hidden; color: var(--jp-content-font-color1, #222); }
-.endolab-surface canvas { width: 100%; height: 100%; display: block; cursor: grab; touch-action: none; }
-.endolab-surface canvas:active { cursor: grabbing; }
-.endolab-surface canvas:not(:focus-visible) { outline: none; }
-.endolab-surface div, .endolab-surface span { position: absolute; pointer-events: none; white-space: nowrap; }
-.endolab-surface span { transform: translate(-50%, -50%); }
-.endolab-surface .endolab-size { left: 4px; bottom: 0; }
-.endolab-surface .endolab-help { left: 4px; top: 0; }
-.endolab-surface:not(:hover) .endolab-help { display: none; }
-"""
-
 
 class SurfaceView(anywidget.AnyWidget):
     """A surface with a picture on it, that is turned with the mouse; `show` shows another one.
@@ -56,7 +44,7 @@ class SurfaceView(anywidget.AnyWidget):
         Of the panel, px, or 0 for as high as there is room; it is as wide as there is room.
     """
 
-    _esm, _css = Path(__file__).with_suffix(".js"), STYLE
+    _esm, _css = Path(__file__).with_suffix(".js"), Path(__file__).with_suffix(".css")
     height = t.Int(HEIGHT).tag(sync=True)
     # For each point its ray and its place in the picture, 5 float32; its distance, float32; three uint32
     # points for each triangle; a JPEG. All of them belong to the surface of that number.

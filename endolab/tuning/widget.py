@@ -7,7 +7,6 @@ and sent from there, so that neither a slow solve nor a running cell freezes the
 
 from __future__ import annotations
 
-import html
 import math
 import threading
 from collections.abc import Callable, Sequence
@@ -15,8 +14,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import anywidget
 import ipywidgets as w
 import numpy as np
+import traitlets as t
 
 from endolab import datasets
 from endolab.io.atomic import staged_folder, write_atomically
@@ -29,16 +30,16 @@ from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame
 from endolab.reports.result import write_files
 from endolab.synthetic.scenes import SCENES
-from endolab.tuning.board_view import BoardView
 from endolab.tuning.boards import Board, comparable, of_one, of_several, of_two
-from endolab.tuning.controls import SIGHT, VIEWS, Knobs, button
+from endolab.tuning.controls import VIEWS, described
 from endolab.tuning.engine import FINAL, Answer, Tuner, sentence_of
 from endolab.tuning.panels import NEED_TRUST, PANELS, USUAL, Dot, View
-from endolab.tuning.pictures import Map, jpeg, png
+from endolab.tuning.pictures import jpeg, png
 from endolab.tuning.sentences import summary, warnings
 from endolab.tuning.source import Settings
 from endolab.tuning.surface_view import SurfaceView, show_on
 
+HERE = Path(__file__).parent
 IMPORTS = "from dataclasses import replace\n\nimport endolab as el\n"
 A, B, BESIDE = "A", "B", "A beside B"  # what is shown, if A is kept
 LAMS = (0.1, 10**-0.5, 1.0, 10**0.5, 10.0)  # times the present λ, to be compared
@@ -48,6 +49,9 @@ NEAR = 12  # px around a dot in which a click takes it
 ROOM = (1176.0, 620.0)  # px, before the page tells its own
 LEAST_ROOM, TALLEST = (420.0, 300.0), 0.75  # px; height over width
 TEXT, LARGE_TEXT, LARGE = 12, 14, 1500.0  # px: of letters, and of a page that has larger ones
+# What the page may ask for, each a method.
+ACTIONS = {"undo", "reset", "keep", "drop", "show", "blink", "compare", "find_trust", "export_aside"}
+ACTIONS |= {"step", "choose", "measure", "press"}
 
 
 def tune(
@@ -88,12 +92,32 @@ def tune(
     return TunerBox(frame, calibration or datasets.load_calibration("paper"), truth, scene, width)
 
 
-class TunerBox(w.VBox):
+class TunerBox(anywidget.AnyWidget):
     """The tuner's widget; `tune` makes it.
 
-    `engine` solves what the `knobs` say. `now` is the last answer, B if A was kept, `kept` is A, and `answer`
-    the one of them that is shown. `pictures` are frames to choose among, of which `frame` is the first.
+    `engine` solves what `knobs` say, of which a dict can be set. `now` is the last answer, B if A was kept,
+    `kept` is A, and `answer` the one of them that is shown. `pictures` are frames to choose among, of which
+    `frame` is the first.
     """
+
+    _esm, _css = HERE / "tuner.js", HERE / "tuner.css"
+    specs: t.List[Any] = t.List().tag(sync=True)  # of the knobs
+    knobs: t.Dict[str, Any] = t.Dict().tag(sync=True)  # their values
+    line: t.Dict[str, Any] = t.Dict().tag(sync=True)  # "text", "warnings", and whether it is "wrong"
+    code = t.Unicode().tag(sync=True)
+    shows = t.Unicode().tag(sync=True)  # A, B or both, if A is kept
+    compared = t.Unicode().tag(sync=True)  # the knob whose values stand in columns
+    surface: t.Instance[SurfaceView] = t.Instance(SurfaceView).tag(sync=True, **w.widget_serialization)
+    # The board: a JPEG; its width and height in px of the screen, and how many of these a px of the page has;
+    # of each panel its "box", the "spot" of its map or None, both in shares of the board, and its "name".
+    picture = t.Bytes().tag(sync=True)
+    size: t.List[Any] = t.List([0, 0, 1]).tag(sync=True)
+    cells: t.List[Any] = t.List().tag(sync=True)
+    choices: t.List[str] = t.List().tag(sync=True)  # what panels can show
+    said: t.List[str] = t.List().tag(sync=True)  # of each panel, at the cursor
+    # From the page: where the cursor is in its map, or nothing; a point of the board to which it was dragged.
+    hover: t.List[float] = t.List().tag(sync=True)
+    drag: t.List[float] = t.List().tag(sync=True)
 
     def __init__(
         self,
@@ -106,88 +130,55 @@ class TunerBox(w.VBox):
     ) -> None:
         self.now: Answer | None = None
         self.kept: Answer | None = None
-        self.shows = B
         self.columns: list[tuple[str, Answer | None]] = []  # answers that are compared
         self.visited: list[Settings] = []  # for undo
         self.dots: list[Dot] = []
         self.names = list(USUAL)  # of the panels
-        self.board: Board | None = None
+        self.board = Board(np.zeros((1, 1, 3), np.uint8), [])
+        self.frame = 0  # which of `pictures` is looked at
         self._last: Answer | None = None  # the last final answer, ...
         self._before: Answer | None = None  # ... and the one before it
+        self._wish: Settings | None = None  # the last one
         self._calibration, self._pictures = calibration, list(pictures)
-        self.view, self.surface, self._lock = BoardView(), SurfaceView(0), threading.RLock()
-        self._lock = self.view.lock  # the solver's thread shows, the kernel's moves the section
-        self._said = ""  # a word on what was done last, until something else is
+        # The solver's thread shows, the kernel's hears the page: not while several things are being changed.
+        self._lock = threading.RLock()
+        self._word: dict[str, Any] = {}  # on what was done last, until something else is
         self._room, self._ratio = ROOM, 1.0
         self.engine = Tuner(calibration, self._take, self._refuse, frame=frame, truth=truth)
         names = [path.name for path in self._pictures] or ([frame.name] if frame is not None else [])
         scenes = [*((name, i) for i, name in enumerate(names)), *((name, name) for name in SCENES)]
-        self.knobs = Knobs(scenes, width, self._guarded(self._turned))
-        self.knobs.reset_light(calibration.photometry.k, calibration.photometry.gamma)
-        with self.knobs.quiet():
-            self.knobs["scene"].value = 0 if names else scene
-            self.knobs["channel"].value = "auto" if names else ""
-        self._first = self.knobs.settings()
-        super().__init__([self._make_bars(), self._make_stack()])
-        self.add_class("endolab-tuner")
-        for name, action in (
-            ("point", self._point),
-            ("hover", self._say),
-            ("room", self._measured),
-            ("chosen", self._choose),
-            ("key", self._press),
-        ):
-            follow = self._guarded(lambda change, action=action: action(change["new"]))
-            self.view.observe(follow, name)
+        start = Settings(None if names else scene, width=width, channel="auto" if names else None)
+        self._first = vars(start) | VIEWS | {"scene": 0 if names else scene}
+        widths = sorted({160, 320, 480, 640, width})
+        specs = described(scenes, widths, calibration.photometry)
+        super().__init__(specs=specs, knobs=self._first, surface=SurfaceView(0))
+        self.on_msg(lambda _, message, buffers: self._guarded(self._act)(*message))
+        self.observe(self._guarded(self._turned), "knobs")
+        self.observe(self._guarded(lambda change: self._say(change["new"])), "hover")
+        self.observe(self._guarded(lambda change: self._cut(*change["new"])), "drag")
         self.ask()
 
-    def _make_bars(self) -> w.VBox:
-        made = lambda name, tip, action: button(name, tip, self._guarded(action))  # noqa: E731
-        row = {"flex_flow": "row wrap", "align_items": "center", "width": "100%"}
-        sight = [self.knobs.named[name] for name in SIGHT]
-        reset = made("reset", "All knobs as they were at first.", self.reset)
-        more = made("advanced", "All other knobs, the code, and the export.", self._unfold)
-        self.status = w.HTML("solving ...", layout={"flex": "1 1 0", "min_width": "300px"})
-        self.shown = w.ToggleButtons(options=[A, B, BESIDE], value=B, style={"button_width": "auto"})
-        self.shown.layout.display = "none"
-        self.shown.observe(self._guarded(lambda change: self.show(change["new"])), "value")
-        self.keeper = made(
-            "keep as A", "Keep this answer, to compare it with what comes; key A, and X drops it.", self.keep
-        )
-        self.comparing = w.Dropdown(
-            options=[("compare ...", ""), ("five λ", "lam"), ("regularisers", "regulariser")],
-            tooltip="Answers side by side on one scale; a click takes one over.",
-            layout={"width": "120px"},
-        )
-        self.comparing.observe(self._guarded(lambda change: self.compare(change["new"])), "value")
-        undo = made("undo", "Back to the answer before; Ctrl-Z.", self.undo)
-        actions = [self.status, undo, self.keeper, self.shown, self.comparing, more]
-        self.code = w.Textarea(layout={"width": "calc(100% - 8px)", "height": "110px"}, disabled=True)
-        self.folder = w.Text("tuned", tooltip="The folder that is exported into.", layout={"width": "130px"})
-        others = [knob for name, knob in self.knobs.named.items() if name not in SIGHT]
-        exported = made(
-            "export",
-            "Write what is shown: pictures, cloud, depth, settings, code and recording.",
-            self._export_aside,
-        )
-        trusted = made("find σ", "Find how far this answer can be trusted, pixel by pixel.", self.find_trust)
-        knobs = [
-            w.HBox([*sight, reset], layout=row),
-            w.HBox([*others, trusted, exported, self.folder], layout=row),
-        ]
-        for box in knobs:
-            box.add_class("endolab-knobs")
-        self.advanced = w.VBox([knobs[1], self.code], layout={"display": "none"})
-        bars = w.VBox([knobs[0], w.HBox(actions, layout=row), self.advanced])
-        bars.add_class("endolab-bars")
-        return bars
+    def set_state(self, sync_data: dict[str, Any]) -> None:
+        """Hear what the page says, not while several things are being sent: part of them would be lost."""
+        with self._lock:
+            super().set_state(sync_data)
 
-    def _make_stack(self) -> w.Box:
-        self.surface.layout.display = "none"
-        self.surface.add_class("endolab-3d")
-        stack = w.VBox([self.view, self.surface], layout={"width": "100%"})
-        stack.add_class("endolab-stack")
-        return stack
+    def _guarded(self, action: Callable[..., object]) -> Callable[..., None]:
+        """Say what goes wrong in the status line."""
+
+        def guarded(*given: Any) -> None:
+            try:
+                with self._lock:
+                    action(*given)
+            except Exception as error:
+                self._refuse(sentence_of(error))
+
+        return guarded
+
+    def _act(self, name: str, *given: Any) -> None:
+        if name not in ACTIONS:
+            raise ValueError(f"there is no action {name!r}")
+        getattr(self, name)(*given)
 
     # What is solved ----------------------------------------------------------------------
 
@@ -198,38 +189,44 @@ class TunerBox(w.VBox):
 
     def settings(self) -> Settings:
         """Return what the knobs say; ValueError, in one sentence, if a line cannot be read."""
-        return self.knobs.settings()
+        values: dict[str, Any] = {name: self.knobs[name] for name in self.knobs if name not in VIEWS}
+        values["scene"] = values["scene"] if isinstance(values["scene"], str) else None
+        for name, count in (("smooth", 1), ("max_iterations", 1), ("albedo", 3)):
+            values[name] = numbers(values[name], name, count)
+        return Settings(**values)
 
     def ask(self) -> None:
         """Ask the engine for what the knobs say; returns at once."""
-        settings = self.settings()
-        with self._lock:
-            self.columns = []
-            if self.shows == A:
-                self._set_shown(B)
-        self.comparing.value = ""
-        self.engine.ask(settings)
+        self._wish = self.settings()
+        self._leave_comparison()
+        self.engine.ask(self._wish)
 
-    def _turned(self, name: str) -> None:
-        """Follow a knob."""
-        if name in VIEWS:
-            self.redraw()
-            return
-        index = self.knobs["scene"].value
-        if name == "scene" and self._pictures and isinstance(index, int) and index != self.knobs.frame:
-            self._open(index)
-        self.ask()
+    def _turned(self, change: dict[str, Any]) -> None:
+        """Follow the knobs."""
+        old, scene = change["old"], self.knobs["scene"]
+        if self._pictures and isinstance(scene, int) and scene != self.frame:
+            self._open(scene)
+        if self.settings() != self._wish:
+            self.ask()
+        elif self._word or any(self.knobs[name] != old[name] for name in VIEWS):
+            self._word = {}
+            self._show()
+
+    def _set_knobs(self, settings: Settings) -> None:
+        """Have the knobs say what settings do, and ask for nothing; which frame is looked at stays."""
+        self._wish = settings
+        scene = self.frame if settings.scene is None else settings.scene
+        self.knobs = self.knobs | vars(settings) | {"scene": scene}
 
     def _open(self, index: int) -> None:
         """Look at another frame; one that cannot be used is passed by with a sentence, and the last stays."""
         try:
             frame = read_frame(self._pictures[index], self._calibration)
         except (OSError, ValueError, MemoryError) as error:
-            with self.knobs.quiet():
-                self.knobs["scene"].value = self.knobs.frame
+            self.knobs = self.knobs | {"scene": self.frame}
             raise ValueError(f"{sentence_of(error)}: the frame before is still shown") from error
+        self.frame = index
         self.look_at(frame)
-        self.knobs.frame = index
 
     def look_at(self, frame: Frame, truth: FloatArray | None = None) -> None:
         """Look at another frame of the same endoscope; the knobs stay.
@@ -237,37 +234,35 @@ class TunerBox(w.VBox):
         Raises ValueError if it is not of the calibration's size; then nothing changes.
         """
         self.engine.use(self._calibration, frame, truth)
-        self.visited, self.dots, self._last = [], [], None
+        self.visited, self.dots, self._last, self._wish = [], [], None, None
         self.drop()
+
+    def step(self, by: int) -> None:
+        """Look at the next frame, or the one before."""
+        index = min(max(self.frame + by, 0), len(self._pictures) - 1)
+        self.knobs = self.knobs | {"scene": max(index, 0)} if self._pictures else self.knobs
 
     def _take(self, answer: Answer) -> None:
         """Show an answer; in the engine's thread."""
-        try:
-            with self._lock:
-                self._said = ""
-                if answer.trust is not None:
-                    self._replace(answer)
-                else:
-                    self.now = answer
-                    if answer.stage == FINAL:
-                        self._remember(answer)
-                self._show()
-        except Exception as error:
-            self._refuse(sentence_of(error))
+        self._guarded(self._shown)(answer)
 
-    def _replace(self, answer: Answer) -> None:
-        """Have an answer in place of the one of the same settings, of which less was known."""
-        both = (self.kept, self.now)
-        self.kept, self.now = (
-            answer if one is not None and one.settings == answer.settings else one for one in both
-        )
+    def _shown(self, answer: Answer) -> None:
+        self._word = {}
+        if answer.trust is not None:  # in place of the one of the same settings, of which less was known
+            both = (self.kept, self.now)
+            is_it = [one is not None and one.result is answer.result for one in both]
+            self.kept, self.now = (answer if it else one for it, one in zip(is_it, both, strict=True))
+        else:
+            self.now = answer
+            if answer.stage == FINAL:
+                self._before, self._last = self._last, answer
+                self._visit(answer.settings)
+                self._dot(answer, answer)
+        self._show()
 
-    def _remember(self, answer: Answer) -> None:
-        """Have an answer among those to come back to."""
-        if not self.visited or self.visited[-1] != answer.settings:
-            self.visited.append(answer.settings)
-        self._before, self._last = self._last, answer
-        self._dot(answer, answer)
+    def _visit(self, settings: Settings) -> None:
+        if self.visited[-1:] != [settings]:
+            self.visited.append(settings)
 
     def _dot(self, answer: Answer, kept: Answer | None) -> None:
         """Have an answer among the dots of the λ curve; `kept` is what a click on it brings back."""
@@ -279,21 +274,16 @@ class TunerBox(w.VBox):
 
     def bring_back(self, settings: Settings) -> None:
         """Show the answer of these settings, if it is remembered, or else ask for it."""
-        self.knobs.take(settings)
+        self._set_knobs(settings)
         known = next((dot.answer for dot in self.dots if dot.settings == settings), None)
         if known is None:
             self.ask()
             return
-        with self._lock:
-            self.columns = []
-            self._set_shown(B)
-            self.engine.recall(known)
-            self._said = ""
-            self._before, self._last, self.now = None, known, known
-            if self.visited[-1:] != [settings]:
-                self.visited.append(settings)
-            self._show()
-        self.comparing.value = ""
+        self.engine.recall(known)
+        self._before, self._last, self.now, self._word = None, known, known, {}
+        self._visit(settings)
+        self._leave_comparison()
+        self._show()
 
     def undo(self) -> None:
         """Go back to the answer before."""
@@ -304,13 +294,12 @@ class TunerBox(w.VBox):
 
     def reset(self) -> None:
         """All knobs as they were at first."""
-        self.knobs.take(self._first)
-        self.ask()
+        self.knobs = self._first | ({"scene": self.frame} if self._pictures else {})
 
     def find_trust(self) -> None:
         """Find how far the answer that is shown can be trusted."""
         self.engine.find_trust(self._final())
-        self._word("finding σ ...")
+        self._tell("finding σ ...")
 
     def _final(self) -> Answer:
         if self.answer is None or self.answer.stage != FINAL:
@@ -320,13 +309,13 @@ class TunerBox(w.VBox):
     # What is compared --------------------------------------------------------------------
 
     def compare(self, what: str) -> None:
-        """Solve five λ around this one ("lam") or each "regulariser", and show them in columns."""
-        if not what:
-            with self._lock:
-                if self.columns:
-                    self.columns = []
-                    self._show()
-            return
+        """Solve five λ around this ("lam") or each "regulariser", and show them in columns; "" ends that."""
+        self.columns, self.compared = [], ""
+        if what:
+            self._compare(what)
+        self._show()
+
+    def _compare(self, what: str) -> None:
         now = self._final()
         if what == "lam":
             values: list[Any] = [float(f"{now.settings.lam * times:.2g}") for times in LAMS]
@@ -334,106 +323,68 @@ class TunerBox(w.VBox):
         else:
             values = labels = ["first", "second", *(["curvature"] if now.settings.xi == "1/d" else [])]
         several = [replace(now.settings, **{what: value}) for value in values]
-        self.columns = [
-            (label, now if one == now.settings else None) for label, one in zip(labels, several, strict=True)
-        ]
+        given = [now if one == now.settings else None for one in several]
+        self.columns, self.compared = list(zip(labels, given, strict=True)), what
 
         def tell(number: int, answer: Answer) -> None:
-            with self._lock:
-                if self.columns:
-                    self.columns[number] = labels[number], answer
-                    if all(dot.settings != answer.settings for dot in self.dots):
-                        self._dot(answer, None)
-                    self._show()
+            if self.columns:
+                self.columns[number] = labels[number], answer
+                if all(dot.settings != answer.settings for dot in self.dots):
+                    self._dot(answer, None)
+                self._show()
 
-        self.engine.compare(now, several, tell)
-        self._show()
+        self.engine.compare(now, several, self._guarded(tell))
 
     def keep(self) -> None:
         """Keep what is shown as A, to compare; from now on it stands beside what is shown."""
         self.kept = self._final()
-        self.keeper.description = "drop A"
-        self.shown.layout.display = None
-        self.shown.value = BESIDE
+        self.show(BESIDE)
 
     def drop(self) -> None:
         """Forget A."""
-        self.shown.value, self.kept = B, None
-        self.keeper.description, self.shown.layout.display = "keep as A", "none"
-        self.redraw()
+        self.kept, self.shows = None, ""
+        self._show()
 
     def show(self, which: str) -> None:
         """Show A, B, or both; knobs, code and export are of the one that is shown, of both of B."""
-        with self._lock:
-            self._said = ""
-            self._set_shown(which)
-            if self.answer is not None:
-                self.knobs.take(self.answer.settings)
-                self._show()
+        if self.kept is None:
+            return
+        self._leave_comparison()
+        self._word, self.shows = {}, which
+        if self.answer is not None:
+            self._set_knobs(self.answer.settings)
+        self._show()
 
-    def _set_shown(self, which: str) -> None:
-        self.shows = which
-        self.shown.value = which
+    def blink(self) -> None:
+        """Show the other of A and B."""
+        self.show(A if self.shows == B else B)
 
-    def _press(self, key: Sequence[Any]) -> None:
-        """Do what a key is for."""
-        frames, kept = len(self._pictures), self.kept is not None
-        name = str(key[0]) if key else ""
-        if name in ("n", "p") and frames > 1:
-            index = self.knobs.frame + (1 if name == "n" else -1)
-            self.knobs["scene"].value = min(max(index, 0), frames - 1)
-        elif name in ("b", "d", "x") and kept:
-            {
-                "b": lambda: self.show(A if self.shows == B else B),
-                "d": lambda: self.show(BESIDE),
-                "x": self.drop,
-            }[name]()
-        elif name in ("a", "c", "r", "u", "z"):
-            {"a": self.keep, "c": self._press_compare, "r": self.reset, "u": self.undo, "z": self.undo}[
-                name
-            ]()
-
-    def _press_compare(self) -> None:
-        self.comparing.value = "" if self.columns else "lam"
+    def _leave_comparison(self) -> None:
+        """From columns, or from A, to the present answer."""
+        self.columns, self.compared = [], ""
+        if self.shows == A:
+            self.shows = B
 
     # What is shown -----------------------------------------------------------------------
 
-    def _guarded(self, action: Callable[..., object]) -> Callable[..., None]:
-        """Say what goes wrong in the status line."""
-
-        def guarded(*given: Any) -> None:
-            try:
-                action(*given)
-            except Exception as error:
-                self._refuse(sentence_of(error))
-
-        return guarded
-
     def _refuse(self, sentence: str) -> None:
-        self._word(sentence, "endolab-wrong")
+        self._tell(sentence, wrong=True)
 
-    def _word(self, text: str, kind: str = "") -> None:
-        self._said = f'<span class="endolab-status {kind}">{html.escape(text)}</span>'
-        self.status.value = self._said
+    def _tell(self, text: str, wrong: bool = False) -> None:
+        with self._lock:
+            self._word = self.line = {"text": text, "wrong": wrong}
 
     def _view(self) -> View:
-        knobs, answer = self.knobs, self.answer
-        picture = None if answer is None else _picture_of(answer.settings)
+        picture = None if self.answer is None else _picture_of(self.answer.settings)
         dots = [dot for dot in self.dots if dot.picture == picture]
-        return View(knobs["across"].value == "row", knobs["section"].value / 100, dots=dots)
+        return View(self.knobs["across"], self.knobs["section"] / 100, dots=dots)
 
-    def picture(self) -> Any:
-        """The six panels of the one answer, (H, W, 3) bytes."""
-        if self.answer is None:
-            raise ValueError("there is no answer to show yet")
-        return self._of_one(self.answer).picture
+    def _of_one(self, answer: Answer) -> Board:
+        return of_one(answer, self.names, self._view(), *self._pixels())
 
     def _pixels(self) -> tuple[tuple[int, int], int]:
         wide, tall = (int(one * self._ratio) for one in self._room)
         return (wide, tall), round(self._ratio * (LARGE_TEXT if self._room[0] > LARGE else TEXT))
-
-    def _of_one(self, answer: Answer) -> Board:
-        return of_one(answer, self.names, self._view(), *self._pixels())
 
     def _composed(self, answer: Answer) -> tuple[Board, bool]:
         """What is on the board, and whether that is the one answer alone."""
@@ -443,126 +394,83 @@ class TunerBox(w.VBox):
             return of_two(self.kept, answer, self._view(), *self._pixels()), False
         return self._of_one(answer), True
 
-    def redraw(self) -> None:
-        """Draw what there is again."""
-        with self._lock:
-            self._show()
-
     def _show(self) -> None:
         """Show the one answer: panels, surface, code and status line."""
         answer = self.answer
         if answer is None:
             return
         self.board, alone = self._composed(answer)
-        said = [html.escape(f"{self.shows}: " * (self.kept is not None) + summary(answer))]
-        said += [
-            f'<span class="endolab-warning">{html.escape(one)}</span>'
-            for one in warnings(answer, self._before)
-        ]
-        self.status.value = self._said or f'<span class="endolab-status">{" ".join(said)}</span>'
-        self.code.value = self.python()
-        self._send_board(self.board, alone)
-        self._show_surface(answer, alone)
-
-    def _send_board(self, board: Board, alone: bool) -> None:
-        height, width = board.picture.shape[:2]
-        cells = []
-        for number, place in enumerate(board.places):
-            boxes = {"box": place.box, "spot": place.spot}
-            shares = {
-                name: box and [box[0] / width, box[1] / height, box[2] / width, box[3] / height]
-                for name, box in boxes.items()
-            }
-            cells.append({**shares, "name": self.names[number] if alone else ""})
-        known = self.answer is not None and self.answer.truth is not None
-        with self.view.hold_sync():
-            self.view.ratio, self.view.size, self.view.cells = self._ratio, [width, height], cells
-            self.view.choices = [name for name in PANELS if known or name != "error"] if alone else []
-            self.view.value = jpeg(board.picture)
-        self._say(self.view.hover)
-
-    def _show_surface(self, answer: Answer, alone: bool) -> None:
-        layout = self.surface.layout
-        if not alone or "3D" not in self.names or self.board is None:
-            layout.display = "none"
-            return
-        spot = self.board.places[self.names.index("3D")].box
-        text, ratio = self._pixels()[1], self._ratio
-        with layout.hold_sync():
-            layout.left, layout.top = f"{spot[0] / ratio:.0f}px", f"{(spot[1] + 2 * text) / ratio:.0f}px"
-            layout.width = f"{(spot[2] - spot[0]) / ratio:.0f}px"
-            layout.height = f"{(spot[3] - spot[1] - 2 * text) / ratio:.0f}px"
-            layout.display = None
-        name = self.knobs["texture"].value
-        panel = PANELS[name](answer, View())
-        lies = panel.picture if name != "frame" and isinstance(panel, Map) else answer.result.problem.shown
-        show_on(self.surface, answer.result, lies, name == "frame")
-
-    def _unfold(self) -> None:
-        self.advanced.layout.display = None if self.advanced.layout.display == "none" else "none"
+        text = f"{self.shows}: " * bool(self.shows) + summary(answer)
+        height, width = self.board.picture.shape[:2]
+        known = answer.truth is not None
+        with self.hold_sync():
+            self.line = self._word or {"text": text, "warnings": warnings(answer, self._before)}
+            self.code = self.python()
+            self.size, self.cells = (
+                [width, height, self._ratio],
+                self.board.cells(self.names if alone else []),
+            )
+            self.choices = [name for name in PANELS if known or name != "error"] if alone else []
+            self.picture = jpeg(self.board.picture)
+        self._say(self.hover)
+        if alone and "3D" in self.names:
+            name = self.knobs["texture"]
+            panel = None if name == "frame" else PANELS[name](answer, View())
+            lies = getattr(panel, "picture", answer.result.problem.shown)
+            show_on(self.surface, answer.result, lies, panel is None)
 
     # What the page says ------------------------------------------------------------------
 
-    def _measured(self, room: Sequence[Any]) -> None:
-        """Take the size of the page, and send it the board whatever it has."""
-        values = [float(one) for one in room[:3]]
-        if len(values) < 3 or not all(math.isfinite(one) and one > 0 for one in values):
-            raise ValueError(f"the room of a board is three positive numbers, got {list(room)}")
-        wide = max(values[0], LEAST_ROOM[0])
-        with self._lock:
-            self._room = wide, min(max(values[1], LEAST_ROOM[1]), TALLEST * wide)
-            self._ratio = min(max(values[2], 1.0), 3.0)
-            self._show()
-            # It may have been made while a picture was on its way, and have missed that.
-            self.view.send_state(["value", "size", "ratio", "cells", "choices"])
+    def measure(self, width: float, height: float, ratio: float) -> None:
+        """Take the size of the page, px, and the screen's ratio to it; send it the board whatever it has."""
+        if not all(math.isfinite(one) and one > 0 for one in (width, height, ratio)):
+            raise ValueError(f"room must be three positive numbers, got {width}, {height}, {ratio}")
+        wide = max(width, LEAST_ROOM[0])
+        self._room = wide, min(max(height, LEAST_ROOM[1]), TALLEST * wide)
+        self._ratio = min(max(ratio, 1.0), 3.0)
+        self._show()
+        # It may have been made while a picture was on its way, and have missed that.
+        self.send_state(["picture", "size", "cells", "choices"])
 
-    def _say(self, where: Sequence[Any]) -> None:
+    def _say(self, where: Sequence[float]) -> None:
         """Tell what all panels say of a point of their maps."""
-        if self.board is None or len(where) != 2:
-            self.view.said = []
+        if len(where) != 2:
+            self.said = []
             return
         x, y = (min(max(float(one), 0.0), 1.0) for one in where)
-        self.view.said = [place.says(x, y) for place in self.board.places]
+        self.said = [place.says(x, y) for place in self.board.places]
 
-    def _choose(self, chosen: Sequence[Any]) -> None:
+    def choose(self, index: int, name: str) -> None:
         """Show something else in a panel."""
-        index, name = int(chosen[0]), str(chosen[1])
         if name not in PANELS or not 0 <= index < len(self.names):
             raise ValueError(f"there is no panel {name!r}")
         self.names[index] = name
-        self.redraw()
+        self._show()
         if name in NEED_TRUST and self.answer is not None and self.answer.trust is None:
             self.find_trust()
 
-    def _point(self, where: Sequence[Any]) -> None:
+    def press(self, x: float, y: float) -> None:
         """Lay the section through a point of a map, take a dot of the λ curve, or one of what is compared."""
-        x, y, pressed, _ = (float(one) for one in where)
-        if self.board is None or not (math.isfinite(x) and math.isfinite(y)):
-            return
-        height, width = self.board.picture.shape[:2]
-        at = x * width, y * height
-        place = self.board.at(*at)
+        place, dots = self.board.at(x, y), self._view().dots
         if place is None:
             return
         if self.columns:
-            if pressed:
-                self.knobs.take(place.answer.settings)
-                self.ask()
-        elif place.spot is not None:
-            left, top, right, bottom = place.spot
-            share = (
-                (at[1] - top) / (bottom - top)
-                if self.knobs["across"].value == "row"
-                else (at[0] - left) / (right - left)
-            )
-            knob = self.knobs["section"]
-            knob.value = min(max(knob.step * round(100 * share / knob.step), 0.0), 100.0)
-        elif pressed and place.dots:
-            away = [
-                math.hypot(at[0] - dot[0], at[1] - dot[1]) for dot in place.dots[: len(self._view().dots)]
-            ]
-            if away and min(away) < NEAR * self._ratio:
-                self.bring_back(self._view().dots[int(np.argmin(away))].settings)
+            self.bring_back(place.answer.settings)
+        elif place.dots and dots:
+            height, width = self.board.picture.shape[:2]
+            away = np.linalg.norm(np.array(place.dots) - [x * width, y * height], axis=1)[: len(dots)]
+            if away.min() < NEAR * self._ratio:
+                self.bring_back(dots[int(away.argmin())].settings)
+        else:
+            self._cut(x, y)
+
+    def _cut(self, x: float, y: float) -> None:
+        """Lay the section through a point of a map."""
+        place = self.board.at(x, y)
+        if place is not None and place.spot is not None and not self.columns:
+            left, top, right, bottom = self.board.shares(place.spot)
+            share = (y - top) / (bottom - top) if self.knobs["across"] else (x - left) / (right - left)
+            self.knobs = self.knobs | {"section": min(max(round(200 * share) / 2, 0.0), 100.0)}
 
     # What is written ---------------------------------------------------------------------
 
@@ -592,7 +500,8 @@ class TunerBox(w.VBox):
 
         if self.answer is None or self.answer.stage != FINAL:
             self.engine.wait(timeout)
-        answer = self._final()
+        with self._lock:
+            answer, code, board = self._final(), self.python(), self._of_one(self._final())
         calibration = self._calibration if answer.settings.scene is None else answer.subject.calibration
         with staged_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
@@ -600,18 +509,24 @@ class TunerBox(w.VBox):
                 if answer.trust is not None:
                     recorder.add_trust(answer.trust, answer.result)
             write_files(answer.result, staging, trust=answer.trust)
-            write_atomically(staging / "board.png", png(self._of_one(answer).picture))
-            write_atomically(staging / "result.py", self.python().encode())
+            write_atomically(staging / "board.png", png(board.picture))
+            write_atomically(staging / "result.py", code.encode())
             write_settings(answer.settings.saved(calibration, answer.subject.grey), staging / "settings.json")
         return Path(folder)
 
-    def _export_aside(self) -> None:
+    def export_aside(self, name: str) -> None:
         """Export in a thread of its own."""
-        if not self.folder.value.strip():
+        if not name.strip():
             raise ValueError("name a folder to export into")
-        folder = Path(self.folder.value.strip()).expanduser()
-        self._word(f"exporting into {folder} ...")
-        work = self._guarded(lambda: self._word(f"exported into {self.export(folder).resolve()}"))
+        folder = Path(name.strip()).expanduser()
+        self._tell(f"exporting into {folder} ...")
+
+        def work() -> None:
+            try:
+                self._tell(f"exported into {self.export(folder).resolve()}")
+            except Exception as error:
+                self._refuse(sentence_of(error))
+
         threading.Thread(target=work, name="endolab export", daemon=True).start()
 
     def close(self) -> None:
@@ -619,7 +534,7 @@ class TunerBox(w.VBox):
         if hasattr(self, "engine"):  # not if it was refused
             self.engine.close()
             self.surface.close()
-        close_parts(self)
+            self.layout.close()
         super().close()
 
 
@@ -628,14 +543,15 @@ def _picture_of(one: Settings) -> tuple[Any, ...]:
     return one.scene, one.noise, one.width, one.channel, one.smooth, one.highlights
 
 
-def close_parts(widget: w.Widget) -> None:
-    """Close all that a widget is made of: Jupyter keeps what is open, and with it all that it knows."""
-    parts = [
-        *getattr(widget, "children", ()),
-        getattr(widget, "layout", None),
-        getattr(widget, "style", None),
-    ]
-    for part in parts:
-        if isinstance(part, w.Widget):
-            close_parts(part)
-            part.close()
+def numbers(text: Any, name: str, count: int) -> Any:
+    """So many numbers of a line, or what is none; ValueError, in one sentence, if it cannot be read."""
+    if not isinstance(text, str):
+        return tuple(text) if isinstance(text, list) else text
+    try:
+        found = [int(one) if one.strip().isdigit() else float(one) for one in text.split(",")]
+    except ValueError:
+        found = []
+    if len(found) != count:
+        expected = "a number" if count == 1 else f"{count} numbers with commas between"
+        raise ValueError(f"{name}: expected {expected}, found {text!r}")
+    return found[0] if count == 1 else tuple(found)

@@ -55,7 +55,7 @@ def moves(page: Any, count: int) -> list[list[str]]:
     """Move λ by a step, wait for the final picture; return the rows of the table."""
     rng, samples = random.Random(0), {"first": [], "final": []}
     for _ in range(count):
-        page.locator(".noUi-handle").first.focus()
+        page.locator("input[type=range]").first.focus()
         page.evaluate("() => { window.seen = []; }")
         page.keyboard.press(rng.choice(["ArrowLeft", "ArrowRight"]))
         page.wait_for_function(CAME, timeout=60_000)
@@ -70,7 +70,7 @@ def act(page: Any, rng: random.Random) -> None:
     """Do one thing at random: a slider, a choice, a panel, a key or a click."""
     kind = rng.choice(("slider", "choice", "key", "click"))
     if kind == "slider":
-        page.locator(".noUi-handle").first.focus()
+        page.locator("input[type=range]").first.focus()
         page.keyboard.press(rng.choice(["ArrowLeft", "ArrowRight"]))
     elif kind == "choice":
         chosen = page.locator(".endolab-knobs select:visible, .endolab-choose").all()

@@ -15,7 +15,7 @@ from endolab.cli import main as cli
 from endolab.io.images import read_image, write_image
 from tests.browser.conftest import OWN, ROOT, SCREENSHOTS, a_free_port
 
-STATUS, HANDLE = ".endolab-status", ".endolab-tuner .noUi-handle"
+STATUS, HANDLE = ".endolab-status", ".endolab-tuner input[type=range]"
 SHOWN = "() => document.querySelector('.endolab-picture')?.naturalWidth > 100"
 SAID = f"document.querySelector('{STATUS}').innerText"
 FINAL = f"() => document.querySelector('{STATUS}')?.innerText.includes('converged')"
@@ -100,7 +100,6 @@ def test_all_fits_into_the_page_and_a_slider_moves_it_and_closing_ends_all(start
     process, link = start("sim/frame.png")
     page = visit(link, *size)
     page.wait_for_function(FINAL)
-    assert "token" not in page.evaluate("location.href")
     for _ in range(2):
         scrolled = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
         page.wait_for_function(f"size => {scrolled}.join() === size", arg=f"{size[0]},{size[1]}")
@@ -110,8 +109,7 @@ def test_all_fits_into_the_page_and_a_slider_moves_it_and_closing_ends_all(start
         page.get_by_role("button", name="advanced").click()
         page.wait_for_timeout(500)
     for knob in page.locator(".endolab-knob").all():
-        tips = knob.locator("[title]").evaluate_all("found => found.map(one => one.title)")
-        assert max(map(len, tips), default=0) > 20, knob.inner_text()
+        assert len(knob.get_attribute("title")) > 20, knob.inner_text()
     before = page.locator(STATUS).inner_text()
     page.locator(HANDLE).first.focus()
     for _ in range(4):
@@ -135,9 +133,9 @@ def test_from_frame_to_frame_by_key_and_list_and_typed_letters_are_no_keys(start
     code = "document.querySelector('.endolab-tuner textarea').value"
     page.wait_for_function(f"() => ({FINAL})() && {code}.includes('frame_10.png')")
     page.get_by_role("button", name="advanced").click()
-    page.locator(".endolab-tuner input[type=text]").first.click()
+    page.locator(".endolab-smooth input").first.click()
     page.keyboard.press("a")
-    assert page.locator(".endolab-tuner input[type=text]").first.input_value() == "a"
+    assert page.locator(".endolab-smooth input").first.input_value() == "a"
     page.get_by_role("button", name="advanced").click()
     page.keyboard.press("a")
     page.get_by_role("button", name="drop A").wait_for()

@@ -12,6 +12,7 @@ from endolab import datasets
 from endolab.io.images import write_image
 from endolab.io.settings import read_settings
 from endolab.tuning.panels import PANELS, USUAL
+from endolab.tuning.source import Settings
 from endolab.tuning.widget import BESIDE, A, B, TunerBox
 
 
@@ -47,13 +48,13 @@ def until(condition, seconds=60):
 
 def turn(box, **knobs):
     """Turn knobs, and wait for the last answer."""
-    for name, value in knobs.items():
-        box.knobs[name].value = value
+    box.set_state({"knobs": box.knobs | knobs})
     return box.engine.wait(60)
 
 
-def press(box, key):
-    box.view.key = [key, time.monotonic()]
+def do(box, *action):
+    """As the page asks for it."""
+    box._handle_custom_msg(list(action), [])
 
 
 def click(box, number, right=0.5, down=0.5):
@@ -61,17 +62,16 @@ def click(box, number, right=0.5, down=0.5):
     place = box.board.places[number]
     left, top, to, bottom = place.spot or place.box
     height, width = box.board.picture.shape[:2]
-    x, y = left + right * (to - left), top + down * (bottom - top)
-    box.view.point = [x / width, y / height, 1, time.monotonic()]
+    do(box, "press", (left + right * (to - left)) / width, (top + down * (bottom - top)) / height)
 
 
 def is_one(box):
     """Whether board, code, knobs, line and surface are of the one answer."""
     answer, names = box.answer, {}
-    exec(box.code.value, names)
+    exec(box.code, names)
     assert np.array_equal(names["result"].distance, answer.result.distance, equal_nan=True)
     assert box.settings() == answer.settings
-    assert f"λ {answer.settings.lam:.2g} · " in box.status.value
+    assert f"λ {answer.settings.lam:.3g} · " in box.line["text"]
     assert all(place.answer is answer for place in box.board.places)
     until(lambda: (box.surface.set_state({"drawn": box.surface.number}), not box.surface._waits)[1])
     far = np.frombuffer(box.surface.far, np.float32).reshape(answer.result.mask.shape)
@@ -91,25 +91,25 @@ def test_all_that_is_shown_is_of_one_answer_after_every_kind_of_change(make):
         assert box.answer is answer
         is_one(box)
     before = box.visited[-2]
-    press(box, "z")
+    do(box, "undo")
     box.engine.wait(60)
     assert box.answer.settings == before
     is_one(box)
-    press(box, "r")
+    do(box, "reset")
     box.engine.wait(60)
-    assert box.answer.settings == box._first
+    assert box.answer.settings == Settings(scene="tube", width=160)
     is_one(box)
 
 
 def test_a_if_it_is_shown_is_what_is_exported(make, tmp_path):
     box = make()
     kept = box.answer
-    press(box, "a")
+    do(box, "keep")
     assert box.shows == BESIDE
     now = turn(box, lam=10.0, regulariser="first")
     assert [place.answer for place in box.board.places[:3]] == [kept, now, now]
-    press(box, "b")
-    press(box, "b")
+    do(box, "blink")
+    do(box, "blink")
     assert (box.shows, box.answer) == (A, kept)
     is_one(box)
     shown = box.board.picture
@@ -120,35 +120,33 @@ def test_a_if_it_is_shown_is_what_is_exported(make, tmp_path):
         assert np.array_equal(stored["distance"], kept.result.distance.astype(np.float32), equal_nan=True)
     written = read_settings(tmp_path / "out/settings.json")
     assert (written.keywords["lam"], written.keywords["regulariser"]) == (1.0, "auto")
-    assert (tmp_path / "out/result.py").read_text() == box.code.value
+    assert (tmp_path / "out/result.py").read_text() == box.code
     recorded = el.read_recording(tmp_path / "out/recording.rrd")
     assert recorded.table()["energy"].tolist() == [row["energy"] for row in kept.result.history]
-    press(box, "b")
+    do(box, "blink")
     assert (box.shows, box.answer) == (B, now)
     is_one(box)
-    press(box, "b")
+    do(box, "blink")
     other = turn(box, lam=2.0)  # begins where A is
     assert (box.shows, other.settings.regulariser) == (B, "auto")
-    press(box, "x")
-    assert (box.kept, box.shown.layout.display) == (None, "none")
+    do(box, "drop")
+    assert (box.kept, box.shows) == (None, "")
 
 
 def test_an_export_is_whole_or_a_sentence(make, tmp_path):
     box = make()
     (tmp_path / "file").write_text("here")
-    box.folder.value = str(tmp_path / "file" / "out")
-    box._export_aside()
-    until(lambda: "endolab-wrong" in box.status.value)
+    do(box, "export_aside", str(tmp_path / "file" / "out"))
+    until(lambda: box.line.get("wrong"))
     assert (tmp_path / "file").read_text() == "here"
-    box.folder.value = ""
-    box._guarded(box._export_aside)()
-    assert "name a folder" in box.status.value
+    do(box, "export_aside", "")
+    assert "name a folder" in box.line["text"]
 
 
 def test_five_lam_stand_in_columns_on_the_curve_and_one_is_taken_over(make):
     box = make()
     now = box.answer
-    box.comparing.value = "lam"
+    do(box, "compare", "lam")
     box.engine.wait(60)
     until(lambda: len(box.board.places) == 15)
     assert [label for label, _ in box.columns] == ["λ 0.1", "λ 0.32", "λ 1", "λ 3.2", "λ 10"]
@@ -156,35 +154,35 @@ def test_five_lam_stand_in_columns_on_the_curve_and_one_is_taken_over(make):
     assert sorted(dot.settings.lam for dot in box.dots) == [0.1, 0.32, 1.0, 3.2, 10.0]
     click(box, 3)
     taken = box.engine.wait(60)
-    assert (taken.settings.lam, box.knobs["lam"].value, box.columns) == (3.2, 3.2, [])
+    assert (taken.settings.lam, box.knobs["lam"], box.columns) == (3.2, 3.2, [])
     is_one(box)
     chart = box.board.places[USUAL.index("λ curve")]
     number = [dot.settings.lam for dot in box._view().dots].index(1.0)
     height, width = box.board.picture.shape[:2]
     x, y = chart.dots[number]
-    box.view.point = [x / width, y / height, 1, time.monotonic()]
+    do(box, "press", x / width, y / height)
     assert box.answer is now  # without a solve
     is_one(box)
-    press(box, "c")
+    do(box, "compare", "lam")
     box.engine.wait(60)
-    press(box, "c")
-    box.comparing.value = "regulariser"
+    do(box, "compare", "")
+    do(box, "compare", "regulariser")
     box.engine.wait(60)
     assert [label for label, _ in box.columns] == ["first", "second", "curvature"]
 
 
 def test_the_section_follows_the_pointer_and_the_cursor_reads_all_maps(make):
     box = make()
-    answer, before = box.answer, box.view.value
+    answer, before = box.answer, box.picture
     click(box, 1, right=0.301)
-    assert box.knobs["section"].value == pytest.approx(30, abs=1)
-    assert box.view.value != before
+    assert box.knobs["section"] == pytest.approx(30, abs=1)
+    assert box.picture != before
     assert box.engine.wait(1) is answer
-    box.view.hover = [0.5, 0.25]
-    assert box.view.said[1] == f"{answer.result.distance[30, 80]:.4g} mm"
-    assert "grey levels" in box.view.said[2]
-    box.view.hover = []
-    assert box.view.said == []
+    box.hover = [0.5, 0.25]
+    assert box.said[1] == f"{answer.result.distance[30, 80]:.4g} mm"
+    assert "grey levels" in box.said[2]
+    box.hover = []
+    assert box.said == []
 
 
 def test_panels_are_chosen_from_a_list_and_ask_for_no_solve(make, seen):
@@ -192,27 +190,28 @@ def test_panels_are_chosen_from_a_list_and_ask_for_no_solve(make, seen):
     box = make(frame, calibration, truth)
     result = box.answer.result
     for name in PANELS:
-        box.view.chosen = [0, name, time.monotonic()]
+        do(box, "choose", 0, name)
         box.engine.wait(60)
         assert box.names[0] == name
         assert box.answer.result is result
     assert box.answer.trust is not None  # σ was asked for by its panel
-    assert "error" in box.view.choices
-    box.knobs["texture"].value = "normals"
-    assert "error" not in make(frame, calibration).view.choices
+    assert "error" in box.choices
+    turn(box, texture="normals")
+    assert box.answer.result is result
+    assert "error" not in make(frame, calibration).choices
 
 
 def test_a_page_is_filled_and_gets_its_picture_whenever_it_asks(make):
     box, sent = make(), []
-    box.view.send_state = lambda key=None: sent.append(key or ())
-    for room in ([1000, 500, 1, 0.0], [1600, 870, 1, 1.0], [1600, 870, 1, 2.0], [800, 500, 2, 3.0]):
-        box.view.room = room
-        assert "value" in sent[-1]
-        height, width = cv2.imdecode(np.frombuffer(box.view.value, np.uint8), 1).shape[:2]
-        assert 0 <= room[0] * room[2] - width < 3
-        assert 0 <= room[1] * room[2] - height < 2
-    box.view.room = [0, 0, 1, 4.0]
-    assert "three positive numbers" in box.status.value
+    box.send_state = lambda key=None: sent.append(key or ())
+    for wide, tall, ratio in ((1000, 500, 1), (1600, 870, 1), (1600, 870, 1), (800, 500, 2)):
+        do(box, "measure", wide, tall, ratio)
+        assert "picture" in sent[-1]
+        height, width = cv2.imdecode(np.frombuffer(box.picture, np.uint8), 1).shape[:2]
+        assert 0 <= wide * ratio - width < 3
+        assert 0 <= tall * ratio - height < 2
+    do(box, "measure", 0, 0, 1)
+    assert "three positive numbers" in box.line["text"]
 
 
 def test_what_cannot_be_read_or_solved_is_a_line_and_the_answer_stays(make, seen):
@@ -220,13 +219,12 @@ def test_what_cannot_be_read_or_solved_is_a_line_and_the_answer_stays(make, seen
     box = make(el.Frame(frame.image[..., 1], frame.mask), calibration)
     answer = box.answer
     for name, text in (("max_iterations", "3.5"), ("albedo", "1, 2"), ("smooth", "-1"), ("channel", "red")):
-        before = box.knobs[name].value
-        box.knobs[name].value = text
-        until(lambda: "endolab-wrong" in box.status.value)
+        before = box.knobs[name]
+        box.set_state({"knobs": box.knobs | {name: text}})
+        until(lambda: box.line.get("wrong"))
         assert box.answer.settings == answer.settings
-        box.knobs[name].value = before
-        box.engine.wait(60)
-        assert "endolab-wrong" not in box.status.value
+        turn(box, **{name: before})
+        assert not box.line.get("wrong")
 
 
 def test_from_frame_to_frame_and_one_that_cannot_be_read_is_passed_by(seen, tmp_path):
@@ -237,20 +235,19 @@ def test_from_frame_to_frame_and_one_that_cannot_be_read_is_passed_by(seen, tmp_
     paths[1].write_bytes(b"no picture")
     box = TunerBox(replace(frame, name="f0.png"), calibration, truth, width=160, pictures=paths)
     assert box.engine.wait(60).median_error < 5
-    press(box, "n")
-    assert "f1.png" in box.status.value
-    assert box.knobs["scene"].value == 0
-    box.knobs["lam"].value = 0.5
-    box.knobs["scene"].value = 2
-    other = box.engine.wait(60)
+    do(box, "step", 1)
+    assert "f1.png" in box.line["text"]
+    assert box.knobs["scene"] == 0
+    turn(box, lam=0.5)
+    other = turn(box, scene=2)
     assert (other.subject.frame.name, other.settings.lam, other.median_error) == ("f2.png", 0.5, None)
-    assert "read_frame('f2.png'" in box.code.value
-    press(box, "n")  # there is none after it
-    assert box.knobs["scene"].value == 2
+    assert "read_frame('f2.png'" in box.code
+    do(box, "step", 1)  # there is none after it
+    assert box.knobs["scene"] == 2
     turn(box, scene="plane")
-    press(box, "u")
+    do(box, "undo")
     assert box.engine.wait(60).settings.scene is None
-    assert box.knobs["scene"].value == 2
+    assert box.knobs["scene"] == 2
     with pytest.raises(ValueError, match="calibration is for"):
         box.look_at(el.Frame(frame.image[:-1], frame.mask[:-1]))
     box.close()
@@ -267,31 +264,27 @@ def test_what_does_not_go_together_is_one_sentence(name, seen):
 
 def test_three_hundred_things_done_at_random_leave_one_answer(make):
     box, rng = make(width=64), np.random.default_rng(0)
-    choices = {name: [value for _, value in _options(knob)] for name, knob in box.knobs.all.items()}
+    lists = {spec["name"]: [value for _, value in spec["options"]] for spec in box.specs if spec["options"]}
+    ranges = {spec["name"]: (*spec["range"][:2], spec["log"]) for spec in box.specs if spec["range"]}
+    actions = [["keep"], ["blink"], ["compare", "lam"], ["compare", ""], ["show", BESIDE], ["step", 1]]
+    actions += [["step", -1], ["reset"], ["undo"], ["drop"]]
     for _ in range(300):
         kind = rng.integers(4)
         if kind == 0:
-            name = rng.choice(["lam", "epsilon", "k", "gamma", "noise"])
-            knob = box.knobs[name]
-            low, high = (
-                (10.0**knob.min, 10.0**knob.max) if name in ("lam", "epsilon") else (knob.min, knob.max)
-            )
-            knob.value = low + rng.random() ** 3 * (high - low)
+            name = rng.choice(list(ranges))
+            low, high, log = ranges[name]
+            value = low + rng.random() * (high - low)
+            box.set_state({"knobs": box.knobs | {name: 10**value if log else value}})
         elif kind == 1:
-            name = rng.choice([name for name, values in choices.items() if values and name != "width"])
-            box.knobs[name].value = choices[name][rng.integers(len(choices[name]))]
+            name = rng.choice([name for name in lists if name != "width"])
+            value = lists[name][rng.integers(len(lists[name]))]
+            box.set_state({"knobs": box.knobs | {name: value}})
         elif kind == 2:
-            press(box, rng.choice([*"abcdnprux"]))
+            do(box, *actions[rng.integers(len(actions))])
         else:
-            box.view.point = [*rng.random(2), 1, time.monotonic()]
-        assert "Error" not in box.status.value
-    press(box, "x")
-    press(box, "r")
+            do(box, "press", *rng.random(2))
+        assert "Error" not in box.line.get("text", "")
+    do(box, "drop")
+    do(box, "reset")
     box.engine.wait(60)
     is_one(box)
-
-
-def _options(knob):
-    """Names and values that a knob can have, if it is a list."""
-    options = getattr(knob, "options", ())
-    return [one if isinstance(one, tuple) else (one, one) for one in options]

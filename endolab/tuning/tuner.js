@@ -1,0 +1,219 @@
+// The page's part of widget.py: knobs and buttons, a line, and a picture whose maps share a cursor and whose titles
+// open a list. Jupyter holds a change back while the kernel works on the last one, and then sends the latest only:
+// neither a drag nor a cursor builds up a queue.
+const KEYS = { a: ["keep"], b: ["blink"], d: ["show", "A beside B"], n: ["step", 1], p: ["step", -1],
+  r: ["reset"], u: ["undo"], x: ["drop"] };
+const TYPING = "textarea, input:not([type=range]), [contenteditable=true], .cm-editor";
+const COMPARE = { "compare ...": "", "five λ": "lam", regularisers: "regulariser" };
+
+const add = (tag, name, to, more = {}) => {
+  const node = to.appendChild(document.createElement(tag));
+  node.className = name;
+  return Object.assign(node, more);
+};
+
+// Adds one knob; returns what shows a value in it. `turn` is called with another.
+function knob({ name, label, tip, options, range, log, hint, first }, to, turn) {
+  const box = add("div", `endolab-knob endolab-${name}`, to, { title: tip });
+  add("label", "", box, { textContent: label });
+  if (options.length) {
+    const select = add("select", "", box, { ariaLabel: label });
+    for (const [text, value] of options) select.add(new Option(text, JSON.stringify(value)));
+    select.onchange = () => turn(JSON.parse(select.value));
+    return (value) => { select.value = JSON.stringify(value); };
+  }
+  const line = add("input", "", box, { ariaLabel: label, placeholder: hint }), digits = log ? 2 : 6;
+  line.onkeydown = ({ key }) => { if (key === "Enter") line.blur(); }; // JupyterLab keeps Enter's own effect
+  if (!range) {
+    line.onchange = () => turn(line.value.trim() === "" ? null : line.value);
+    return (value) => { line.value = value ?? ""; };
+  }
+  const [min, max, step] = range, slider = add("input", "", box, { type: "range", min, max, step, ariaLabel: label });
+  const give = (value) => turn(value === first ? null : value);
+  slider.oninput = () => give(Number((log ? 10 ** slider.value : Number(slider.value)).toPrecision(digits)));
+  const show = (value) => {
+    line.value = Number((value ?? first).toPrecision(6));
+    slider.value = log ? Math.log10(value) : value ?? first;
+  };
+  line.onchange = () => {
+    const value = Number(line.value);
+    if (line.value.trim() && Number.isFinite(value) && (!log || value > 0)) give(value);
+    else slider.oninput();
+  };
+  return show;
+}
+
+function render({ model, el }) {
+  const root = add("div", "endolab-tuner", el);
+  const lost = add("div", "endolab-lost", root, { hidden: true });
+  lost.textContent = "The kernel that drew this is gone: run the cell again.";
+  const bars = add("div", "endolab-bars", root), stage = add("div", "endolab-stage", root);
+  const image = add("img", "endolab-picture", stage, { draggable: false });
+  const marks = add("div", "endolab-marks", stage), place3d = add("div", "endolab-3d", stage);
+  const act = (...action) => model.send(action);
+  const listen = [["comm_live_update", () => { lost.hidden = false; }]];
+  const follow = (names, action) => {
+    for (const name of names) listen.push([`change:${name}`, action]);
+    action();
+  };
+
+  // Above the panels
+  const rows = ["knobs", "actions", "advanced endolab-knobs"].map((name) => add("div", `endolab-${name}`, bars));
+  const [sight, actions, advanced] = rows;
+  const button = (name, title, action, to) => add("button", "", to, { textContent: name, title, onclick: action });
+  const shown = model.get("specs").map((spec) => [spec.name, knob(spec, spec.hidden ? advanced : sight, (value) => {
+    model.set("knobs", { ...model.get("knobs"), [spec.name]: value });
+    model.save_changes();
+  })]);
+  follow(["knobs"], () => {
+    for (const [name, show] of shown) show(model.get("knobs")[name]);
+  });
+  button("reset", "All knobs as they were at first.", () => act("reset"), sight);
+  const status = add("div", "endolab-status", actions);
+  follow(["line"], () => {
+    const { text, warnings, wrong } = model.get("line");
+    status.replaceChildren(text ?? "solving ...");
+    status.classList.toggle("endolab-wrong", Boolean(wrong));
+    for (const one of warnings ?? []) add("span", "endolab-warning", status, { textContent: ` ${one}` });
+  });
+  button("undo", "Back to the answer before; Ctrl-Z.", () => act("undo"), actions);
+  const keep = button("keep as A", "Keep this answer, to compare it with what comes; key A, and X drops it.",
+    () => act(model.get("shows") ? "drop" : "keep"), actions);
+  const sides = ["A", "B", "A beside B"].map((side) => button(side, "What is shown; B blinks, D is both.",
+    () => act("show", side), actions));
+  follow(["shows"], () => {
+    const shows = model.get("shows");
+    keep.textContent = shows ? "drop A" : "keep as A";
+    for (const side of sides) {
+      side.hidden = !shows;
+      side.ariaPressed = String(side.textContent === shows);
+    }
+  });
+  const compare = add("select", "", actions, { title: "Answers side by side on one scale; a click takes one over." });
+  for (const [text, what] of Object.entries(COMPARE)) compare.add(new Option(text, what));
+  compare.onchange = () => act("compare", compare.value);
+  follow(["compared"], () => { compare.value = model.get("compared"); });
+  advanced.hidden = true;
+  button("advanced", "All other knobs, the code, and the export.", () => { advanced.hidden = !advanced.hidden; },
+    actions);
+  button("find σ", "Find how far this answer can be trusted, pixel by pixel.", () => act("find_trust"), advanced);
+  const folder = add("input", "endolab-folder", advanced, { value: "tuned", title: "The folder that is exported into." });
+  button("export", "Write what is shown: pictures, cloud, depth, settings, code and recording.",
+    () => act("export_aside", folder.value), advanced);
+  const code = add("textarea", "", advanced, { readOnly: true, title: "What makes the answer that is shown." });
+  follow(["code"], () => { code.value = model.get("code"); });
+
+  // JupyterLab leaves arrows to who has the focus.
+  for (const one of bars.querySelectorAll("input, select, button")) one.dataset.lmSuppressShortcuts = "true";
+
+  // The panels
+  let url, cursor, held = false;
+  follow(["picture"], () => {
+    const [width, height, ratio] = model.get("size"), old = url;
+    if (!width) return;
+    url = URL.createObjectURL(new Blob([model.get("picture")], { type: "image/jpeg" }));
+    image.src = url;
+    Object.assign(stage.style, { width: `${width / ratio}px`, height: `${height / ratio}px` });
+    if (old) URL.revokeObjectURL(old);
+  });
+  const put = (node, [left, top, right, bottom]) => {
+    const [x, y, width, height] = [left, top, right - left, bottom - top].map((share) => `${100 * share}%`);
+    Object.assign(node.style, { left: x, top: y, width, height });
+  };
+  const point = () => {
+    marks.replaceChildren();
+    model.get("cells").forEach(({ spot, name }, i) => {
+      if (!spot || !cursor || name === "3D") return;
+      const [left, top, right, bottom] = spot, said = model.get("said")[i];
+      const x = left + cursor[0] * (right - left), y = top + cursor[1] * (bottom - top);
+      put(add("div", "endolab-cross", marks), [left, y, right, y]);
+      put(add("div", "endolab-cross", marks), [x, top, x, bottom]);
+      if (said) put(add("div", "endolab-said", marks, { textContent: said }), [left, bottom, right, bottom]);
+    });
+  };
+  follow(["said"], point);
+  follow(["cells", "choices"], () => {
+    const cells = model.get("cells"), choices = model.get("choices");
+    stage.querySelectorAll("select").forEach((one) => one.remove());
+    stage.dataset.cells = JSON.stringify(cells);
+    place3d.hidden = true;
+    cells.forEach(({ box, spot, name }, i) => {
+      if (!choices.length) return;
+      const select = add("select", "endolab-choose", stage, { title: "choose what this panel shows" });
+      select.ariaLabel = `panel ${i + 1}`;
+      for (const choice of choices) select.add(new Option(choice, choice));
+      select.value = name;
+      put(select, [box[0], box[1], box[2], box[1]]);
+      select.onchange = () => act("choose", i, select.value);
+      if (name !== "3D") return;
+      put(place3d, spot);
+      place3d.hidden = false;
+    });
+  });
+  (async () => {
+    const manager = model.widget_manager, id = model.get("surface").replace("IPY_MODEL_", "");
+    place3d.append((await manager.create_view(await manager.get_model(id))).el);
+  })();
+
+  const tell = (name, value) => { model.set(name, value); model.save_changes(); };
+  const place = ({ clientX, clientY }) => {
+    const box = image.getBoundingClientRect();
+    return [(clientX - box.left) / box.width, (clientY - box.top) / box.height];
+  };
+  image.onpointerdown = (event) => {
+    held = event.button === 0;
+    if (!held) return;
+    image.setPointerCapture(event.pointerId);
+    act("press", ...place(event));
+  };
+  image.onpointermove = (event) => {
+    const [x, y] = place(event);
+    const { spot } = model.get("cells").find(({ spot: one }) => one
+      && one[0] <= x && x <= one[2] && one[1] <= y && y <= one[3]) ?? {};
+    cursor = spot && [(x - spot[0]) / (spot[2] - spot[0]), (y - spot[1]) / (spot[3] - spot[1])];
+    point();
+    tell("hover", cursor ?? []);
+    if (held) tell("drag", [x, y]);
+  };
+  image.onpointerup = image.onpointercancel = () => { held = false; };
+  image.onpointerleave = () => { cursor = undefined; point(); };
+
+  // Keys work wherever the focus is but in a text field; in a notebook, as long as this cell is the active one.
+  const press = (event) => {
+    const cell = el.closest(".jp-Cell"), held_too = event.ctrlKey || event.metaKey || event.altKey;
+    if (cell && !cell.classList.contains("jp-mod-active")) return;
+    if (event.target.closest?.(TYPING) || !el.isConnected) return;
+    let action = held_too ? undefined : KEYS[event.key];
+    if (event.key === "z" && (event.ctrlKey || event.metaKey)) action = ["undo"];
+    if (event.key === "c" && !held_too) action = ["compare", model.get("compared") ? "" : "lam"];
+    if (!action) return;
+    event.preventDefault();
+    event.stopPropagation();
+    act(...action);
+  };
+  document.addEventListener("keydown", press, true);
+
+  let known = "";
+  const measure = () => {
+    const page = el.closest(".jp-WindowedPanel-outer, .jp-Notebook");
+    const above = stage.getBoundingClientRect().top - root.getBoundingClientRect().top;
+    const height = (page ? page.clientHeight - 24 : window.innerHeight - 16) - above;
+    const room = [Math.floor(el.clientWidth), Math.floor(height), window.devicePixelRatio || 1];
+    if (room[0] < 1 || known === room.join()) return;
+    known = room.join();
+    act("measure", ...room);
+  };
+  const watch = new ResizeObserver(measure);
+  watch.observe(el);
+  watch.observe(bars);
+  window.addEventListener("resize", measure);
+  for (const [event, action] of listen) model.on(event, action);
+  return () => {
+    for (const [event, action] of listen) model.off(event, action);
+    watch.disconnect();
+    window.removeEventListener("resize", measure);
+    document.removeEventListener("keydown", press, true);
+    URL.revokeObjectURL(url);
+  };
+}
+export default { render };
