@@ -10,30 +10,28 @@ make the two differ, and the answer holds both. While a long solve goes on, what
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import cv2
 import numpy as np
 
 from endolab.depth.energy import contradicted, model_image
 from endolab.depth.result import Iterate, Observer, Result, run
 from endolab.depth.solvers import solve
+from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.derivatives import REFERENCE_WIDTH
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
-from endolab.tuning.source import Settings, Source, Subject, shrunk_map
-from endolab.uncertainty.causes import bounced_light
-from endolab.uncertainty.trust import Trust, noise_left, trust_of
-
-if TYPE_CHECKING:
-    from endolab.model.endoscope import Endoscope
+from endolab.tuning.source import Settings, Source, Subject
+from endolab.uncertainty.trust import Trust, trust_of
 
 PATIENCE = 0.4  # s that a full solve takes between one picture and the next
 LEAST_WIDTH = 128  # px, of a frame that is worth solving at half its size first
@@ -63,7 +61,7 @@ class Answer:
         if truth is None:
             return None
         if truth.shape != mask.shape:  # a frame that was shrunk
-            truth = shrunk_map(truth, mask.shape[::-1])
+            truth = np.asarray(cv2.resize(truth, mask.shape[::-1], interpolation=cv2.INTER_AREA), float)
         truth = np.where(mask, truth, np.nan)
         known = np.isfinite(truth)
         if not known.any():
@@ -88,18 +86,6 @@ class Answer:
         return np.where(contradicted(problem, residual), 255 * residual, np.nan)
 
     @cached_property
-    def noise(self) -> float:
-        """Standard deviation of the noise that the explained picture has left, grey levels of 255."""
-        return 255 * noise_left(self.result.problem)[0]
-
-    @cached_property
-    def bounced(self) -> FloatArray:
-        """Share of the light that came by way of other walls, (H, W), %, as this surface makes it."""
-        problem = self.result.problem
-        log_ratio = bounced_light(problem, self.result.iterate.log_distance)
-        return np.where(problem.mask, -100 * np.expm1(-log_ratio), np.nan)
-
-    @cached_property
     def change(self) -> FloatArray | None:
         """By what the quick answer differs from this one, (H, W), %; None if it is not of this size."""
         if self.followed is None or self.followed.mask.shape != self.result.mask.shape:
@@ -115,11 +101,10 @@ class Answer:
     def roughness(self) -> float:
         """Mean angle between normals that are 1/320 of the width apart, degrees, but across what is torn."""
         normals, cuts = self.result.normals, self.result.problem.cuts
-        right = np.linalg.norm(np.diff(normals, axis=1), axis=-1)
-        below = np.linalg.norm(np.diff(normals, axis=0), axis=-1)
+        right, below = (np.linalg.norm(np.diff(normals, axis=axis), axis=-1) for axis in (1, 0))
         if cuts is not None:
             right[cuts[0, :, :-1]], below[cuts[1, :-1]] = np.nan, np.nan
-        mean = np.nanmean(np.concatenate([right.ravel(), below.ravel()]))
+        mean = np.nanmean(np.append(right, below))
         return float(np.degrees(mean)) * normals.shape[1] / REFERENCE_WIDTH
 
     @cached_property
@@ -130,9 +115,8 @@ class Answer:
         rays = self.result.problem.field.rays[::4, ::4][seen]
         low, high = np.percentile(np.log(distance), [5, 95])
         plane = np.linalg.lstsq(rays, 1 / distance, rcond=None)[0]
-        return 100 * float(high - low), float(
-            np.percentile(np.abs(100 * (distance * (rays @ plane) - 1)), 95)
-        )
+        bent = np.percentile(np.abs(distance * (rays @ plane) - 1), 95)
+        return 100 * float(high - low), 100 * float(bent)
 
     @property
     def torn(self) -> int:
@@ -164,15 +148,12 @@ class Tuner:
         truth: FloatArray | None = None,
     ) -> None:
         self.tell, self.refuse = tell, refuse
-        self._changed = threading.Condition()
-        self._asked = self._done = 0  # numbers of jobs
-        self._job: Callable[[IsStale], object] | None = None
+        self._pool = ThreadPoolExecutor(1, "endolab tuner")
+        self._asked = 0  # number of the last job; those before are stale
+        self._job: Future[None] | None = None
         self._closed = False
         self._final: Answer | None = None
-        self._failure: Exception | None = None
         self.use(calibration, frame, truth)
-        self._thread = threading.Thread(target=self._work, name="endolab tuner", daemon=True)
-        self._thread.start()
 
     # From any thread ---------------------------------------------------------------------
 
@@ -184,13 +165,34 @@ class Tuner:
         Raises ValueError if they are not of one size; then nothing changes.
         """
         self.source = Source(calibration, frame, truth)
-        self._starts: dict[tuple[str | None, int], Result] = {}  # of quick answers, by their grid
         self._settled: Answer | None = None  # the last final answer
+
+    def do(self, job: Callable[[IsStale], object]) -> None:
+        """Do a job in the tuner's thread, and drop what was asked for before; returns at once."""
+        if self._closed:
+            raise ValueError("the tuner is closed")
+        self._asked += 1
+        number = self._asked
+
+        def is_stale() -> bool:
+            return self._asked != number
+
+        def run_it() -> None:
+            if is_stale():
+                return
+            try:
+                job(is_stale)
+            except Exception as error:  # whatever it is, the next wish may do better
+                if not is_stale():
+                    self.refuse(sentence_of(error))
+                raise
+
+        self._job = self._pool.submit(run_it)
 
     def ask(self, settings: Settings) -> None:
         """Wish for an answer, and drop what was wished for before; returns at once."""
         source = self.source
-        self._do(lambda is_stale: self._answer(source, settings, is_stale))
+        self.do(lambda is_stale: self._answer(source, settings, is_stale))
 
     def compare(
         self, answer: Answer, several: Sequence[Settings], tell: Callable[[int, Answer], object]
@@ -208,37 +210,44 @@ class Tuner:
                     return
                 tell(number, solved)
 
-        self._do(job)
+        self.do(job)
 
     def find_trust(self, answer: Answer) -> None:
         """Find how far an answer can be trusted, and tell it once more."""
 
         def job(is_stale: IsStale) -> None:
-            known = _known(answer.subject, answer.settings)
+            known = answer.settings.saved(answer.subject.calibration, answer.subject.grey)
+            believed = known.believed(answer.subject.calibration)
             with suppress(KeyboardInterrupt):  # stopped before there was anything to tell
-                trust = trust_of(answer.result, known, draws=DRAWS, observers=[lambda _: is_stale()])
+                trust = trust_of(answer.result, believed, draws=DRAWS, observers=[lambda _: is_stale()])
                 if not is_stale():
                     self._tell_final(replace(answer, trust=trust))
 
-        self._do(job)
+        self.do(job)
 
     def recall(self, answer: Answer) -> None:
         """Drop what is in flight, and take an answer of before as the last one."""
         self._final = self._settled = answer
-        self._do(lambda is_stale: None)
+        self.do(lambda is_stale: None)
 
     def wait(self, timeout: float | None = None) -> Answer:
         """Wait so many seconds for the end of what was asked for last, and return the last final answer.
 
         Raises ValueError, in one sentence, if there is none to that.
         """
-        with self._changed:
-            self._changed.wait_for(lambda: self._closed or self._done == self._asked, timeout)
-            if self._done != self._asked:
-                raise TimeoutError("the tuner was closed" if self._closed else f"no answer in {timeout} s")
-            if self._failure is not None or self._final is None:
-                raise ValueError(sentence_of(self._failure or ValueError("nothing was asked for")))
-            return self._final
+        job = None
+        while self._job is not None and job is not self._job:
+            job = self._job
+            try:
+                job.result(timeout)
+            except TimeoutError:
+                raise TimeoutError(f"no answer in {timeout} s") from None
+            except Exception as error:
+                if job is self._job:
+                    raise ValueError(sentence_of(error)) from error
+        if self._final is None:
+            raise ValueError("nothing was asked for")
+        return self._final
 
     def cold(self, settings: Settings, observers: Iterable[Observer] = ()) -> Answer:
         """Solve here and now: what the lines of `Settings.code` give, and the last answer to a wish."""
@@ -246,67 +255,34 @@ class Tuner:
 
     def close(self) -> None:
         """Stop the solve in flight and end the thread; a second call does nothing."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
-        if self._thread is not threading.current_thread():
-            self._thread.join()
-
-    def _do(self, job: Callable[[IsStale], object]) -> None:
-        with self._changed:
-            if self._closed:
-                raise ValueError("the tuner is closed")
-            self._asked += 1
-            self._job = job
-            self._changed.notify_all()
+        self._closed = True
+        self._asked += 1
+        self._pool.shutdown()
 
     def _solved(
         self, subject: Subject, settings: Settings, observers: Iterable[Observer], **options: Any
     ) -> Answer:
         """Solve a subject."""
-        started, given = time.perf_counter(), settings.keywords(subject.grey) | options
-        known = _known(subject, settings)
-        result = reconstruct(subject.frame, known, width=subject.width, observers=observers, **given)
+        started, saved = time.perf_counter(), settings.saved(subject.calibration, subject.grey)
+        keywords, known = {**saved.keywords, **options}, saved.believed(subject.calibration)
+        result = reconstruct(subject.frame, known, observers=observers, **keywords)
         return Answer(settings, FINAL, time.perf_counter() - started, subject, result)
 
     # In the tuner's thread ---------------------------------------------------------------
-
-    def _work(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._closed or self._job is not None)
-                job, number, self._job = self._job, self._asked, None
-                if self._closed or job is None:
-                    return
-
-            def is_stale(number: int = number) -> bool:
-                return self._closed or self._asked != number
-
-            failure = None
-            try:
-                job(is_stale)
-            except Exception as error:  # whatever it is, the next wish may do better
-                failure = error
-                if not is_stale():
-                    self.refuse(sentence_of(error))
-            with self._changed:
-                self._done, self._failure = number, failure
-                self._changed.notify_all()
 
     def _tell_final(self, answer: Answer) -> None:
         self._final = answer
         self.tell(answer)
 
     def _answer(self, source: Source, settings: Settings, is_stale: IsStale) -> None:
-        followed = None
+        subject, followed = source.subject(settings), None
         with suppress(Exception):  # what is wrong with the whole frame, if anything, is said of that
-            first = self._quick(source, settings, is_stale)
+            first = self._quick(subject, settings, is_stale)
             if first is not None and not is_stale():
                 followed = first.followed
                 self.tell(first)
         if is_stale():
             return
-        subject = source.subject(settings)
 
         def tell(sofar: Result) -> None:
             self.tell(Answer(settings, SOFAR, sofar.seconds, subject, sofar))
@@ -316,55 +292,35 @@ class Tuner:
             self._settled = replace(answer, followed=followed)
             self._tell_final(self._settled)
 
-    def _quick(self, source: Source, settings: Settings, is_stale: IsStale) -> Answer | None:
+    def _quick(self, subject: Subject, settings: Settings, is_stale: IsStale) -> Answer | None:
         """What follows from the last answer, or one of half the size; None if there is no point in either."""
         started, steps, before = time.perf_counter(), QUICK_STEPS.get(settings.solver), self._settled
-        moved: dict[str, Any] = {
-            "lam": settings.lam,
-            "epsilon": settings.epsilon,
-        }  # leave light and contours as they are
+        # These leave light and contours as they are.
+        moved: dict[str, Any] = {"lam": settings.lam, "epsilon": settings.epsilon}
         if steps and before and settings == replace(before.settings, **moved):
-            problem = replace(before.result.problem, **moved)
-            start = before.result.iterate.log_distance
+            problem, start = replace(before.result.problem, **moved), before.result.iterate.log_distance
             solver = solve(problem, settings.solver, start=start, max_iterations=steps[0])
             found = run(solver, [_watch(is_stale)])
             seconds = time.perf_counter() - started
-            return Answer(settings, FIRST, seconds, before.subject, found, followed=found)
-        if settings.width < LEAST_WIDTH or settings.solver == "facing":
+            return Answer(settings, FIRST, seconds, subject, found, followed=found)
+        if settings.width < LEAST_WIDTH:
             return None
-        options: dict[str, Any] = {}
-        grid = (settings.scene, settings.width)
-        if steps is not None:
-            if grid in self._starts:
-                options["start"] = self._starts[grid]
-            options["max_iterations"] = steps["start" not in options]
-        answer = self._solved(source.coarse(settings), settings, [_watch(is_stale)], **options)
-        if not is_stale():
-            self._starts[grid] = answer.result
-        return replace(answer, stage=FIRST)
+        options: dict[str, Any] = {"max_iterations": steps[1]} if steps else {}
+        options["width"] = min(settings.width, subject.frame.width) // 2
+        return replace(self._solved(subject, settings, [_watch(is_stale)], **options), stage=FIRST)
 
 
 def _watch(is_stale: IsStale, tell: Callable[[Result], object] | None = None) -> Observer:
     """Stop a solve that is stale, and tell now and then what a long one has so far."""
     started = told = time.perf_counter()
-    history: list[dict[str, float]] = []
 
     def watch(iterate: Iterate) -> bool:
         nonlocal told
-        if is_stale():
-            return True
         now = time.perf_counter()
-        if iterate.k == 0:
-            history.clear()
-        history.append({"k": iterate.k, "energy": iterate.energy, **iterate.terms})
-        if tell is not None and now - told > PATIENCE:
-            tell(Result(iterate, Status.STOPPED, [*history], now - started))
+        if tell is not None and now - told > PATIENCE and not is_stale():
+            row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
+            tell(Result(iterate, Status.STOPPED, [row], now - started))
             told = time.perf_counter()
         return is_stale()
 
     return watch
-
-
-def _known(subject: Subject, settings: Settings) -> Endoscope:
-    """The endoscope as the solver believes it to be."""
-    return replace(subject.calibration, photometry=settings.believed(subject.calibration.photometry))

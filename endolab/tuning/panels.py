@@ -27,7 +27,8 @@ from endolab.tuning.pictures import (
     coloured,
     grey_or_colour,
 )
-from endolab.uncertainty.causes import MAYBE
+from endolab.uncertainty.causes import MAYBE, bounced_light
+from endolab.uncertainty.trust import noise_left
 
 ENDS = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # of scales, so that a colour keeps its meaning a while
 BELOW_NOISE = (236, 236, 236)  # colour of residuals that noise explains
@@ -113,7 +114,7 @@ def _distance(answer: Answer, view: View) -> Panel:
 
 
 def _residual(answer: Answer, view: View) -> Panel:
-    residual, floor = answer.residual, NOISY * answer.noise
+    residual, floor = answer.residual, NOISY * 255 * noise_left(answer.result.problem)[0]
     end = end_of((view.like or answer).residual, 98)
     quiet = np.abs(residual) <= floor
     share = 100 * float(quiet.sum()) / max(int(np.isfinite(residual).sum()), 1)
@@ -174,8 +175,10 @@ def _contours(answer: Answer, view: View) -> Panel:
 def _bounced(answer: Answer, view: View) -> Panel:
     if answer.stage != FINAL:
         return _message(answer, view, "Bounced light: with the final answer")
-    share = answer.bounced
-    taken = "left in" if answer.result.problem.origin.albedo is None else "taken out"
+    problem = answer.result.problem
+    log_ratio = bounced_light(problem, answer.result.iterate.log_distance)
+    share = np.where(problem.mask, -100 * np.expm1(-log_ratio), np.nan)
+    taken = "left in" if problem.origin.albedo is None else "taken out"
     title = f"Bounced light [% of all], {taken}"
     return _value_map(view, title, share, (0.0, end_of(share, 99)), "magma", "{:.1f} %")
 
@@ -239,8 +242,8 @@ def _lam_curve(answer: Answer, view: View) -> Panel:
     """Data term and roughness of the answers so far; those that differ by λ alone hang together."""
     family = sorted((dot for dot in view.dots if differs_by_lam(dot.settings, answer.settings)), key=_lam)
     x, y = (np.array([getattr(dot, name) for dot in family]) for name in ("data", "roughness"))
-    dots = [(dot.data, dot.roughness, SKY if dot in family else LEFT_OUT, True) for dot in view.dots]
-    marked = [(answer.data, answer.roughness, VERMILION, True)]
+    dots = [(dot.data, dot.roughness, SKY if dot in family else LEFT_OUT) for dot in view.dots]
+    marked = [(answer.data, answer.roughness, VERMILION)]
     return Chart(
         view.title(f"λ curve: λ = {answer.settings.lam:.2g}; click on a dot"),
         "data term [1]",

@@ -28,6 +28,7 @@ INK, PALE, LEFT_OUT = (34, 34, 34), (225, 225, 225), (184, 184, 184)
 BLACK, SKY, VERMILION, BLUE, GREEN = (0, 0, 0), (86, 180, 233), (213, 94, 0), (0, 114, 178), (0, 158, 115)
 MAPS = {"viridis": cv2.COLORMAP_VIRIDIS, "magma": cv2.COLORMAP_MAGMA}
 QUALITY = 88  # of a JPEG
+FACE, WEIGHT = cv2.FontFace("sans"), 400
 
 
 def jpeg(picture: Picture) -> bytes:
@@ -40,36 +41,24 @@ def png(picture: Picture) -> bytes:
     return bytes(cv2.imencode(".png", picture[..., ::-1])[1])
 
 
-@lru_cache(maxsize=512)
-def _written(text: str, size: int) -> FloatArray:
-    """How much ink each pixel of a text has, in [0, 1]; a text is drawn once."""
-    face = cv2.FontFace("sans")
-    canvas = np.zeros((2 * size, size * (len(text) + 2)), np.uint8)
-    cv2.putText(canvas, text, (2, int(1.4 * size)), (255, 255, 255), face, size, 400)
-    used = np.flatnonzero(canvas.any(axis=0))
-    return canvas[:, : used[-1] + 2 if used.size else 1] / 255.0
-
-
 def write(
     picture: Picture, text: str, x: int, y: int, size: int, align: float = 0.0, colour: Colour = INK
-) -> None:
-    """Write a line of text into a picture; column x is its left end, or its right one for `align` 1."""
-    ink = _written(text, size)
-    x = max(0, int(x - align * ink.shape[1]))
-    place = picture[max(0, y) : y + ink.shape[0], x : x + ink.shape[1]]
-    ink = ink[: place.shape[0], : place.shape[1], None]
-    place[:] = np.round(place * (1 - ink) + np.array(colour) * ink)
+) -> int:
+    """Write a line of text below y, and return its width; x is its left end, or its right for `align` 1."""
+    wide: int = cv2.putText(np.zeros((1, 1, 3), np.uint8), text, (0, 0), INK, FACE, size, WEIGHT)[0][0]
+    left = max(0, int(x - align * wide))
+    cv2.putText(picture, text, (left, y + int(1.4 * size)), colour, FACE, size, WEIGHT)
+    return wide
 
 
 def labelled(
     picture: Picture, text: str, x: int, y: int, size: int, align: float = 0.0, colour: Colour = INK
 ) -> int:
     """Write a line on white, and return its width, px."""
-    wide = _written(text, size).shape[1]
+    wide = write(np.zeros((1, 1, 3), np.uint8), text, 0, 0, size)
     left = max(0, int(x - align * wide))
     picture[max(0, y + 2) : y + round(1.6 * size), left : left + wide + 2] = 255
-    write(picture, text, x, y, size, align, colour)
-    return wide
+    return write(picture, text, left, y, size, colour=colour)
 
 
 @lru_cache(maxsize=4)
@@ -192,7 +181,7 @@ class Chart:
     x_label: str
     y_label: str
     curves: Sequence[tuple[str, FloatArray, FloatArray, Colour]] = ()
-    dots: Sequence[tuple[float, float, Colour, bool]] = ()
+    dots: Sequence[tuple[float, float, Colour]] = ()
     log: tuple[bool, bool] = (False, False)
     down: bool = False
     equal: bool = False
@@ -202,77 +191,65 @@ class Chart:
         """Draw it into a white cell with letters of so many px, and tell where in the cell the dots are."""
         left, top, right, bottom = _room(paper, self.title, text)
         left, right, bottom = left + round(3.6 * text), right - text // 2, bottom - round(2.4 * text)
-        limits = self._limits((right - left) / max(bottom - top, 1))
-        (x_low, x_high), (y_low, y_high) = limits
+        size = np.array([right - left, max(bottom - top, 1)])
+        middle, half = self._limits(size[0] / size[1])
+        low, high = middle - half, middle + half
 
-        def place(x: FloatArray | float, y: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-            x, y = self._scaled(x, y)
-            share = (y - y_low) / (y_high - y_low)
-            column = (x - x_low) / (x_high - x_low) * (right - left)
-            row = (share if self.down else 1 - share) * (bottom - top)
-            return np.clip(column, -4e3, 4e3), np.clip(row, -4e3, 4e3)
+        def place(points: FloatArray) -> FloatArray:
+            """To the right and down, px."""
+            share = (points - low) / (high - low)
+            if not self.down:
+                share[..., 1] = 1 - share[..., 1]
+            return np.clip(share * size, -4e3, 4e3)
 
         inner = paper[top : bottom + 1, left : right + 1]
-        for value in (log_ticks if self.log[0] else ticks)(x_low, x_high):
-            at = round((value - x_low) / (x_high - x_low) * (right - left))
-            inner[:, at] = PALE
-            write(paper, _number(value, self.log[0]), left + at, bottom, text, 0.5)
-        for value in (log_ticks if self.log[1] else ticks)(y_low, y_high):
-            share = (value - y_low) / (y_high - y_low)
-            at = round((share if self.down else 1 - share) * (bottom - top))
-            inner[at] = PALE
-            write(paper, _number(value, self.log[1]), left - text // 3, top + at - text + 1, text, 1.0)
+        for axis, log in enumerate(self.log):
+            for value in (log_ticks if log else ticks)(float(low[axis]), float(high[axis])):
+                at = round(float(place(np.where(np.arange(2) == axis, value, low))[axis]))
+                said = f"{10**value:.2g}" if log else f"{value:g}"
+                if axis == 0:
+                    inner[:, at] = PALE
+                    write(paper, said, left + at, bottom, text, 0.5)
+                else:
+                    inner[at] = PALE
+                    write(paper, said, left - text // 3, top + at - text + 1, text, 1.0)
         cv2.rectangle(paper, (left, top), (right, bottom), (120, 120, 120), 1)
         write(paper, self.x_label, right, bottom + round(1.1 * text), text, 1.0)
         at = right - left - 2
         for name, x, y, colour in reversed(self.curves):
-            _polyline(inner, *place(x, y), colour)
+            points = place(self._points(x, y))
+            known = np.isfinite(points).all(axis=-1)
+            for run in np.ma.clump_unmasked(np.ma.masked_array(known, ~known)):
+                whole = np.round(16 * points[run]).astype(np.int32)
+                cv2.polylines(inner, [whole], False, tuple(colour), 2, cv2.LINE_AA, shift=4)
             if name:
                 at -= labelled(inner, name, at, 0, text, 1.0, colour) + text
         labelled(inner, self.y_label, 3, 0, text)
         dots = []
-        for x_of, y_of, colour, filled in self.dots:
-            spot = tuple(int(one) for one in place(x_of, y_of))
-            cv2.circle(inner, spot, text // 2, tuple(colour), -1 if filled else 2, cv2.LINE_AA)
-            dots.append((left + spot[0], top + spot[1]))
+        for x_of, y_of, colour in self.dots:
+            right_of, down_of = (int(one) for one in place(self._points(x_of, y_of)))
+            cv2.circle(inner, (right_of, down_of), text // 2, tuple(colour), -1, cv2.LINE_AA)
+            dots.append((left + right_of, top + down_of))
         return None, dots
 
-    def _scaled(self, x: FloatArray | float, y: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-        """What the axes measure: the values, or their logarithms."""
-        pair = [np.asarray(value, float) for value in (x, y)]
-        for number, log in enumerate(self.log):
-            if log:
-                pair[number] = np.log10(np.where(pair[number] > 0, pair[number], np.nan))
-        return pair[0], pair[1]
+    def _points(self, x: FloatArray | float, y: FloatArray | float) -> FloatArray:
+        """What the axes measure, (..., 2): the values, or their logarithms."""
+        points = np.stack([np.asarray(x, float), np.asarray(y, float)], axis=-1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(self.log, np.log10(points), points)
 
-    def _limits(self, shape: float) -> tuple[Limits, Limits]:
-        """Ends of both axes, of which one may be `shape` times as long as the other."""
+    def _limits(self, shape: float) -> tuple[FloatArray, FloatArray]:
+        """Middle of both axes and half of their lengths, of which one may be `shape` times the other."""
         curves: list[tuple[Any, Any]] = [(x, y) for _, x, y, _ in self.curves]
-        if self.fitted is not None:
-            curves = [self.fitted]
-        dots: list[tuple[Any, Any]] = [(x, y) for x, y, _, _ in self.dots]
-        pairs = [self._scaled(x, y) for x, y in curves + dots]
-        ends = []
-        for axis in (0, 1):
-            values = np.concatenate([np.empty(0), *(np.ravel(pair[axis]) for pair in pairs)])
-            values = values[np.isfinite(values)]
-            low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
-            half = 0.58 * (high - low) or 0.05 * max(abs(low), 1.0)
-            half = max(half, 0.1) if self.log[axis] else half
-            ends.append(((low + high) / 2, half))
-        (x, wide), (y, tall) = ends
+        given = curves if self.fitted is None else [self.fitted]
+        dots = [self._points(x, y)[None] for x, y, _ in self.dots]
+        points = np.concatenate([np.empty((0, 2)), *(self._points(x, y) for x, y in given), *dots])
+        points = points[np.isfinite(points).all(axis=-1)]
+        low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.ones(2))
+        half = 0.58 * (high - low)
+        half = np.where(half > 0, half, 0.05 * np.maximum(np.abs(low), 1))
+        half = np.where(self.log, np.maximum(half, 0.1), half)
         if self.equal:
-            tall = max(tall, wide / shape)
-            wide = tall * shape
-        return (x - wide, x + wide), (y - tall, y + tall)
-
-
-def _number(value: float, log: bool) -> str:
-    return f"{10**value:.2g}" if log else f"{value:g}"
-
-
-def _polyline(paper: Picture, x: FloatArray, y: FloatArray, colour: Colour) -> None:
-    known = np.isfinite(x) & np.isfinite(y)
-    for run in np.ma.clump_unmasked(np.ma.masked_array(known, ~known)):
-        points = np.round(16 * np.stack([x[run], y[run]], axis=-1)).astype(np.int32)
-        cv2.polylines(paper, [points], False, tuple(colour), 2, cv2.LINE_AA, shift=4)
+            half[1] = max(half[1], half[0] / shape)
+            half[0] = half[1] * shape
+        return (low + high) / 2, half

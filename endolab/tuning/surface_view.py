@@ -31,7 +31,7 @@ PATIENCE = 0.5  # s; then the next surface is sent though the page has not said 
 COLUMNS, ROWS = 320, 240  # of points at most: what a panel can show
 TEXTURE = 640  # columns of the picture at most, px
 OUTLYING = 1.0  # %, of the points lie beyond each face of the box: spikes must not make the rest small
-KEPT = 1.25  # the box stays if the new one is larger or smaller, or its middle is off, by less than this
+KEPT = 0.1  # the box stays if the new one's faces are off by less than this share of its diagonal
 Given = tuple[FloatArray, FloatArray, np.ndarray, BoolArray | None, str, bool]
 
 
@@ -102,9 +102,11 @@ class SurfaceView(anywidget.AnyWidget):
         Raises
         ------
         ValueError
-            In one sentence, if arrays do not fit.
+            If the picture has other proportions than the surface.
         """
-        check_surface(distance, rays, picture, cuts)
+        (height, width), (tall, wide) = distance.shape, picture.shape[:2]
+        if abs(tall * width - wide * height) > max(height, width, tall, wide):  # shrunk to whole pixels
+            raise ValueError(f"picture of {wide}x{tall} px has not the proportions of {width}x{height} px")
         with self._showing:
             self._last, self._waits = (distance, rays, picture, cuts, unit, lift), True
             self._flush()
@@ -170,14 +172,8 @@ class SurfaceView(anywidget.AnyWidget):
         points = rays[every] * np.where(distance > 0, distance, np.nan)[every][..., None]
         colours = cv2.resize(textured(picture, lift), points.shape[1::-1], interpolation=cv2.INTER_AREA) / 255
         figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-        how: dict[str, Any] = {
-            "angle": START[0],
-            "elevation": START[1],
-            "unit": unit,
-            "title": "",
-            "lift": False,
-        }
-        show_cloud(points, colours, figure.subplots(), **how)
+        how: dict[str, Any] = {"angle": START[0], "elevation": START[1], "title": "", "lift": False}
+        show_cloud(points, colours, figure.subplots(), unit=unit, **how)
         content = io.BytesIO()
         figure.savefig(content, format="png", dpi=100)
         return content.getvalue()
@@ -201,6 +197,9 @@ def show_surface(shown: Result | Iterate, picture: np.ndarray | None = None) -> 
     """
     if not isinstance(shown, Result | Iterate):
         raise ValueError(f"a result or an iterate can be shown, got {told(shown)}")
+    shape = np.shape(shown.problem.shown if picture is None else picture)
+    if len(shape) not in (2, 3) or shape[2:] not in ((), (3,)):
+        raise ValueError(f"picture must have shape (h, w, 3) or (h, w), found {shape}")
     view = SurfaceView()
     show_on(view, shown, shown.problem.shown if picture is None else picture, picture is None)
     return view
@@ -208,30 +207,8 @@ def show_surface(shown: Result | Iterate, picture: np.ndarray | None = None) -> 
 
 def show_on(view: SurfaceView, shown: Result | Iterate, picture: np.ndarray, lift: bool) -> None:
     """Show a result, with a picture on it, in a view that is there."""
-    problem = shown.problem
-    how: dict[str, Any] = {"cuts": problem.cuts, "unit": problem.unit, "lift": lift}
-    view.show(shown.distance, problem.field.rays, picture, **how)
-
-
-def check_surface(distance: Any, rays: Any, picture: Any, cuts: Any) -> None:
-    """Raise a ValueError that says in one sentence what does not fit."""
-    given = {"distance": distance, "rays": rays, "picture": picture}
-    for name, array in given.items():
-        if not isinstance(array, np.ndarray) or not array.size or array.dtype.char not in "efdgB":
-            raise ValueError(f"{name} must be an array of real numbers, got {told(array)}")
-    if distance.ndim != 2:
-        raise ValueError(f"distance must have two axes, found the shape {distance.shape}")
-    if rays.shape != (*distance.shape, 3):
-        raise ValueError(f"rays must have shape {(*distance.shape, 3)}, found {rays.shape}")
-    if cuts is not None and (
-        not isinstance(cuts, np.ndarray) or cuts.dtype != bool or cuts.shape != (2, *distance.shape)
-    ):
-        raise ValueError(f"cuts must be a bool array of shape {(2, *distance.shape)}, got {told(cuts)}")
-    if picture.ndim not in (2, 3) or picture.shape[2:] not in ((), (3,)):
-        raise ValueError(f"picture must have shape (h, w, 3) or (h, w), found {picture.shape}")
-    (height, width), (tall, wide) = distance.shape, picture.shape[:2]
-    if abs(tall * width - wide * height) > max(height, width, tall, wide):  # shrunk to whole pixels
-        raise ValueError(f"picture of {wide}x{tall} px has not the proportions of {width}x{height} px")
+    known = shown.problem
+    view.show(shown.distance, known.field.rays, picture, cuts=known.cuts, unit=known.unit, lift=lift)
 
 
 def textured(picture: np.ndarray, lift: bool) -> Picture:
@@ -275,9 +252,5 @@ def box_of(points: FloatArray) -> list[float]:
 
 def keeps(box: list[float], other: list[float]) -> bool:
     """Whether another surface can be seen in the box of the one before."""
-    if not box:
-        return False
-    corners = np.reshape([box, other], (2, 2, 3))  # box, end, axis
-    size, other_size = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=-1)
-    off = np.linalg.norm(corners[1].mean(axis=0) - corners[0].mean(axis=0))
-    return bool(other_size / KEPT <= size <= KEPT * other_size and off <= (KEPT - 1) * size)
+    size = np.linalg.norm(np.subtract(other[3:], other[:3]))
+    return bool(box) and bool(np.abs(np.subtract(box, other)).max() < KEPT * size)

@@ -25,7 +25,10 @@ function knob({ name, label, tip, options, range, log, hint, first }, to, turn) 
   const line = add("input", "", box, { ariaLabel: label, placeholder: hint }), digits = log ? 2 : 6;
   line.onkeydown = ({ key }) => { if (key === "Enter") line.blur(); }; // JupyterLab keeps Enter's own effect
   if (!range) {
-    line.onchange = () => turn(line.value.trim() === "" ? null : line.value);
+    line.onchange = () => {
+      const values = line.value.split(",").map(Number), known = values.every(Number.isFinite);
+      turn(line.value.trim() ? (known && (values.length > 1 ? values : values[0])) || line.value : null);
+    };
     return (value) => { line.value = value ?? ""; };
   }
   const [min, max, step] = range, slider = add("input", "", box, { type: "range", min, max, step, ariaLabel: label });

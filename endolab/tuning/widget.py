@@ -7,7 +7,6 @@ and sent from there, so that neither a slow solve nor a running cell freezes the
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -191,8 +190,8 @@ class TunerBox(anywidget.AnyWidget):
         """Return what the knobs say; ValueError, in one sentence, if a line cannot be read."""
         values: dict[str, Any] = {name: self.knobs[name] for name in self.knobs if name not in VIEWS}
         values["scene"] = values["scene"] if isinstance(values["scene"], str) else None
-        for name, count in (("smooth", 1), ("max_iterations", 1), ("albedo", 3)):
-            values[name] = numbers(values[name], name, count)
+        if isinstance(values["albedo"], list):
+            values["albedo"] = tuple(values["albedo"])
         return Settings(**values)
 
     def ask(self) -> None:
@@ -225,16 +224,8 @@ class TunerBox(anywidget.AnyWidget):
         except (OSError, ValueError, MemoryError) as error:
             self.knobs = self.knobs | {"scene": self.frame}
             raise ValueError(f"{sentence_of(error)}: the frame before is still shown") from error
-        self.frame = index
-        self.look_at(frame)
-
-    def look_at(self, frame: Frame, truth: FloatArray | None = None) -> None:
-        """Look at another frame of the same endoscope; the knobs stay.
-
-        Raises ValueError if it is not of the calibration's size; then nothing changes.
-        """
-        self.engine.use(self._calibration, frame, truth)
-        self.visited, self.dots, self._last, self._wish = [], [], None, None
+        self.engine.use(self._calibration, frame)
+        self.frame, self.visited, self.dots, self._last, self._wish = index, [], [], None, None
         self.drop()
 
     def step(self, by: int) -> None:
@@ -311,11 +302,9 @@ class TunerBox(anywidget.AnyWidget):
     def compare(self, what: str) -> None:
         """Solve five λ around this ("lam") or each "regulariser", and show them in columns; "" ends that."""
         self.columns, self.compared = [], ""
-        if what:
-            self._compare(what)
-        self._show()
-
-    def _compare(self, what: str) -> None:
+        if not what:
+            self._show()
+            return
         now = self._final()
         if what == "lam":
             values: list[Any] = [float(f"{now.settings.lam * times:.2g}") for times in LAMS]
@@ -334,6 +323,7 @@ class TunerBox(anywidget.AnyWidget):
                 self._show()
 
         self.engine.compare(now, several, self._guarded(tell))
+        self._show()
 
     def keep(self) -> None:
         """Keep what is shown as A, to compare; from now on it stands beside what is shown."""
@@ -423,8 +413,6 @@ class TunerBox(anywidget.AnyWidget):
 
     def measure(self, width: float, height: float, ratio: float) -> None:
         """Take the size of the page, px, and the screen's ratio to it; send it the board whatever it has."""
-        if not all(math.isfinite(one) and one > 0 for one in (width, height, ratio)):
-            raise ValueError(f"room must be three positive numbers, got {width}, {height}, {ratio}")
         wide = max(width, LEAST_ROOM[0])
         self._room = wide, min(max(height, LEAST_ROOM[1]), TALLEST * wide)
         self._ratio = min(max(ratio, 1.0), 3.0)
@@ -515,19 +503,12 @@ class TunerBox(anywidget.AnyWidget):
         return Path(folder)
 
     def export_aside(self, name: str) -> None:
-        """Export in a thread of its own."""
+        """Export, in the engine's thread."""
         if not name.strip():
             raise ValueError("name a folder to export into")
-        folder = Path(name.strip()).expanduser()
+        folder, _ = Path(name.strip()).expanduser(), self._final()
         self._tell(f"exporting into {folder} ...")
-
-        def work() -> None:
-            try:
-                self._tell(f"exported into {self.export(folder).resolve()}")
-            except Exception as error:
-                self._refuse(sentence_of(error))
-
-        threading.Thread(target=work, name="endolab export", daemon=True).start()
+        self.engine.do(lambda _: self._tell(f"exported into {self.export(folder).resolve()}"))
 
     def close(self) -> None:
         """Close the widget and end its thread."""
@@ -541,17 +522,3 @@ class TunerBox(anywidget.AnyWidget):
 def _picture_of(one: Settings) -> tuple[Any, ...]:
     """What was explained: data terms of the same can be compared."""
     return one.scene, one.noise, one.width, one.channel, one.smooth, one.highlights
-
-
-def numbers(text: Any, name: str, count: int) -> Any:
-    """So many numbers of a line, or what is none; ValueError, in one sentence, if it cannot be read."""
-    if not isinstance(text, str):
-        return tuple(text) if isinstance(text, list) else text
-    try:
-        found = [int(one) if one.strip().isdigit() else float(one) for one in text.split(",")]
-    except ValueError:
-        found = []
-    if len(found) != count:
-        expected = "a number" if count == 1 else f"{count} numbers with commas between"
-        raise ValueError(f"{name}: expected {expected}, found {text!r}")
-    return found[0] if count == 1 else tuple(found)

@@ -15,6 +15,7 @@ from endolab.tuning.panels import BELOW_NOISE, PANELS, SILENT, TORN, USUAL, Dot,
 from endolab.tuning.pictures import LEFT_OUT, Chart, Map, coloured, log_ticks, ticks
 from endolab.tuning.sentences import summary, warnings
 from endolab.tuning.source import Settings
+from endolab.uncertainty.trust import noise_left
 
 ROOM = (1200, 640)
 
@@ -62,7 +63,7 @@ def test_every_panel_fills_its_cell_and_reads_its_pixels(answer):
 
 def test_a_residual_below_noise_is_no_news_and_contours_are_seen(answer):
     residual = PANELS["model - frame"](answer, View()).picture
-    quiet = np.abs(answer.residual) <= 2 * answer.noise
+    quiet = np.abs(answer.residual) <= 2 * 255 * noise_left(answer.result.problem)[0]
     assert np.array_equal((residual == BELOW_NOISE).all(axis=-1), quiet)
     cuts, evidence = np.zeros((2, 120, 160), bool), np.zeros((120, 160), np.int8)
     cuts[0, 40:80, 80] = True

@@ -40,9 +40,9 @@ def test_the_code_a_wish_and_the_saved_settings_make_the_same(seen, settings, tm
     shown = tuner.wait(60)
     tuner.close()
     names = {"el": el, "replace": replace, "calibration": known, "frame": frame}
-    exec(settings.code(known), names)
+    exec(settings.code(known, shown.subject.grey), names)
     assert np.array_equal(names["result"].distance, shown.result.distance, equal_nan=True)
-    write_settings(settings.saved(shown.subject.calibration), tmp_path / "s.json")
+    write_settings(settings.saved(shown.subject.calibration, shown.subject.grey), tmp_path / "s.json")
     written = read_settings(tmp_path / "s.json")
     believed = written.believed(shown.subject.calibration)
     again = el.reconstruct(shown.subject.frame, believed, **written.keywords)
@@ -51,7 +51,7 @@ def test_the_code_a_wish_and_the_saved_settings_make_the_same(seen, settings, tm
 
 def test_only_what_is_believed_otherwise_is_saved(seen):
     _, calibration, _ = seen
-    assert Settings(scene=None).saved(calibration).photometry == {}
+    assert Settings(scene=None).saved(calibration, grey=False).photometry == {}
     light = calibration.photometry
     other = Settings(scene=None, k=light.k + 0.5, gain=2.0).saved(calibration, grey=True)
     assert other.photometry == {"k": light.k + 0.5, "gain": 2.0 * light.gain}

@@ -174,28 +174,6 @@ def test_a_closed_view_forgets_its_surface():
     assert {len(value) for value in (view.grid, view.far, view.triangles, view.picture)} == {0}
 
 
-@pytest.mark.parametrize(
-    ("name", "wrong"),
-    [
-        ("distance", None),
-        ("distance", np.ones(30)),
-        ("rays", np.ones((40, 30, 3))),
-        ("picture", "frame.png"),
-        ("picture", np.ones((30, 40, 4))),
-        ("picture", np.ones((40, 30))),
-        ("cuts", np.zeros((2, 40, 30), bool)),
-    ],
-)
-def test_what_does_not_fit_is_named_and_changes_nothing(view, name, wrong):
-    distance, rays, picture = wall(30, 40)
-    view.show(distance, rays, picture)
-    given = {"distance": distance, "rays": rays, "picture": picture, "cuts": None} | {name: wrong}
-    with pytest.raises(ValueError, match=name):
-        view.show(**given)
-    view.drawn = 1
-    assert view.number == 1
-
-
 def test_a_result_is_shown_in_its_frame_and_has_a_still_where_nobody_looks(monkeypatch):
     small = datasets.load_calibration("paper").resize(80, 60)
     seen = el.render(el.SCENES["tube"], small.camera, small.photometry)
@@ -212,3 +190,6 @@ def test_a_result_is_shown_in_its_frame_and_has_a_still_where_nobody_looks(monke
     view.close()
     with pytest.raises(ValueError, match="result"):
         show_surface("run.rrd")
+    for wrong in ("frame.png", np.ones((60, 80, 4)), np.ones((80, 60))):
+        with pytest.raises(ValueError, match="picture"):
+            show_surface(result, wrong)

@@ -82,9 +82,9 @@ def test_all_that_is_shown_is_of_one_answer_after_every_kind_of_change(make):
     box = make()
     for knobs in (
         {"lam": 0.1, "noise": 2.0},
-        {"xi": "d", "regulariser": "first", "smooth": "1.5"},
-        {"k": 3.0, "gamma": 2.0, "gain": 2.0, "albedo": "0.7, 0.4, 0.3"},
-        {"scene": "plane", "channel": "red", "solver": "fast_marching", "max_iterations": "3"},
+        {"xi": "d", "regulariser": "first", "smooth": 1.5},
+        {"k": 3.0, "gamma": 2.0, "gain": 2.0, "albedo": [0.7, 0.4, 0.3]},
+        {"scene": "plane", "channel": "red", "solver": "fast_marching", "max_iterations": 3},
         {"contours": True, "highlights": "keep", "width": 320},
     ):
         answer = turn(box, **knobs)
@@ -210,15 +210,13 @@ def test_a_page_is_filled_and_gets_its_picture_whenever_it_asks(make):
         height, width = cv2.imdecode(np.frombuffer(box.picture, np.uint8), 1).shape[:2]
         assert 0 <= wide * ratio - width < 3
         assert 0 <= tall * ratio - height < 2
-    do(box, "measure", 0, 0, 1)
-    assert "three positive numbers" in box.line["text"]
 
 
 def test_what_cannot_be_read_or_solved_is_a_line_and_the_answer_stays(make, seen):
     frame, calibration, _ = seen
     box = make(el.Frame(frame.image[..., 1], frame.mask), calibration)
     answer = box.answer
-    for name, text in (("max_iterations", "3.5"), ("albedo", "1, 2"), ("smooth", "-1"), ("channel", "red")):
+    for name, text in (("max_iterations", 3.5), ("albedo", [1, 2]), ("smooth", -1), ("channel", "red")):
         before = box.knobs[name]
         box.set_state({"knobs": box.knobs | {name: text}})
         until(lambda: box.line.get("wrong"))
@@ -248,8 +246,6 @@ def test_from_frame_to_frame_and_one_that_cannot_be_read_is_passed_by(seen, tmp_
     do(box, "undo")
     assert box.engine.wait(60).settings.scene is None
     assert box.knobs["scene"] == 2
-    with pytest.raises(ValueError, match="calibration is for"):
-        box.look_at(el.Frame(frame.image[:-1], frame.mask[:-1]))
     box.close()
 
 
