@@ -1,15 +1,22 @@
 """The command that tunes: the tuner in the browser, without a notebook around it."""
 
+from __future__ import annotations
+
 import argparse
 import os
 import sys
 import threading
 import webbrowser
 from contextlib import suppress
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from endolab._extras import need
 from endolab.cli.options import add_command, whole, wide
+
+if TYPE_CHECKING:
+    from endolab.io.descriptions import Calibration
+    from endolab.numerics.arrays import FloatArray
 
 PORT = 8877  # the first that is tried, apart from JupyterLab's
 
@@ -22,7 +29,6 @@ def _tune(arguments: argparse.Namespace) -> None:
 
     port = free_port(arguments.port)
 
-    from endolab.tuning.folder import find_pictures, read_truth
     from endolab.tuning.server import Page
 
     calibration = load_calibration(arguments.calibration)
@@ -48,8 +54,45 @@ def _tune(arguments: argparse.Namespace) -> None:
     with suppress(KeyboardInterrupt):  # which is how it ends
         page.run(opened)
     print("ended", flush=True)
-    if page.busy:  # Python would wait for it
-        os._exit(0)
+    os._exit(0)  # Python would wait for a solve that is still being compiled
+
+
+def find_pictures(source: str | Path) -> list[Path]:
+    """Find a picture, or those of a folder in the order of their numbers, but for depth maps.
+
+    OSError or ValueError in one sentence, if there is none.
+    """
+    from endolab.datasets.folders import depth_layout
+    from endolab.io.video import is_sequence, open_frames
+
+    path = Path(source)
+    if not is_sequence(path):
+        return [path]
+    if not path.is_dir():
+        raise ValueError(f"{path}: the tuner takes a picture or a folder of pictures, not a video")
+    names = [name for name in open_frames(path).names if depth_layout(name) is None]
+    if not names:
+        raise ValueError(f"{path}: only depth maps are in this folder, no picture")
+    return [path / name for name in names]
+
+
+def read_truth(path: str | Path, calibration: Calibration) -> FloatArray:
+    """Read the true distance, (H, W), mm, of a frame of this size: truth.npz, or a data set's depth map."""
+    import numpy as np
+
+    from endolab.datasets.folders import true_z
+    from endolab.io.surfaces import read_depth
+    from endolab.preprocessing.frame import check_size
+
+    if str(path).endswith(".npz"):
+        truth: FloatArray = read_depth(path, ("distance",))["distance"]
+    else:
+        cosine = calibration.camera.field.cos_alpha
+        z = true_z(path)
+        check_size(str(path), z.shape[::-1], calibration.camera)
+        truth = z / np.where(cosine > 0, cosine, np.nan)
+    check_size(str(path), truth.shape[::-1], calibration.camera)
+    return truth
 
 
 def _open(link: str) -> None:

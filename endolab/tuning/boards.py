@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from endolab.numerics.arrays import FloatArray
 from endolab.tuning.engine import Answer
 from endolab.tuning.panels import PANELS, Panel, View, ratio_of
-from endolab.tuning.pictures import Box, Map, Picture
+from endolab.tuning.pictures import Map, Picture
 
 COLUMNS = 3
 ROWS = ("distance", "model - frame", "section")  # of answers that are compared
+Box = list[float]  # left, top, right, bottom
 Rows = Sequence[Sequence[tuple[Panel, Answer] | None]]
 
 
@@ -22,10 +24,10 @@ class Place:
     """A panel on a board."""
 
     answer: Answer
-    box: Box  # of the panel, px
-    spot: Box | None  # of its map, if it is one
+    box: Box  # of the panel, and ...
+    spot: Box | None  # ... of its map, if it is one, as shares of the board
     panel: Panel
-    dots: Sequence[tuple[int, int]] = ()  # of a chart, px
+    dots: FloatArray  # of a chart, (n, 2), to the right and down, shares of the board
 
     def says(self, x: float, y: float) -> str:
         """What it says at a point of its map: shares to the right and down, in [0, 1]."""
@@ -43,33 +45,32 @@ class Board:
     picture: Picture
     places: list[Place]
 
-    def shares(self, box: Box) -> list[float]:
-        """A box as shares of the board."""
-        height, width = self.picture.shape[:2]
-        return [one / size for one, size in zip(box, (width, height) * 2, strict=True)]
-
     def at(self, x: float, y: float) -> Place | None:
         """The panel at a point."""
-        height, width = self.picture.shape[:2]
         for place in self.places:
             left, top, right, bottom = place.box
-            if left <= x * width < right and top <= y * height < bottom:
+            if left <= x < right and top <= y < bottom:
                 return place
         return None
 
     def cells(self, names: Sequence[str]) -> list[dict[str, Any]]:
         """What the page is told of the panels, which may have names."""
         names = names or [""] * len(self.places)
-        return [
-            {"box": self.shares(place.box), "spot": place.spot and self.shares(place.spot), "name": name}
-            for place, name in zip(self.places, names, strict=True)
-        ]
+        places = zip(self.places, names, strict=True)
+        return [{"box": place.box, "spot": place.spot, "name": name} for place, name in places]
 
 
 def _board(rows: Rows, room: tuple[int, int], text: int) -> Board:
     """Panels in cells of one size."""
     width, height = room[0] // len(rows[0]), room[1] // len(rows)
-    paper = np.full((height * len(rows), width * len(rows[0]), 3), 255, np.uint8)
+    size = np.array([width * len(rows[0]), height * len(rows)])
+    paper = np.full((size[1], size[0], 3), 255, np.uint8)
+
+    def shared(box: Sequence[int]) -> Box:
+        """A box in a cell as shares of the board."""
+        moved: Box = (np.add(np.reshape(box, (2, 2)), (left, top)) / size).ravel().tolist()
+        return moved
+
     places = []
     for i, row in enumerate(rows):
         for j, one in enumerate(row):
@@ -77,12 +78,9 @@ def _board(rows: Rows, room: tuple[int, int], text: int) -> Board:
                 continue
             panel, answer = one
             left, top = j * width, i * height
-            cell = paper[top : top + height, left : left + width]
-            spot, dots = panel.draw(cell, text)
-            if spot is not None:
-                spot = left + spot[0], top + spot[1], left + spot[2], top + spot[3]
-            box = left, top, left + width, top + height
-            places.append(Place(answer, box, spot, panel, [(left + x, top + y) for x, y in dots]))
+            spot, dots = panel.draw(paper[top : top + height, left : left + width], text)
+            at = np.add(np.reshape(dots, (-1, 2)), (left, top)) / size
+            places.append(Place(answer, shared((0, 0, width, height)), spot and shared(spot), panel, at))
     return Board(paper, places)
 
 
@@ -97,14 +95,17 @@ def comparable(a: Answer, b: Answer) -> bool:
     return a.result.mask.shape == b.result.mask.shape and a.settings.scene == b.settings.scene
 
 
+def _named(name: str, panel: Panel) -> Panel:
+    return replace(panel, title=f"{name}: {panel.title}")
+
+
 def of_two(a: Answer, b: Answer, view: View, room: tuple[int, int], text: int = 12) -> Board:
     """A beside B with the same scales, their ratio and their sections."""
     thirds = ratio_of(a, b), PANELS["section"](b, replace(view, like=a, beside=a))
     rows = []
     for name, third in zip(ROWS[:2], thirds, strict=True):
-        both = ((a, "A"), (b, "B"))
-        left, right = (PANELS[name](one, replace(view, like=a, name=who)) for one, who in both)
-        rows.append([(left, a), (right, b), (third, b)])
+        left, right = (PANELS[name](one, replace(view, like=a)) for one in (a, b))
+        rows.append([(_named("A", left), a), (_named("B", right), b), (third, b)])
     return _board(rows, room, text)
 
 
@@ -121,7 +122,7 @@ def of_several(
         if answer is None:
             return None
         said = "" if answer.median_error is None else f", error {answer.median_error:.1f} %"
-        named = f"{label}{said}" if name == ROWS[0] else ""
-        return PANELS[name](answer, replace(view, like=like, name=named)), answer
+        shown = PANELS[name](answer, replace(view, like=like))
+        return _named(label + said, shown) if name == ROWS[0] else shown, answer
 
     return _board([[panel(name, *one) for one in answers] for name in ROWS], room, text)

@@ -1,7 +1,7 @@
 // Shows one widget of AnyWidgets, as Jupyter would: what they say comes over a WebSocket, a message as JSON and each
-// of its buffers behind it, and what is done here goes back. The first model that has another in it is shown.
-const WIDGET = "WIDGET";
-const channel = new WebSocket(`ws://${location.host}/channel${location.search}`);
+// of its buffers behind it, and what is done here goes back.
+const first = "WIDGET";
+const channel = new WebSocket(`ws://${location.host}${location.pathname}channel`);
 channel.binaryType = "arraybuffer";
 const models = new Map();
 
@@ -38,7 +38,7 @@ async function shown(model) {
   const script = URL.createObjectURL(new Blob([model.get("_esm")], { type: "text/javascript" }));
   const { default: { render } } = await import(script);
   const place = document.getElementById("widget");
-  if (model === models.get(WIDGET)) place.replaceChildren(el);
+  if (model === models.get(first)) place.replaceChildren(el);
   render({ model, el });
   return { el };
 }
@@ -54,7 +54,7 @@ channel.onmessage = ({ data }) => {
   const isNew = !models.has(id);
   if (isNew) models.set(id, made(id));
   models.get(id).take(state);
-  if (isNew && id === WIDGET) {
+  if (isNew && id === first) {
     shown(models.get(id)).catch((error) => {
       document.getElementById("widget").textContent = `The page cannot be shown: ${error.message}`;
       throw error;

@@ -73,7 +73,7 @@ def coloured(values: FloatArray, limits: Limits, palette: str = "viridis") -> Pi
     """Colour a map, (H, W): "viridis", "magma" or "diverging" between the limits, grey where it is nan."""
     low, high = limits
     known = np.isfinite(values)
-    share = (np.where(known, values, low) - low) / max(high - low, 1e-12)
+    share = (np.where(known, values, low) - low) / (high - low)
     colours = _palette(palette)[np.clip(255 * share, 0, 255).astype(np.uint8)]
     colours[~known] = LEFT_OUT
     return colours
@@ -89,8 +89,6 @@ def grey_or_colour(image: FloatArray) -> Picture:
 
 def ticks(low: float, high: float) -> list[float]:
     """Round numbers in [low, high], three to eight of them."""
-    if not (np.isfinite(high - low) and high > low):
-        return [low]
     step = round_length((high - low) / 3)
     return [float(k * step) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
 

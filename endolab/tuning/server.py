@@ -1,14 +1,13 @@
 """A widget in a page of its own, in this process: no notebook, no kernel, no network.
 
 `Page` takes the place of Jupyter for the AnyWidgets of this process: what they say goes to the pages that are
-open, what is done there comes back, over a WebSocket on this machine alone, to whoever knows the token. A
+open, what is done there comes back, over a WebSocket on this machine alone, to whoever knows the address. A
 page that is opened or loaded again gets all there is. `page.js` is its other end.
 """
 
 from __future__ import annotations
 
 import asyncio
-import hmac
 import json
 import secrets
 import socket
@@ -34,12 +33,7 @@ LOST = 24 * 3600.0
 PATIENCE = 2.0  # s that the widget has for its end
 # Nothing but this machine; scripts that widgets bring are blobs.
 OWN = "'self' blob: data: ws://127.0.0.1:* ws://localhost:*"
-HEADERS = {
-    "Content-Security-Policy": f"default-src {OWN} 'unsafe-inline'; frame-ancestors 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cache-Control": "no-store",
-}
+POLICY = f"default-src {OWN} 'unsafe-inline'; frame-ancestors 'none'"
 
 
 class Page:
@@ -51,15 +45,13 @@ class Page:
 
     def __init__(self, make: Callable[[], AnyWidget], title: str, port: int = 0) -> None:
         self._make, self.title = make, title
-        self.token = secrets.token_hex(24)
         try:
             self._socket = socket.create_server(("127.0.0.1", port))
         except OSError as error:
             raise OSError(f"cannot listen on port {port}: {error.strerror}") from error
-        self.port = int(self._socket.getsockname()[1])
-        self.link = f"http://127.0.0.1:{self.port}/?token={self.token}"
-        self.widget: AnyWidget | None = None
-        self.busy = False  # at its end: a solve is still under way, which may take as long as a compiler does
+        self._place = f"/{secrets.token_hex(24)}/"  # which nobody can guess
+        self.link = f"http://127.0.0.1:{self._socket.getsockname()[1]}{self._place}"
+        self.widget: AnyWidget
         self._loop = asyncio.new_event_loop()
         self._ended = asyncio.Event()
         self._pages: set[_Channel] = set()
@@ -89,13 +81,10 @@ class Page:
             closing = threading.Thread(target=self._close, name="endolab end", daemon=True)
             closing.start()
             closing.join(PATIENCE)
-            self.busy = closing.is_alive()
 
     async def _serve(self) -> None:
-        given = {"page": self}
-        app = tornado.web.Application(
-            [("/", _Whole, given), ("/channel", _Channel, given)], log_function=lambda _: None
-        )
+        places = [(self._place, _Whole, {"page": self}), (self._place + "channel", _Channel, {"page": self})]
+        app = tornado.web.Application(places, log_function=lambda _: None)
         server = tornado.httpserver.HTTPServer(app)
         self._socket.setblocking(False)
         server.add_socket(self._socket)
@@ -108,13 +97,9 @@ class Page:
             with suppress(TimeoutError):  # whoever does not answer
                 await asyncio.wait_for(server.close_all_connections(), PATIENCE)
 
-    def end(self) -> None:
-        """End it, from any thread."""
-        self._loop.call_soon_threadsafe(self._ended.set)
-
     def _close(self) -> None:
         self._socket.close()
-        if self.widget is not None:
+        if hasattr(self, "widget"):  # it could be made
             self.widget.close()
 
     # Between widgets and pages -----------------------------------------------------------
@@ -147,7 +132,6 @@ class Page:
         if self._ending is not None:
             self._ending.cancel()
         self._pages.add(page)
-        assert self.widget is not None
         held = [one for one in self.widget.trait_values().values() if isinstance(one, AnyWidget)]
         for widget in (*held, self.widget):
             widget.send_state()
@@ -160,35 +144,26 @@ class Page:
             self._ending = self._loop.call_later(rest, self._ended.set)
 
 
-class _Guarded(tornado.web.RequestHandler):
-    """Answers who knows the token."""
+class _Whole(tornado.web.RequestHandler):
+    """The page itself."""
 
     def initialize(self, page: Page) -> None:
         self.page = page
 
-    def prepare(self) -> None:
-        if not hmac.compare_digest(self.get_query_argument("token", "").encode(), self.page.token.encode()):
-            self.set_status(403)
-            self.finish("Open the link that endolab printed.")
-
-    def set_default_headers(self) -> None:
-        for name, value in HEADERS.items():
-            self.set_header(name, value)
-
-
-class _Whole(_Guarded):
-    """The page itself."""
-
     def get(self) -> None:
-        assert self.page.widget is not None
-        html = (HERE / "page.html").read_text(encoding="utf-8")
+        html, script = ((HERE / name).read_text(encoding="utf-8") for name in ("page.html", "page.js"))
         html = html.replace("TITLE", tornado.escape.xhtml_escape(self.page.title))
-        script = (HERE / "page.js").read_text(encoding="utf-8")
-        self.finish(html.replace("SCRIPT", script.replace('"WIDGET"', f'"{self.page.widget.model_id}"')))
+        script = script.replace("WIDGET", self.page.widget.model_id)
+        self.set_header("Content-Security-Policy", POLICY)
+        self.set_header("Cache-Control", "no-store")
+        self.finish(html.replace("SCRIPT", script))
 
 
-class _Channel(_Guarded, tornado.websocket.WebSocketHandler):
+class _Channel(tornado.websocket.WebSocketHandler):
     """A page that is open."""
+
+    def initialize(self, page: Page) -> None:
+        self.page = page
 
     def open(self) -> None:
         self.page.join(self)

@@ -51,6 +51,11 @@ class Settings:
         if self.max_iterations is not None:
             whole("max_iterations", self.max_iterations)
 
+    @property
+    def explained(self) -> tuple[object, ...]:
+        """What tells the picture that is explained: data terms of the same can be compared."""
+        return self.scene, self.noise, self.width, self.channel, self.smooth, self.highlights
+
     def size(self, known: Endoscope) -> tuple[int, int]:
         """Columns and rows of a scene that is rendered by a calibration, px."""
         return self.width, max(1, round(known.camera.height * self.width / known.camera.width))

@@ -16,13 +16,15 @@ const add = (tag, name, to, more = {}) => {
 function knob({ name, label, tip, options, range, log, hint, first }, to, turn) {
   const box = add("div", `endolab-knob endolab-${name}`, to, { title: tip });
   add("label", "", box, { textContent: label });
-  if (options.length) {
+  if (options) {
     const select = add("select", "", box, { ariaLabel: label });
-    for (const [text, value] of options) select.add(new Option(text, JSON.stringify(value)));
+    for (const [text, value] of options.map((one) => (Array.isArray(one) ? one : [one, one]))) {
+      select.add(new Option(text, JSON.stringify(value)));
+    }
     select.onchange = () => turn(JSON.parse(select.value));
     return (value) => { select.value = JSON.stringify(value); };
   }
-  const line = add("input", "", box, { ariaLabel: label, placeholder: hint }), digits = log ? 2 : 6;
+  const line = add("input", "", box, { ariaLabel: label, placeholder: hint ?? "" }), digits = log ? 2 : 6;
   line.onkeydown = ({ key }) => { if (key === "Enter") line.blur(); }; // JupyterLab keeps Enter's own effect
   if (!range) {
     line.onchange = () => {

@@ -7,6 +7,7 @@ and sent from there, so that neither a slow solve nor a running cell freezes the
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -30,7 +31,6 @@ from endolab.preprocessing.frame import Frame
 from endolab.reports.result import write_files
 from endolab.synthetic.scenes import SCENES
 from endolab.tuning.boards import Board, comparable, of_one, of_several, of_two
-from endolab.tuning.controls import VIEWS, described
 from endolab.tuning.engine import FINAL, Answer, Tuner, sentence_of
 from endolab.tuning.panels import NEED_TRUST, PANELS, USUAL, Dot, View
 from endolab.tuning.pictures import jpeg, png
@@ -40,6 +40,8 @@ from endolab.tuning.surface_view import SurfaceView, show_on
 
 HERE = Path(__file__).parent
 IMPORTS = "from dataclasses import replace\n\nimport endolab as el\n"
+WIDTHS = (160, 320, 480, 640)  # px, to choose among
+VIEWS = {"section": 50.0, "across": False, "texture": "frame"}  # change what is seen and not what is solved
 A, B, BESIDE = "A", "B", "A beside B"  # what is shown, if A is kept
 LAMS = (0.1, 10**-0.5, 1.0, 10**0.5, 10.0)  # times the present λ, to be compared
 REMEMBERED = 12  # final answers that come back without a solve
@@ -148,8 +150,11 @@ class TunerBox(anywidget.AnyWidget):
         scenes = [*((name, i) for i, name in enumerate(names)), *((name, name) for name in SCENES)]
         start = Settings(None if names else scene, width=width, channel="auto" if names else None)
         self._first = vars(start) | VIEWS | {"scene": 0 if names else scene}
-        widths = sorted({160, 320, 480, 640, width})
-        specs = described(scenes, widths, calibration.photometry)
+        light = calibration.photometry
+        known = {"scene": {"options": scenes}, "width": {"options": sorted({*WIDTHS, width})}}
+        known |= {"k": {"first": light.k}, "gamma": {"first": light.gamma}}  # what None stands for
+        knobs = json.loads((HERE / "knobs.json").read_text(encoding="utf-8"))
+        specs = [knob | known.get(knob["name"], {}) for knob in knobs]
         super().__init__(specs=specs, knobs=self._first, surface=SurfaceView(0))
         self.on_msg(lambda _, message, buffers: self._guarded(self._act)(*message))
         self.observe(self._guarded(self._turned), "knobs")
@@ -260,7 +265,7 @@ class TunerBox(anywidget.AnyWidget):
         one = answer.settings
         others = [dot for dot in self.dots if dot.settings != one][-MOST_DOTS:]
         forgotten = [replace(dot, answer=None) for dot in others[:-REMEMBERED]]
-        new = Dot(kept, one, answer.data, answer.roughness, _picture_of(one))
+        new = Dot(kept, one, answer.data, answer.roughness)
         self.dots = [*forgotten, *others[-REMEMBERED:], new]
 
     def bring_back(self, settings: Settings) -> None:
@@ -306,24 +311,22 @@ class TunerBox(anywidget.AnyWidget):
             self._show()
             return
         now = self._final()
+        values: list[Any] = ["first", "second", *(["curvature"] if now.settings.xi == "1/d" else [])]
         if what == "lam":
-            values: list[Any] = [float(f"{now.settings.lam * times:.2g}") for times in LAMS]
-            labels = [f"λ {value:g}" for value in values]
-        else:
-            values = labels = ["first", "second", *(["curvature"] if now.settings.xi == "1/d" else [])]
+            values = [float(f"{now.settings.lam * times:.2g}") for times in LAMS]
+        labels = [f"λ {value:g}" if what == "lam" else value for value in values]
         several = [replace(now.settings, **{what: value}) for value in values]
         given = [now if one == now.settings else None for one in several]
         self.columns, self.compared = list(zip(labels, given, strict=True)), what
-
-        def tell(number: int, answer: Answer) -> None:
-            if self.columns:
-                self.columns[number] = labels[number], answer
-                if all(dot.settings != answer.settings for dot in self.dots):
-                    self._dot(answer, None)
-                self._show()
-
-        self.engine.compare(now, several, self._guarded(tell))
+        self.engine.compare(now, several, self._guarded(self._compared))
         self._show()
+
+    def _compared(self, number: int, answer: Answer) -> None:
+        if self.columns:
+            self.columns[number] = self.columns[number][0], answer
+            if all(dot.settings != answer.settings for dot in self.dots):
+                self._dot(answer, None)
+            self._show()
 
     def keep(self) -> None:
         """Keep what is shown as A, to compare; from now on it stands beside what is shown."""
@@ -365,9 +368,9 @@ class TunerBox(anywidget.AnyWidget):
             self._word = self.line = {"text": text, "wrong": wrong}
 
     def _view(self) -> View:
-        picture = None if self.answer is None else _picture_of(self.answer.settings)
-        dots = [dot for dot in self.dots if dot.picture == picture]
-        return View(self.knobs["across"], self.knobs["section"] / 100, dots=dots)
+        explained = None if self.answer is None else self.answer.settings.explained
+        dots = [dot for dot in self.dots if dot.settings.explained == explained]
+        return View((self.knobs["across"], self.knobs["section"] / 100), dots=dots)
 
     def _of_one(self, answer: Answer) -> Board:
         return of_one(answer, self.names, self._view(), *self._pixels())
@@ -406,8 +409,9 @@ class TunerBox(anywidget.AnyWidget):
         if alone and "3D" in self.names:
             name = self.knobs["texture"]
             panel = None if name == "frame" else PANELS[name](answer, View())
-            lies = getattr(panel, "picture", answer.result.problem.shown)
-            show_on(self.surface, answer.result, lies, panel is None)
+            lies = getattr(panel, "picture", None)
+            shown = answer.result.problem.shown if lies is None else lies
+            show_on(self.surface, answer.result, shown, lies is None)
 
     # What the page says ------------------------------------------------------------------
 
@@ -444,9 +448,9 @@ class TunerBox(anywidget.AnyWidget):
             return
         if self.columns:
             self.bring_back(place.answer.settings)
-        elif place.dots and dots:
+        elif len(place.dots) and dots:
             height, width = self.board.picture.shape[:2]
-            away = np.linalg.norm(np.array(place.dots) - [x * width, y * height], axis=1)[: len(dots)]
+            away = np.linalg.norm((place.dots[: len(dots)] - (x, y)) * (width, height), axis=1)
             if away.min() < NEAR * self._ratio:
                 self.bring_back(dots[int(away.argmin())].settings)
         else:
@@ -456,7 +460,7 @@ class TunerBox(anywidget.AnyWidget):
         """Lay the section through a point of a map."""
         place = self.board.at(x, y)
         if place is not None and place.spot is not None and not self.columns:
-            left, top, right, bottom = self.board.shares(place.spot)
+            left, top, right, bottom = place.spot
             share = (y - top) / (bottom - top) if self.knobs["across"] else (x - left) / (right - left)
             self.knobs = self.knobs | {"section": min(max(round(200 * share) / 2, 0.0), 100.0)}
 
@@ -464,15 +468,13 @@ class TunerBox(anywidget.AnyWidget):
 
     def python(self) -> str:
         """Return the Python that makes the one answer, imports included."""
-        source = 'calibration = el.Calibration.load("endoscope.json")  # the one given to the tuner'
-        imports = IMPORTS
-        for name, known in datasets.CALIBRATIONS.items():
-            if known == self._calibration:
-                source = f"calibration = datasets.load_calibration({name!r})"
-                imports = f"{IMPORTS}from endolab import datasets\n"
         if self.answer is None:
             raise ValueError("there is no answer to write yet")
-        settings, frame, lines = self.answer.settings, self.answer.subject.frame, [imports, source]
+        source = 'calibration = el.Calibration.load("endoscope.json")  # the one given to the tuner'
+        for name, known in datasets.CALIBRATIONS.items():
+            if known == self._calibration:
+                source = f"calibration = el.load_calibration({name!r})"
+        settings, frame, lines = self.answer.settings, self.answer.subject.frame, [IMPORTS, source]
         if settings.scene is None:
             lines.append(f"frame = el.read_frame({frame.name!r}, calibration)")
         return "\n".join([*lines, settings.code(self._calibration, frame.image.ndim == 2), ""])
@@ -517,8 +519,3 @@ class TunerBox(anywidget.AnyWidget):
             self.surface.close()
             self.layout.close()
         super().close()
-
-
-def _picture_of(one: Settings) -> tuple[Any, ...]:
-    """What was explained: data terms of the same can be compared."""
-    return one.scene, one.noise, one.width, one.channel, one.smooth, one.highlights

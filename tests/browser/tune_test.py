@@ -49,7 +49,7 @@ def start(frames, compiled):
         how["preexec_fn"] = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # in the background ignored
         started.append(subprocess.Popen([*command, "--width=160", *options], **how))
         line = started[-1].stdout.readline()
-        return started[-1], re.search(r"http://127\.0\.0\.1:\d+/\?token=\w{48}", line)[0]
+        return started[-1], re.search(r"http://127\.0\.0\.1:\d+/\w{48}/", line)[0]
 
     yield start
     for process in started:

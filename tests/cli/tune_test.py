@@ -18,9 +18,9 @@ import pytest
 import endolab as el
 from endolab.cli import lab
 from endolab.cli import main as cli
+from endolab.cli.tune import find_pictures, read_truth
 from endolab.datasets import load_calibration
 from endolab.io.surfaces import read_depth
-from endolab.tuning.folder import find_pictures, read_truth
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -101,7 +101,7 @@ def test_it_prints_a_link_on_the_next_free_port_and_ends_by_interrupt(made):
             watch = threading.Timer(120, process.kill)
             watch.start()
             line = process.stdout.readline()
-            link = r"tuner: http://127\.0\.0\.1:(\d+)/\?token=(\w{48}) \(port (\d+) is taken\)\n"
+            link = r"tuner: http://127\.0\.0\.1:(\d+)/(\w{48})/ \(port (\d+) is taken\)\n"
             found = re.fullmatch(link, line)
             assert found, line
             assert port < int(found[1]) < port + lab.PORTS

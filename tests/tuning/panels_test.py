@@ -12,7 +12,7 @@ from endolab.plots.scales import DECIDERS
 from endolab.tuning.boards import of_one, of_several, of_two
 from endolab.tuning.engine import Tuner
 from endolab.tuning.panels import BELOW_NOISE, PANELS, SILENT, TORN, USUAL, Dot, View, ratio_of
-from endolab.tuning.pictures import LEFT_OUT, Chart, Map, coloured, log_ticks, ticks
+from endolab.tuning.pictures import Chart, Map, coloured, log_ticks, ticks
 from endolab.tuning.sentences import summary, warnings
 from endolab.tuning.source import Settings
 from endolab.uncertainty.trust import noise_left
@@ -58,7 +58,7 @@ def test_every_panel_fills_its_cell_and_reads_its_pixels(answer):
     decided = PANELS["who decided"](trusted, View()).picture
     for k, colour in enumerate(DECIDERS.values(), 1):
         assert np.array_equal((decided == colour).all(axis=-1), trusted.trust.decided_by == k)
-    assert (PANELS["σ"](answer, View()).picture == LEFT_OUT).all()
+    assert "find σ" in PANELS["σ"](answer, View()).title
 
 
 def test_a_residual_below_noise_is_no_news_and_contours_are_seen(answer):
@@ -81,11 +81,11 @@ def test_the_board_says_where_its_maps_are_and_uses_its_room(answer):
     assert board.picture.shape == (640, 1200, 3)
     for name, place in zip(USUAL, board.places, strict=True):
         wide, tall = (place.box[2] - place.box[0], place.box[3] - place.box[1])
-        assert (wide, tall) == (400, 320)
+        assert (wide, tall) == pytest.approx((1 / 3, 1 / 2))
         if name in ("frame", "distance", "model - frame"):
             left, top, right, bottom = place.spot
             assert right - left > 0.75 * wide or bottom - top > 0.85 * tall
-    left, top, right, bottom = board.places[0].spot
+    left, top, right, bottom = np.round(np.multiply(board.places[0].spot, [1200, 640] * 2)).astype(int)
     seen = board.picture[top:bottom, left:right][:: (bottom - top) // 8, :: (right - left) // 8]
     assert seen.std() > 10
     assert board.at((left + 5) / 1200, (top + 5) / 640) is board.places[0]
@@ -112,7 +112,7 @@ def test_two_and_several_share_one_scale(answer, smoother):
 
 
 def test_the_lam_curve_has_a_dot_each_and_marks_this_one(answer, smoother):
-    dots = [Dot(one, one.settings, one.data, one.roughness, ()) for one in (answer, smoother)]
+    dots = [Dot(one, one.settings, one.data, one.roughness) for one in (answer, smoother)]
     chart = PANELS["λ curve"](answer, View(dots=dots))
     _, places = chart.draw(np.full((300, 400, 3), 255, np.uint8), 12)
     assert len(places) == 3
@@ -136,7 +136,6 @@ def test_what_should_be_known_is_a_sentence(engine, answer, smoother):
 
 def test_ticks_are_round_and_a_chart_of_nothing_is_drawn():
     assert ticks(0, 10) == [0, 2, 4, 6, 8, 10]
-    assert ticks(1.0, 1.0) == [1.0]
     assert 10 ** np.array(log_ticks(-2.1, -0.9)) == pytest.approx([0.01, 0.02, 0.05, 0.1])
     assert 10 ** np.array(log_ticks(0.0, 0.01)) == pytest.approx([1.0, 1.005, 1.01, 1.015, 1.02])
     nothing = np.full(3, np.nan)

@@ -3,9 +3,11 @@
 import asyncio
 import http.client
 import json
+import re
 import threading
 import time
 from contextlib import closing
+from urllib.parse import urlsplit
 
 import anywidget
 import comm
@@ -54,23 +56,23 @@ def serve():
     yield serve
     for page, thread in threads:
         if thread.is_alive():
-            page.end()
+            page._loop.call_soon_threadsafe(page._ended.set)
         thread.join(10)
         assert not thread.is_alive()
 
 
-def get(page, path):
+def get(link):
     """Status, headers and body of an answer."""
-    ask = http.client.HTTPConnection("127.0.0.1", page.port, timeout=10)
-    ask.request("GET", path)
+    parts = urlsplit(link)
+    ask = http.client.HTTPConnection(parts.netloc, timeout=10)
+    ask.request("GET", parts.path)
     with closing(ask):
         answer = ask.getresponse()
         return answer.status, dict(answer.getheaders()), answer.read()
 
 
-async def connected(page, token=None):
-    address = f"ws://127.0.0.1:{page.port}/channel?token={page.token if token is None else token}"
-    return await tornado.websocket.websocket_connect(address)
+async def connected(page):
+    return await tornado.websocket.websocket_connect(page.link.replace("http:", "ws:") + "channel")
 
 
 async def leave(*channels):
@@ -88,26 +90,34 @@ async def heard(channel):
     return message, [await asyncio.wait_for(channel.read_message(), 10) for _ in buffers]
 
 
-def test_nobody_gets_in_without_the_token_and_nothing_comes_from_outside(serve):
+def test_nobody_gets_in_without_the_address_and_nothing_comes_from_outside(serve):
     page, *_ = serve(Slider)
-    for path in ("/", "/?token=", "/?token=wrong", "/channel", "/channel?token=wrong"):
-        status, _, body = get(page, path)
-        assert status == 403, path
-        assert page.token.encode() not in body
-    status, headers, body = get(page, f"/?token={page.token}")
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\w{48}/", page.link)
+    root = page.link[: -len("/") - 48]
+    for path in ("", "channel", f"{'0' * 48}/", f"{'0' * 48}/channel", f"{page.link[-49:]}../server.py"):
+        status, _, body = get(root + path)
+        assert status == 404, path
+        assert page.link[-49:-1].encode() not in body
+    status, headers, body = get(page.link)
     assert status == 200
     assert headers["Content-Security-Policy"].startswith("default-src 'self' blob: data: ws://127.0.0.1")
     assert b"<title>a &lt;title&gt;</title>" in body
-    assert get(page, f"/../server.py?token={page.token}")[0] == 404
-    with pytest.raises(tornado.httpclient.HTTPClientError, match="403"):
-        asyncio.run(connected(page, "wrong"))
-
-
-def test_it_listens_to_this_machine_alone(serve):
-    page, *_ = serve(Slider)
+    port = urlsplit(page.link).port
     assert page._socket.getsockname()[0] == "127.0.0.1"
-    with pytest.raises(OSError, match=f"cannot listen on port {page.port}: "):
-        Page(Slider, "", page.port)
+    with pytest.raises(OSError, match=f"cannot listen on port {port}: "):
+        Page(Slider, "", port)
+
+
+def test_no_other_pages_script_may_open_the_channel(serve):
+    page, *_ = serve(Slider)
+    address = page.link.replace("http:", "ws:") + "channel"
+    asking = tornado.httpclient.HTTPRequest(address, headers={"Origin": "http://evil.example"})
+
+    async def tried():
+        await tornado.websocket.websocket_connect(asking)
+
+    with pytest.raises(tornado.httpclient.HTTPClientError, match="403"):
+        asyncio.run(tried())
 
 
 def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve):
