@@ -11,7 +11,7 @@ import numpy as np
 from endolab.numerics.arrays import FloatArray
 from endolab.tuning.engine import Answer
 from endolab.tuning.panels import PANELS, Panel, View, ratio_of
-from endolab.tuning.pictures import Map, Picture
+from endolab.tuning.pictures import BAR, Map, Picture, scale_bar
 
 COLUMNS = 3
 ROWS = ("distance", "model - frame", "section")  # of answers that are compared
@@ -60,10 +60,10 @@ class Board:
         return [{"box": place.box, "spot": place.spot, "name": name} for place, name in places]
 
 
-def _board(rows: Rows, room: tuple[int, int], text: int) -> Board:
-    """Panels in cells of one size."""
-    width, height = room[0] // len(rows[0]), room[1] // len(rows)
-    size = np.array([width * len(rows[0]), height * len(rows)])
+def _board(rows: Rows, room: tuple[int, int], text: int, margin: int = 0) -> Board:
+    """Panels in cells of one size; on the right `margin` px with the scales that rows of maps share."""
+    width, height = (room[0] - margin) // len(rows[0]), room[1] // len(rows)
+    size = np.array([width * len(rows[0]) + margin, height * len(rows)])
     paper = np.full((size[1], size[0], 3), 255, np.uint8)
 
     def shared(box: Sequence[int]) -> Box:
@@ -78,6 +78,11 @@ def _board(rows: Rows, room: tuple[int, int], text: int) -> Board:
                 continue
             panel, answer = one
             left, top = j * width, i * height
+            if margin and isinstance(panel, Map) and panel.limits is not None:
+                strip = paper[top + 2 * text : top + height - text // 2, -margin:]
+                strip[:] = 255  # as the column before drew it too
+                scale_bar(strip, 0, panel.limits, panel.palette, text)
+                panel = replace(panel, limits=None)
             spot, dots = panel.draw(paper[top : top + height, left : left + width], text)
             at = np.add(np.reshape(dots, (-1, 2)), (left, top)) / size
             places.append(Place(answer, shared((0, 0, width, height)), spot and shared(spot), panel, at))
@@ -125,4 +130,4 @@ def of_several(
         shown = PANELS[name](answer, replace(view, like=like))
         return _named(label + said, shown) if name == ROWS[0] else shown, answer
 
-    return _board([[panel(name, *one) for one in answers] for name in ROWS], room, text)
+    return _board([[panel(name, *one) for one in answers] for name in ROWS], room, text, BAR * text)

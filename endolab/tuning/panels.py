@@ -91,7 +91,7 @@ def _residual(answer: Answer, view: View) -> Panel:
     end = end_of((view.like or answer).residual, 98)
     quiet = np.abs(residual) <= floor
     share = 100 * float(quiet.sum()) / max(int(np.isfinite(residual).sum()), 1)
-    title = f"Model - frame [grey of 255], {share:.0f} % is noise"
+    title = f"Model - frame [of 255], {share:.0f} % is noise"
     picture = coloured(residual, (-end, end), "diverging")
     picture[quiet] = BELOW_NOISE
     said = "{:+.1f} grey levels"

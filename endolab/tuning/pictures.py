@@ -28,6 +28,7 @@ INK, PALE, LEFT_OUT = (34, 34, 34), (225, 225, 225), (184, 184, 184)
 BLACK, SKY, VERMILION, BLUE, GREEN = (0, 0, 0), (86, 180, 233), (213, 94, 0), (0, 114, 178), (0, 158, 115)
 MAPS = {"viridis": cv2.COLORMAP_VIRIDIS, "magma": cv2.COLORMAP_MAGMA}
 QUALITY = 88  # of a JPEG
+BAR = 5  # width of a colour bar with its numbers, in letters
 FACE, WEIGHT = cv2.FontFace("sans"), 400
 
 
@@ -130,7 +131,7 @@ class Map:
         if self.picture is None:
             return (left, top, right, bottom), []
         height, width = self.picture.shape[:2]
-        room = right - left - (5 * text if self.limits else 0)
+        room = right - left - (BAR * text if self.limits else 0)
         scale = max(min(room / width, (bottom - top) / height), 1 / min(width, height))
         wide, tall = max(1, round(width * scale)), max(1, round(height * scale))
         left += (room - wide) // 2
