@@ -10,6 +10,7 @@ import numpy as np
 
 from endolab.depth.result import Result
 from endolab.io.atomic import PathLike, damage_told, read_bytes, write_atomically
+from endolab.reconstruction.contours import bar_of
 from endolab.reconstruction.sequence import Step
 
 Row = dict[str, Any]
@@ -39,7 +40,7 @@ def step_row(step: Step, index: int) -> Row:
     if step.result is not None:
         problem, known = step.result.problem, step.result.distance[step.result.mask]
         row |= measured(step.result) | {"unit": problem.unit, "gain": problem.photometry.gain}
-        row |= {"torn": int(problem.cuts is not None), "pixels": known.size}
+        row |= {"torn": bar_of(problem) or 0, "pixels": known.size}
         row["median_distance"] = float(np.median(known))
     return row
 

@@ -213,7 +213,7 @@ class _Folder:
         """Return what a frame that is done hands to the next."""
         row, distance = self.rows[name], self._maps(name)["distance"].astype(np.float64)
         surface = Surface(distance, row["gain"], row["unit"] == "mm")
-        return Carried.again(surface, frame, calibration, bool(row["torn"]), row["energy"])
+        return Carried.again(surface, frame, calibration, float(row["torn"]), row["energy"])
 
     def add(self, step: Step) -> None:
         """Write what became of a frame; OSError in one sentence, and what was there stays."""

@@ -1,9 +1,10 @@
-"""Where the surface is torn: at the picture's steep lines, if the energy says that it pays.
+"""Where the surface is torn: at the picture's steep lines, if the evidence says that it pays.
 
-A contour that is really there lets the picture be explained by a much smoother surface. Which of the lines
-of a picture (`preprocessing.contours`) are contours, how steep they are tells better than the energy: nine of
-ten that are steeper than `STEEP` are in traced colons, and one of two that are a little less so, however much
-energy they save. What the energy tells is whether there is anything to be torn at all.
+A contour that is really there lets the picture be explained by a much smoother surface. The steeper a line of
+a picture (`preprocessing.contours`), the more likely it is a contour: nine of ten that are steeper than the
+first of `BARS` are in traced colons, and six to eight of ten that are steeper than the third; among polyps
+these are two or three of ten. Which bar is right for a picture, its colours tell (`separation`). In one
+channel the first bar is taken, and the energy tells whether there is anything to be torn at all.
 
 The torn surface begins as the smooth one: what lies behind an open line comes loose only as far as the
 energy wants. A start on the torn side would not do: regions that are held by little stay as far as they
@@ -25,33 +26,35 @@ from endolab.preprocessing.contours import find_contours
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.problem_setup import make_problem, noted, on_grid, remarked, two_sizes
 
+STEPS = 30  # of the solver at most, once the surface is torn
 SMOOTH, CONTOURS = "smooth", "contours"  # stages
-STEEP = 0.07  # of the lines that are opened, at least: log d₀ per 1/320 of the width
-# Share of the smooth surface's energy that a cut as long as the picture's height must save: one that is asked
-# for or that something else speaks for, and one for which only the energy does, so that gentle folds of a
-# real phantom stay whole.
-PRICE, UNASKED = 0.03, 0.1
+BARS = (0.07, 0.05, 0.035, 0.025)  # how steep lines must be to be opened: log d₀ per 1/320 of the width
+ENERGY, THE_COLOURS = "the energy", "the colours"  # cues that decide on contours
+# Share of the smooth surface's energy that a cut as long as the picture's height must save if only the energy
+# speaks for it, so that gentle folds of a real phantom stay whole.
+PRICE = 0.1
 
 
-def price_of(cuts: BoolArray, mask: BoolArray, price: float = PRICE) -> float:
-    """What cuts must save, as a share of the energy of the smooth surface."""
-    return price * float(cuts.sum()) * mask.shape[1] / float(mask.sum())
+def length_of(cuts: BoolArray | None, mask: BoolArray) -> float:
+    """How long cuts are, in heights of the picture."""
+    return 0.0 if cuts is None else float(cuts.sum()) * mask.shape[1] / float(mask.sum())
 
 
-def pays(torn: Iterate, smooth: Iterate, price: float = UNASKED) -> bool:
+def pays(torn: Iterate, smooth: Iterate, price: float = PRICE) -> bool:
     """Whether a torn surface's cuts save this price."""
-    cuts = torn.problem.cuts
-    return cuts is not None and torn.energy / smooth.energy + price_of(cuts, torn.mask, price) < 1
+    return torn.energy / smooth.energy + price * length_of(torn.problem.cuts, torn.mask) < 1
 
 
-def torn_at_contours(problem: Problem) -> Problem:
-    """Tear the surface at the picture's contours, if there are any."""
-    cuts = find_contours(problem.log_facing, problem.mask) > STEEP
-    return replace(problem, cuts=cuts if cuts.any() else None)
+def torn_at_contours(problem: Problem, bar: float = BARS[0]) -> Problem:
+    """Tear the surface at the picture's lines that are steeper than a bar, if there are any."""
+    cuts = find_contours(problem.log_facing, problem.mask) > bar
+    torn = bool(cuts.any())
+    origin = replace(problem.origin, bar=bar if torn else None)
+    return replace(problem, cuts=cuts if torn else None, origin=origin)
 
 
 def torn_where_it_pays(
-    smooth: Iterate, always: bool = False, steps: int = 30, number: int = 0, price: float = UNASKED
+    smooth: Iterate, always: bool = False, price: float = PRICE
 ) -> Generator[Iterate, None, Iterate]:
     """Solve a problem again with the surface torn, if that pays; or else return the `smooth` surface.
 
@@ -60,10 +63,13 @@ def torn_where_it_pays(
     torn = torn_at_contours(smooth.problem)
     if torn.cuts is None:
         return smooth
-    found = yield from staged(
-        gauss_newton(torn, start=smooth.log_distance, max_iterations=steps), CONTOURS, number
-    )
+    found = yield from staged(gauss_newton(torn, start=smooth.log_distance, max_iterations=STEPS), CONTOURS)
     return found if always or pays(found, smooth, price) else smooth
+
+
+def bar_of(problem: Problem) -> float | None:
+    """The bar over which a problem was torn, or None; the first, if its cuts were given."""
+    return None if problem.cuts is None else problem.origin.bar or BARS[0]
 
 
 @dataclass(frozen=True)
@@ -98,8 +104,8 @@ def judged(
     if fine.cuts is not None or contours is False:
         return noted(fine, contours=fine.cuts is not None), None
     if before is not None:
-        again = before.problem.cuts is not None
-        return remarked_on_contours(torn_at_contours(fine) if again else fine), None
+        bar = bar_of(before.problem)
+        return remarked_on_contours(fine if bar is None else torn_at_contours(fine, bar)), None
     smooth = yield from staged(gauss_newton(channel.coarse), SMOOTH)
     surface = yield from torn_where_it_pays(smooth, bool(contours))
     if surface.problem.cuts is None:
@@ -108,13 +114,12 @@ def judged(
     return remarked_on_contours(torn), on_grid(surface, torn)
 
 
-def remarked_on_contours(problem: Problem) -> Problem:
-    """Say whether contours were found, and what became of them."""
+def remarked_on_contours(problem: Problem, cue: str = ENERGY) -> Problem:
+    """Say whether contours were found, what became of them, and what decided that."""
     if problem.cuts is None:
         sentence = "No contour was torn: nothing in the picture speaks clearly for one."
     else:
         count = int(problem.cuts.sum())
-        sentence = (
-            f"The surface is torn along {count} px of contours, where folds seem to hide what is behind them."
-        )
+        sentence = f"Contours: {count:,} px are torn, where folds seem to hide what is behind them"
+        sentence += f" ({cue or 'those of before'} decided)."
     return noted(remarked(problem, sentence), contours=problem.cuts is not None)

@@ -43,14 +43,17 @@ from endolab.reconstruction.colours import (
     found_light,
 )
 from endolab.reconstruction.contours import (
+    BARS,
     CONTOURS,
-    PRICE,
+    ENERGY,
+    THE_COLOURS,
     OneChannel,
+    bar_of,
     judged,
+    length_of,
     pays,
     remarked_on_contours,
     torn_at_contours,
-    torn_where_it_pays,
 )
 from endolab.reconstruction.problem_setup import (
     SEPARATED,
@@ -67,10 +70,13 @@ BOUNCED = "bounced light"  # stage
 DOUBT = 0.15  # share of ι that may be wrong
 GUESS = 0.5  # of s in ι = s a/(1 - s a), before there is a surface
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
-STEPS, TORN_STEPS = (10, 5, 5), (10, 5)  # of each round's solve, without contours and then with them
-# The colours' misfit on a torn surface, as a share of that on a smooth one: below the first they speak for
-# it, above the second against it.
-BACKED, NO_WORSE = 0.87, 0.95
+STEPS, TORN_STEPS = (10, 5, 5), 2  # of each round's solve, and of each bar's
+# Of the surfaces that are torn over one bar or another, the least torn is taken whose misfit of the colours
+# is at most so many times the least; beyond the second, no lower bar is tried.
+AS_GOOD, WORSE = 1.06, 1.15
+WITNESS = 1.5  # p beyond which the colours ask for more bounced light than walls can make: not believed
+# Where no light bounced: the share of its energy that a cut as long as the picture's height must save.
+CLEAN_PRICE = 0.02
 
 
 @dataclass(frozen=True)
@@ -99,6 +105,7 @@ class Separation:
     inflation: FloatArray  # (H, W, 3), ι in red, green and blue; 0 where nothing is known
     light: Light
     surface: Iterate  # of the last problem that was solved, whose cuts are the contours that were found
+    cue: str = ""  # what decided on them
 
 
 # The stage ------------------------------------------------------------------------------
@@ -121,9 +128,9 @@ def direct_light(
         if before is None:
             found = yield from separate(colours.coarse, given, contours)
         else:
-            tear = contours is not False and before.problem.cuts is not None
+            bar = None if contours is False else bar_of(before.problem)
             surface = resampled(before.iterate, colours.coarse[1])
-            found = yield from continued(colours.coarse, given, tear, surface)
+            found = yield from continued(colours.coarse, given, bar, surface)
     except NoColour as error:
         index = max((1, 2, 0), key=lambda index: _signal(colours.fine[index]))  # of equals, not red
         note = f"The colours tell nothing of bounced light ({error}), so {CHANNELS[index]} is taken as it is."
@@ -149,7 +156,7 @@ def separate(
     solver = gauss_newton(merged(colours, inflation, belief.albedo), max_iterations=STEPS[0])
     whole = Separation(inflation, belief.light, (yield from staged(solver, BOUNCED, 1)))
     for number, steps in enumerate(STEPS[1:], 2):
-        whole = yield from _round(colours, belief, whole.surface, False, number, steps)
+        whole = yield from _round(colours, belief, whole.surface, number, steps)
     if contours is False:
         return whole
     return (yield from _torn(colours, whole, belief, bool(contours)))
@@ -158,56 +165,87 @@ def separate(
 def _torn(
     colours: Sequence[Problem], whole: Separation, belief: Belief, always: bool
 ) -> Generator[Iterate, None, Separation]:
-    """Go on with the surface torn; return what is found, or the `whole` if energy and colours do not back it.
+    """Go on with the surface torn; return what is found, or the `whole` if nothing speaks for it.
 
     Where a fold hides a wall, a surface that goes on smoothly sends light to the wrong places, and the three
-    colours of what is seen agree less on the light that has not bounced. So they bear witness beside the
-    energy: where they speak for a tear it must save less, and what makes them agree no better is not torn.
+    colours of what is seen agree less on the light that has not bounced. So they tell over which of `BARS`
+    lines are to be opened: one bar after the other is tried, each from the surface before. With `always`, it
+    is torn even if they would leave it whole.
     """
-    first = len(STEPS) + 1
-    surface = yield from torn_where_it_pays(whole.surface, always, TORN_STEPS[0], first, PRICE)
-    if surface is whole.surface:
-        return whole
-    paid = pays(surface, whole.surface)
-    found = replace(whole, surface=surface)
-    for number, steps in enumerate(TORN_STEPS[1:], first + 1):
-        found = yield from _round(colours, belief, found.surface, True, number, steps)
-    if always:
-        return found
-    before, after = (_bounced(colours, one.surface, belief)[1] for one in (whole, found))
-    if before.factor == after.factor == 0:  # the picture is the model's own
-        return found
-    if before.refused or after.refused:  # they bear no witness
-        return found if paid else whole
-    most = NO_WORSE if paid else BACKED
-    return found if after.misfit < most * before.misfit else whole
+    trials = [Separation(*_bounced(colours, whole.surface, belief), whole.surface)]
+    number = len(STEPS)
+    for bar in BARS:
+        before = trials[-1].surface
+        torn = torn_at_contours(before.problem, bar)
+        if torn.cuts is None:
+            continue
+        number += 1
+        solver = gauss_newton(torn, start=before.log_distance, max_iterations=TORN_STEPS)
+        surface = yield from staged(solver, CONTOURS, number)
+        trials.append(Separation(*_bounced(colours, surface, belief), surface))
+        if not _goes_on(trials):
+            break
+    return whole if len(trials) == 1 else _chosen(trials, always)
+
+
+def _none_bounced(trial: Separation) -> bool:
+    return trial.light.factor == trial.light.film == 0 and not trial.light.refused
+
+
+def _bear_witness(trials: Sequence[Separation]) -> bool:
+    return not any(one.light.refused or one.light.factor > WITNESS for one in trials[:2])
+
+
+def _goes_on(trials: Sequence[Separation]) -> bool:
+    """Whether a lower bar might be better than those that were tried, the whole surface first."""
+    if _none_bounced(trials[0]):
+        return True
+    last = trials[-1].light.misfit
+    return _bear_witness(trials) and last <= WORSE * min(one.light.misfit for one in trials)
+
+
+def _chosen(trials: Sequence[Separation], always: bool) -> Separation:
+    """The surface that colours speak for, or else the energy; the whole surface is the first."""
+    whole, torn = trials[0], trials[1]
+    allowed = trials[1:] if always else trials
+    if _none_bounced(whole):  # the picture is the model's own, and so is its energy
+
+        def charged(trial: Separation) -> float:
+            cuts, mask = trial.surface.problem.cuts, trial.surface.mask
+            return float(np.log(trial.surface.energy)) + CLEAN_PRICE * length_of(cuts, mask)
+
+        return replace(min(allowed, key=charged), cue=ENERGY)
+    if not _bear_witness(trials):
+        return replace(torn if always or pays(torn.surface, whole.surface) else whole, cue=ENERGY)
+    least = min(one.light.misfit for one in allowed)
+    chosen = next(one for one in allowed if one.light.misfit <= AS_GOOD * least)
+    return replace(chosen, cue=THE_COLOURS)
 
 
 def continued(
-    colours: Sequence[Problem], albedo: FloatArray | None, tear: bool, log_distance: FloatArray
+    colours: Sequence[Problem], albedo: FloatArray | None, bar: float | None, log_distance: FloatArray
 ) -> Generator[Iterate, None, Separation]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
-    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives;
-    whether to `tear` the surface at the picture's contours is known, too.
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives; the
+    `bar` over which it is torn is known, too, or None.
     """
-    problem = torn_at_contours(colours[1]) if tear else replace(colours[1], cuts=None)
+    problem = replace(colours[1], cuts=None) if bar is None else torn_at_contours(colours[1], bar)
     surface = Iterate(problem, 0, log_distance, {})
-    return (yield from _round(colours, Belief.of(albedo), surface, tear, 1, STEPS[0]))
+    return (yield from _round(colours, Belief.of(albedo), surface, 1, STEPS[0]))
 
 
 def _round(
-    colours: Sequence[Problem], belief: Belief, surface: Iterate, tear: bool, number: int, steps: int
+    colours: Sequence[Problem], belief: Belief, surface: Iterate, number: int, steps: int
 ) -> Generator[Iterate, None, Separation]:
     """Take out the light that bounces on a surface, and solve again from there."""
     inflation, light = _bounced(colours, surface, belief)
-    problem = merged(colours, inflation, light.albedo)
-    problem = torn_at_contours(problem) if tear else problem
+    problem, bar = merged(colours, inflation, light.albedo), bar_of(surface.problem)
+    problem = problem if bar is None else torn_at_contours(problem, bar)
     v = surface.log_distance
     start = np.where(np.isfinite(v), v, problem.log_facing)
     solver = gauss_newton(problem, start=start, max_iterations=steps)
-    stage = CONTOURS if number > len(STEPS) else BOUNCED
-    return Separation(inflation, light, (yield from staged(solver, stage, number)))
+    return Separation(inflation, light, (yield from staged(solver, BOUNCED, number)))
 
 
 def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -> Problem:
@@ -219,7 +257,10 @@ def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -
     problem = merged(fine, enlarged(found.inflation, shape), found.light.albedo)
     cuts = found.surface.problem.cuts
     if cuts is not None:
-        problem = replace(problem, cuts=cuts) if cuts.shape[1:] == shape else torn_at_contours(problem)
+        if cuts.shape[1:] == shape:
+            problem = replace(problem, cuts=cuts, origin=found.surface.problem.origin)
+        else:
+            problem = torn_at_contours(problem, bar_of(found.surface.problem) or BARS[0])
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T]
     note = found.light.told(given, np.array(medians))
     problem = noted(problem, channel=SEPARATED, contours=problem.cuts is not None)
@@ -227,7 +268,7 @@ def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -
         albedo = tuple(float(one) for one in found.light.albedo)
         problem = noted(replace(problem, origin=replace(problem.origin, albedo=albedo)), albedo=list(albedo))
     problem = remarked(problem, note)
-    return in_units(remarked_on_contours(problem) if asked else problem)
+    return in_units(remarked_on_contours(problem, found.cue) if asked else problem)
 
 
 # Colours --------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from endolab.depth.problem import Problem, Scale
+from endolab.depth.problem import Origin, Problem, Scale
 from endolab.depth.result import Iterate, Result
 from endolab.depth.solvers import DEFAULT_SOLVER, options_of
 from endolab.model.endoscope import Endoscope
@@ -61,15 +61,17 @@ class Carried:
     age: int  # frames since
 
     @classmethod
-    def again(cls, surface: Surface, frame: Frame, calibration: Endoscope, torn: bool, least: float) -> Self:
-        """Take up a surface that was kept: of a frame, with the energy `least`, `torn` or not."""
+    def again(cls, surface: Surface, frame: Frame, calibration: Endoscope, bar: float, least: float) -> Self:
+        """Take up a surface that was kept: of a frame, with the energy `least`, torn over a bar, or 0."""
         v, camera = np.log(surface.distance), calibration.camera
         if v.shape != (camera.height, camera.width):
             camera = camera.resize(v.shape[1], v.shape[0])
         photometry = replace(calibration.photometry, gain=surface.gain)
-        cuts = np.zeros((2, *v.shape), dtype=bool) if torn else None
+        torn: dict[str, Any] = {}
+        if bar:
+            torn = {"cuts": np.zeros((2, *v.shape), dtype=bool), "origin": Origin(bar=bar)}
         inside = np.isfinite(v)
-        problem = Problem(np.zeros(v.shape), inside, camera, photometry, metric=surface.metric, cuts=cuts)
+        problem = Problem(np.zeros(v.shape), inside, camera, photometry, metric=surface.metric, **torn)
         result = Result(Iterate(problem, 0, frozen(v), {}), Status.CONVERGED, [], 0.0)
         return cls(result, _light(frame, calibration.photometry.gamma), least, 1)
 

@@ -219,7 +219,7 @@ def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, 
         if before is None:
             found = yield from separate(problems, colours.albedo, False)
         else:
-            found = yield from continued(problems, colours.albedo, False, _moved(before, k))
+            found = yield from continued(problems, colours.albedo, None, _moved(before, k))
         return found.surface
 
     return (yield from _chained(solve))

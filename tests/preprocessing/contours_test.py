@@ -13,7 +13,7 @@ from endolab import datasets
 from endolab.metrics.depth_errors import occlusion_cuts
 from endolab.numerics.derivatives import links, shifted
 from endolab.preprocessing.contours import SHALLOW, basins, find_contours
-from endolab.reconstruction.contours import STEEP
+from endolab.reconstruction.contours import BARS
 from endolab.reconstruction.problem_setup import make_problem
 
 
@@ -36,7 +36,7 @@ def within(lines, others, pixels):
 def test_folds_are_found_where_the_distance_jumps(width):
     """Precision and recall, of steep lines: measured 0.80 and 0.61 at 240 px, 0.63 and 0.76 at 480."""
     rendered, problem = seen("colon", width)
-    edges = (find_contours(problem.log_facing, problem.mask) > STEEP).any(axis=0)
+    edges = (find_contours(problem.log_facing, problem.mask) > BARS[0]).any(axis=0)
     true, near = occlusion_cuts(rendered.distance).any(axis=0), round(2 * width / 320)
     assert within(edges, true, near) > 0.6
     assert within(true, edges, near) > 0.55
@@ -45,7 +45,7 @@ def test_folds_are_found_where_the_distance_jumps(width):
 @pytest.mark.parametrize("scene", ["plane", "curved"])
 def test_smooth_walls_have_none(scene):
     problem = seen(scene, noise=1, texture=0.1)[1]
-    assert not (find_contours(problem.log_facing, problem.mask) > STEEP).any()
+    assert not (find_contours(problem.log_facing, problem.mask) > BARS[0]).any()
 
 
 def test_a_step_is_one_closed_line_one_step_thin():

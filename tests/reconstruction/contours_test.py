@@ -7,7 +7,6 @@ import endolab as el
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.result import staged
 from endolab.reconstruction.contours import (
-    PRICE,
     OneChannel,
     judged,
     torn_at_contours,
@@ -39,7 +38,7 @@ def test_what_is_torn_is_nearer_the_truth(name, most):
     """Measured in %, smooth and torn: 8.5 and 5.1, 10.8 and 7.9, 13.1 and 10.3."""
     problem, truth = direct(name)
     smooth = solved(problem)
-    torn = finish(torn_where_it_pays(smooth, price=PRICE))
+    torn = finish(torn_where_it_pays(smooth, price=0.03))
     assert torn.problem.cuts is not None
     assert error(torn, truth) < min(most, error(smooth, truth) - 1.5)
     assert torn.energy < smooth.energy

@@ -46,9 +46,6 @@ def without(calibration, **changes):
     return replace(calibration, photometry=replace(calibration.photometry, **changes))
 
 
-ROUNDS = {"bounced light": (1, 2, 3), "contours": (4, 5)}
-
-
 def colours(frame, calibration, width=WIDTH, **options):
     return [make_problem(frame, calibration, channel=name, width=width, **options) for name in CHANNELS]
 
@@ -69,8 +66,10 @@ def test_observers_see_every_solve_with_its_stage_and_round(dry):
     seen = []
     result = solved(dry.frame, dry.calibration, contours=True, observers=[seen.append])
     named = list(dict.fromkeys((step.stage, step.round) for step in seen))
-    smooth, torn = ([(name, number) for number in numbers] for name, numbers in ROUNDS.items())
-    assert named == [*smooth, *torn, ("solution", 0)]
+    count = len(named) - 1
+    assert 5 <= count <= 7  # one to four bars are tried after three rounds
+    rounds = [("bounced light" if number <= 3 else "contours", number) for number in range(1, count + 1)]
+    assert named == [*rounds, ("solution", 0)]
     assert [(stage.name, stage.round) for stage in result.stages] == named
     assert [step.k for step in seen if step.stage == "solution"] == [row["k"] for row in result.history]
     assert result.seconds == pytest.approx(sum(stage.seconds for stage in result.stages))
