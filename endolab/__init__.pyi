@@ -47,6 +47,8 @@ from .model.photometry import Photometry as Photometry
 from .numerics.iteration import Status as Status
 from .preprocessing.frame import Frame as Frame
 from .preprocessing.prepare import prepare as prepare
+from .reconstruction.known_surface import MeasuredLight as MeasuredLight
+from .reconstruction.known_surface import measure_light as measure_light
 from .reconstruction.mesh import make_mesh as make_mesh
 from .reconstruction.reconstruct import iterate as iterate
 from .reconstruction.reconstruct import reconstruct as reconstruct

@@ -12,6 +12,12 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.checks import number
 
 NOMINAL = {"photometry": {"nominal": True}}  # evidence of a light that was taken from the paper
+# Evidence for C3VD's: one scene, so that its errors are large.
+C3VD_ERRORS = {"k": 0.391, "gamma": 0.153, "red": 0.085, "green": 0.103, "blue": 0.091}
+C3VD_LIGHT = {
+    "photometry": {"standard_errors": C3VD_ERRORS},
+    "known_surface": {"frames": ["0001_color.png", "0006_color.png"], "misfit_grey_levels": 4.61},
+}
 
 CALIBRATIONS: dict[str, Calibration] = {
     # The paper's endoscope (Section IV-A) over tissue of a colon's mean albedo.
@@ -26,7 +32,7 @@ CALIBRATIONS: dict[str, Calibration] = {
         Pinhole(320, 240, 160.0, 160.0, 159.5, 119.5),
         Photometry(k=2.5, gamma=2.2, brdf=Lambertian((0.75, 0.38, 0.30))),
     ),
-    # C3VD (Bobrow et al., 2023): its omnidirectional camera; light as in the paper, not calibrated.
+    # C3VD (Bobrow et al., 2023): its omnidirectional camera; its light by `measure_light` on two frames.
     "c3vd": Calibration(
         Scaramuzza(
             1350,
@@ -38,8 +44,8 @@ CALIBRATIONS: dict[str, Calibration] = {
             0.00288274,
             -0.00296316,
         ),
-        Photometry(k=2.5, gamma=2.2),
-        NOMINAL,
+        Photometry(k=1.18, gamma=2.24, brdf=Lambertian((0.69, 0.39, 0.33))),
+        C3VD_LIGHT,
     ),
     # SimCol3D (Rau et al., 2023). Published with the picture's corner as origin, c = 237.5.
     "simcol3d": Calibration(

@@ -1,0 +1,203 @@
+"""The light of an endoscope, measured on frames whose surface is known, such as those of a phantom.
+
+Brightness over a known surface tells the light's spread k and the response γ, if light that bounced is in
+the model: without it γ comes out far too large, since a dark lumen is lit by its walls. A wall of albedo a_c
+under direct light E shows, of light S that bounced (`interreflection`),
+
+    I_c = (g_c a_c (E + S_c) cos^((1-b) k) α)^(1/γ),
+
+b being the share of the light's fall that is the lamp's (the lens's part lights no walls). Fitted are k, γ,
+three albedos, by which S differs between colours, and a brightness g_c for each frame and colour. What the
+model leaves goes on over much of a picture, so that errors are found by leaving out one of eight parts of
+the scene after the other, and to them comes what computed bounces are off by on path-traced frames. That γ of
+cameras is near 2.2, and albedos are those of tissue, is heard as four more measurements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import scipy
+
+from endolab.metrics.depth_errors import occlusion_cuts, resampled_truth
+from endolab.model.brdf import Lambertian
+from endolab.model.cameras import Camera
+from endolab.model.interreflection import Walls, bounced_and_slope
+from endolab.model.photometry import CHANNELS, Photometry
+from endolab.numerics.arrays import FloatArray
+from endolab.preprocessing.frame import BRIGHT, Frame, check_size
+from endolab.preprocessing.highlights import find_highlights
+from endolab.reconstruction.colours import ALBEDOS, LEAST, TISSUE
+
+WIDTH = 225  # px, of what is fitted
+WIDEST = 60.0  # degrees from the axis: beyond, few cameras are known well enough
+LAMP = 0.8  # b, share of the light's fall that is the lamp's
+EXPONENTS = np.linspace(0.0, 4.0, 9)  # k for which light is computed, to be interpolated
+GAMMA = 2.2, 0.2  # γ of cameras, and its standard deviation
+TINT = 0.35  # standard deviation of the logarithm of tissue's albedos
+MODEL = 0.1, 0.15, 0.1, 0.3, 0.3  # errors of k, γ and albedos' logarithms that computed bounces make
+GAMMAS = 1.2, 4.5  # least and greatest
+USUAL = 8.0  # grey levels that the model leaves; larger ones count as lines, not squares
+TOO_LITTLE = "too little of {} and its surface is known to measure the light"
+SECTORS = 4  # around the axis, each with a near and a far part
+
+
+@dataclass(frozen=True)
+class MeasuredLight:
+    """What known surfaces tell of a light; `photometry` is ready to reconstruct with, its gain unknown."""
+
+    photometry: Photometry
+    standard_errors: dict[str, float]  # of "k" and "gamma", and of "red", "green" and "blue" albedos
+    misfit: float  # median size of what the model leaves, grey levels of 255
+    names: tuple[str, ...]  # of the frames
+
+    @property
+    def evidence(self) -> dict[str, Any]:
+        """All of it in plain numbers, for `endoscope.json`."""
+        errors = {name: round(value, 3) for name, value in self.standard_errors.items()}
+        known = {"frames": list(self.names), "misfit_grey_levels": round(self.misfit, 2)}
+        return {"photometry": {"standard_errors": errors}, "known_surface": known}
+
+
+def measure_light(
+    frames: Sequence[Frame], camera: Camera, distances: Sequence[FloatArray], *, lamp: float = LAMP
+) -> MeasuredLight:
+    """Measure k, γ and the wall's albedos on colour frames whose surface is known.
+
+    Parameters
+    ----------
+    frames : sequence of Frame
+        Of one matt wall, in colour, such as those of a phantom.
+    camera : Camera
+        For pictures of that size.
+    distances : sequence of (H, W) float arrays
+        True distance from the optical centre, mm, of each frame; nan where unknown.
+    lamp : float
+        Share of the light's fall to the side that is the lamp's, in [0, 1]; the rest is the lens's.
+
+    Returns
+    -------
+    MeasuredLight
+        Its standard errors say how far these frames tell it: one scene leaves k open by some 0.3.
+
+    Raises
+    ------
+    ValueError
+        If there is no frame, one is grey or of another size, or too little of it is known.
+    """
+    if not frames or len(frames) != len(distances):
+        raise ValueError(f"frames and distances must be as many, got {len(frames)} and {len(distances)}")
+    seen = [_Patches.of(*one, camera, lamp) for one in zip(frames, distances, strict=True)]
+    fitted = _fitted(seen, lamp)
+    parts = [_fitted(seen, lamp, fitted, part) for part in range(2 * SECTORS)]
+    apart = np.array(parts)[:, :5] - np.mean(parts, axis=0)[:5]
+    covariance = (len(parts) - 1) / len(parts) * apart.T @ apart + np.diag(np.square(MODEL))
+    usual, width = np.array([GAMMA[0], *np.log(TISSUE)]), np.array([GAMMA[1], TINT, TINT, TINT])
+    heard = covariance[:, 1:] @ np.linalg.inv(covariance[1:, 1:] + np.diag(width**2))
+    k, gamma, *logs = fitted[:5] + heard @ (usual - fitted[1:5])
+    spread = np.sqrt(np.diag(covariance - heard @ covariance[1:]))
+    albedo = np.clip(np.exp(logs), *ALBEDOS)
+    red, green, blue = (round(float(one), 2) for one in albedo)
+    errors = dict(zip(("k", "gamma", *CHANNELS), [*spread[:2], *(albedo * spread[2:])], strict=True))
+    light = Photometry(
+        round(max(float(k), 0.0), 2), round(float(gamma), 2), brdf=Lambertian((red, green, blue))
+    )
+    left = np.concatenate([np.ravel(one) for one in _left(fitted, seen, lamp)])
+    names = tuple(frame.name for frame in frames)
+    return MeasuredLight(
+        light, {n: float(e) for n, e in errors.items()}, float(np.median(np.abs(left))), names
+    )
+
+
+@dataclass(frozen=True)
+class _Patches:
+    """A frame averaged over the patches of its surface."""
+
+    grey: FloatArray  # (P, 3), stored values, grey levels of 255
+    aside: FloatArray  # (P,), log cos α
+    direct: FloatArray  # (K, P), log E under each of EXPONENTS
+    orders: FloatArray  # (K, BOUNCES, P), see `Walls.orders`
+    part: FloatArray  # (P,), number of the part of the scene
+
+    @classmethod
+    def of(cls, frame: Frame, distance: FloatArray, camera: Camera, lamp: float) -> _Patches:
+        check_size(frame.name, (frame.width, frame.height), camera)
+        if frame.image.ndim == 2:
+            raise ValueError(f"{frame.name} is grey; its light is measured in three colours")
+        if distance.shape != frame.mask.shape:
+            raise ValueError(
+                f"the distance of {frame.name} has shape {distance.shape}, not {frame.mask.shape}"
+            )
+        height = max(1, round(frame.height * WIDTH / frame.width))
+        small, clipped = frame.resize(WIDTH, height, GAMMA[0]), frame.image.max(axis=-1) >= BRIGHT
+        clipped = cv2.resize(clipped.astype(float), (WIDTH, height), interpolation=cv2.INTER_AREA) > 0
+        known, field = resampled_truth(distance, (height, WIDTH)), camera.resize(WIDTH, height).field
+        mask = np.isfinite(known) & field.valid & small.mask
+        if mask.sum() < LEAST:
+            raise ValueError(TOO_LITTLE.format(frame.name))
+        v = np.log(np.where(mask, known, 1.0))
+        walls = Walls.of(v, mask, field, 0.0, occlusion_cuts(np.where(mask, known, np.nan)))
+        mirrored = find_highlights(small.image, mask, GAMMA[0])
+        told = mask & ~clipped & ~mirrored & (walls.direct > 0)
+        told &= np.nan_to_num(field.cos_alpha, nan=-1.0) > np.cos(np.deg2rad(WIDEST))
+        lit = [walls.under(lamp * k) for k in EXPONENTS]
+        aside = np.log(np.where(told, field.cos_alpha, 1.0))
+        maps = np.dstack([told, 255 * small.image, aside, *(one.direct for one in lit)])
+        sums = walls.sums(np.where(told[..., None], maps, 0.0))
+        full = sums[:, 0] > walls.step**2 / 2
+        if full.sum() < LEAST:
+            raise ValueError(TOO_LITTLE.format(frame.name))
+        means, points = sums[full, 1:] / sums[full, :1], walls.points[: walls.count][full]
+        around = (np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1 * SECTORS).astype(int)
+        far = np.linalg.norm(points, axis=-1)
+        orders = np.array([one.orders[:, : walls.count][:, full] for one in lit])
+        return cls(
+            means[:, :3], means[:, 3], np.log(means[:, 4:].T), orders, 2 * around + (far > np.median(far))
+        )
+
+    def light(self, k: float, albedo: FloatArray, lamp: float) -> FloatArray:
+        """Logarithm of the light that comes from the patches, but for a constant, (P, 3)."""
+        place = k / (EXPONENTS[1] - EXPONENTS[0])
+        low = min(int(place), len(EXPONENTS) - 2)
+        shares = (low, 1 - place + low), (low + 1, place - low)
+        direct = sum(share * self.direct[i] for i, share in shares)
+        bounced = sum(share * bounced_and_slope(self.orders[i], albedo)[0] for i, share in shares)
+        whole = np.log(np.exp(direct)[:, None] + bounced)
+        return np.asarray(whole + ((1 - lamp) * k * self.aside)[:, None])
+
+
+def _left(x: FloatArray, seen: Sequence[_Patches], lamp: float) -> list[FloatArray]:
+    """What the model leaves of each frame, (P, 3), grey levels.
+
+    x holds k, γ, the logarithms of three albedos, and three of the brightness for each frame.
+    """
+    levels = x[5:].reshape(len(seen), 3)
+    made = [one.light(x[0], np.exp(x[2:5]), lamp) + level for one, level in zip(seen, levels, strict=True)]
+    return [255 * np.exp(light / x[1]) - one.grey for light, one in zip(made, seen, strict=True)]
+
+
+def _fitted(
+    seen: Sequence[_Patches], lamp: float, start: FloatArray | None = None, but: int = -1
+) -> FloatArray:
+    """Fit the model to frames, `but` for one part of the scene."""
+    if start is None:
+        albedo = np.array(TISSUE)
+        levels = [
+            np.median(GAMMA[0] * np.log(np.maximum(one.grey, 1) / 255) - one.light(1.5, albedo, lamp), axis=0)
+            for one in seen
+        ]
+        start = np.concatenate([[1.5, GAMMA[0]], np.log(albedo), *levels])
+
+    def residual(x: FloatArray) -> FloatArray:
+        left = [r[one.part != but].ravel() for r, one in zip(_left(x, seen, lamp), seen, strict=True)]
+        return np.concatenate(left) / USUAL
+
+    low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
+    low[:5], high[:5] = [0, GAMMAS[0], *np.log(3 * [ALBEDOS[0]])], [4, GAMMAS[1], *np.log(3 * [ALBEDOS[1]])]
+    inside = np.clip(start, low + 1e-3, high - 1e-3)
+    found: FloatArray = scipy.optimize.least_squares(residual, inside, bounds=(low, high), loss="soft_l1").x
+    return found
