@@ -46,8 +46,8 @@ def calibrate_to_files(
 ) -> Session:
     """Calibrate an endoscope from frames of a target; write its file and a folder with the report.
 
-    `out` is `endoscope.json`, not written if the light was refused. Beside it are `report_folder`, with the
-    page, `camera.json` and, with `record`, a recording for the Rerun viewer; and what was detected, kept
+    `out` is `endoscope.json`, with a nominal light if that was refused. Beside it are `report_folder`, with
+    the page, `camera.json` and, with `record`, a recording for the Rerun viewer; and what was detected, kept
     between calls. A file that is no calibration of endolab's, and a folder that is no such report, are
     replaced only if `overwrite`; the frames and `inputs`, what else was read for this, never. `say` is told,
     in a sentence, what an earlier call had done; the rest, camera, every, leave_out and the light's options,
@@ -73,7 +73,6 @@ def calibrate_to_files(
             from endolab.recording.calibration import record_calibration
 
             record_calibration(session, frames, staging / "recording.rrd", light_steps=steps)
-    if session.light is not None:
-        with staged_file(calibration, inputs=read) as temporary:
-            make_calibration(session, str(frames.path), channel).save(temporary)
+    with staged_file(calibration, inputs=read) as temporary:
+        make_calibration(session, str(frames.path), channel).save(temporary)
     return session

@@ -91,16 +91,18 @@ def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[
     """Return all that is known of a calibration beside its result, fit for JSON: null for what is not finite.
 
     Angles are in degrees where the key says so. "camera" is null if it was given; "photometry" holds
-    nothing but "refused" if the samples could not tell it. `source`: where the frames came from.
+    nothing but "refused" and that it is "nominal" if the samples could not tell it. `source`: where the
+    frames came from.
     """
     target, light = session.target, session.light
+    refused = {"refused": session.refused, "nominal": True}
     found = sum(len(detection.ids) > 0 for detection in session.detections.values())
     return _plain(
         {
             "source": source,
             "target": {"description": describe_target(target), "kind": target.kind} | asdict(target),
             "camera": session.geometry and _camera_facts(session.geometry),
-            "photometry": _light_facts(light, session, channel) if light else {"refused": session.refused},
+            "photometry": _light_facts(light, session, channel) if light else refused,
             "frames": {
                 "searched": len(session.detections),
                 "found": found,

@@ -11,10 +11,13 @@ from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Endoscope, camera_from_dict, camera_to_dict
+from endolab.model.photometry import Photometry
 from endolab.model.schema import Section, quoted, unknown_name
 
 if TYPE_CHECKING:
     from endolab.calibration.session import Session
+
+NOMINAL = Photometry(k=2.5, gamma=2.2)  # the paper's, of an endoscope whose light was not measured
 
 
 def read_camera(path: PathLike) -> Camera:
@@ -52,14 +55,13 @@ def make_calibration(session: Session, source: str = "", channel: str = "grey") 
     """Make what `endoscope.json` holds: camera, light and the evidence for them.
 
     Parameters as of `evidence`. The BRDF is that of the sheet; the gain is None unless one was fitted to
-    all frames. ValueError if the light was refused.
+    all frames. If the light was refused, it is `NOMINAL`, and the evidence says so.
     """
     # Here, for whoever reads a calibration need not be able to calibrate.
     from endolab.calibration.summary import evidence
 
-    if session.light is None:
-        raise ValueError(f"session has no light to save: {session.refused}")
-    return Calibration(session.camera, session.light.photometry, evidence(session, source, channel))
+    light = NOMINAL if session.light is None else session.light.photometry
+    return Calibration(session.camera, light, evidence(session, source, channel))
 
 
 # Descriptions ---------------------------------------------------------------------------

@@ -122,17 +122,19 @@ def test_a_video_that_ends_early_is_calibrated_as_far_as_it_goes(work, tmp_path,
     assert "the video ends before it" in capsys.readouterr().out
 
 
-def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept(tmp_path, refused):
+def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nominal_light(tmp_path, capsys):
     (tmp_path / "f").mkdir()
     camera, light = el.load_calibration("paper", width=480).camera, el.Photometry(brdf=PAPER_SHEET)
     for number, frame in enumerate(simulate_video(el.TARGETS["vicalib_small"], camera, light, 16)):
         write_image(tmp_path / f"f/{number:03d}.png", frame.image)
     asked = ("calibrate", tmp_path / "f", "--target", "vicalib_small", "--out", tmp_path / "c.json")
-    assert call(*asked, "--gamma", "free") == 2
-    assert not (tmp_path / "c.json").exists()
+    assert call(*asked, "--gamma", "free") == 0
+    assert "the light is not" in capsys.readouterr().out
     assert (tmp_path / "c_report/report.html").is_file()
-    found = json.loads((tmp_path / "c_report/camera.json").read_text())["camera"]
-    assert found["fx"] == pytest.approx(camera.fx, abs=0.2)
+    found = el.Calibration.load(tmp_path / "c.json")
+    assert found.camera.fx == pytest.approx(camera.fx, abs=0.2)
+    assert (found.photometry.k, found.photometry.gamma) == (2.5, 2.2)
+    assert el.Doubts.of(found).k == 1  # nobody measured it
 
 
 @pytest.mark.parametrize(

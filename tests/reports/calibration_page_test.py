@@ -5,9 +5,8 @@ import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 
-import pytest
-
-from endolab.calibration.summary import account, evidence
+import endolab as el
+from endolab.calibration.summary import account
 from endolab.io.descriptions import Calibration, make_calibration, read_camera
 from endolab.reports.calibration_page import write_report
 from tests.tools.simulated_session import LOST, refused, simulated
@@ -35,16 +34,16 @@ class Page(HTMLParser):
         self.text += data
 
 
-def test_a_calibration_survives_its_file_and_a_refused_light_has_none(tmp_path):
+def test_a_calibration_survives_its_file_and_a_refused_light_is_nominal(tmp_path):
     session = simulated()[0]
     made = make_calibration(session, "sheet.mkv", "green")
     made.save(tmp_path / "endoscope.json")
     read = Calibration.load(tmp_path / "endoscope.json")
     assert (read.camera, read.photometry) == (session.camera, session.light.photometry)
     assert (read.photometry.gain, read.evidence) == (None, made.evidence)
-    assert evidence(refused(session))["photometry"] == {"refused": refused(session).refused}
-    with pytest.raises(ValueError, match="no light to save"):
-        make_calibration(refused(session))
+    without = make_calibration(refused(session))
+    assert without.evidence["photometry"] == {"refused": refused(session).refused, "nominal": True}
+    assert (without.camera, without.photometry) == (session.camera, el.Photometry(k=2.5, gamma=2.2))
 
 
 def test_the_page_is_whole_and_its_pictures_are_there(tmp_path):

@@ -16,6 +16,8 @@ from endolab.numerics.arrays import FloatArray, IntArray
 
 LEAST_CORNERS = 6  # of a ChArUco board
 SMALLEST = 16  # px, side of a picture
+WINDOW = 0.45  # half the side of what a corner is refined by, as a share of the way to the next one
+SPOILT = 0.8  # of the roughness of refined corners, below which those that were found are better
 FINE = 800  # px; narrower pictures are enlarged before corners are sought in them
 
 
@@ -106,7 +108,9 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
         picture = cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC)  # type: ignore[assignment]
     pattern = (target.columns - 1, target.rows - 1)
     # The two find about as many, but not the same; the first says no more quickly.
-    found, corners = cv2.findChessboardCornersSB(picture, pattern, flags=cv2.CALIB_CB_EXHAUSTIVE)
+    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    sharp, corners = cv2.findChessboardCornersSB(picture, pattern, flags=flags)
+    found = sharp
     if not found:
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
         found, corners = cv2.findChessboardCorners(picture, pattern, flags=flags)
@@ -114,10 +118,13 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
         return nothing("no chessboard of this size, or not all of it is in view")
     along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
     shortest = min(np.hypot(step[..., 0], step[..., 1]).min() for step in (along, down))
-    half = int(np.clip(0.3 * shortest, 2, 8))
+    half = max(int(WINDOW * shortest), 2)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)
-    corners = cv2.cornerSubPix(picture, corners, (half, half), (-1, -1), stop)
-    grid = corners.reshape(pattern[1], pattern[0], 2).astype(np.float64)
+    refined = cv2.cornerSubPix(picture, corners.copy(), (half, half), (-1, -1), stop)
+    grid, given = (one.reshape(pattern[1], pattern[0], 2).astype(np.float64) for one in (refined, corners))
+    # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
+    if sharp and _roughness(given) < SPOILT * _roughness(grid):
+        grid = given
     grid = (grid + 0.5) / scale - 0.5
     grid = _ordered(grid, grey)
     fits, _ = fitting(grid, np.zeros(grid.shape[:2], int))
@@ -125,6 +132,15 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
         return nothing("the corners do not lie on a smooth sheet")
     ids = np.flatnonzero(fits)
     return ids, grid.reshape(-1, 2)[ids], ""
+
+
+def _roughness(grid: FloatArray) -> float:
+    """How far corners lie from a smooth sheet, a cubic of row and column: root mean square, px."""
+    row, column = (np.linspace(-1, 1, n) for n in grid.shape[:2])
+    terms = np.polynomial.polynomial.polyvander2d(*np.meshgrid(row, column, indexing="ij"), [3, 3])
+    terms = terms.reshape(-1, 16)
+    left = grid.reshape(-1, 2) - terms @ np.linalg.lstsq(terms, grid.reshape(-1, 2), rcond=None)[0]
+    return float(np.sqrt(np.mean(left**2)))
 
 
 def _ordered(grid: FloatArray, grey: FloatArray) -> FloatArray:

@@ -13,7 +13,9 @@ from endolab.calibration.detection.detect import detect
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.simulation.sheet_image import render_sheet
 from endolab.calibration.simulation.trajectory import folded
+from endolab.calibration.simulation.video import simulate_video
 from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid
+from endolab.datasets import load_calibration
 from tests.tools.sheet_views import exact_centroids
 
 CAMERA = datasets.load_calibration("paper", width=640).camera
@@ -185,6 +187,39 @@ def test_other_targets_in_place(name):
     assert len(found.ids) >= (0.7 if name == "charuco" else 0.9) * len(target.points)
     assert off.max() < 2
     assert np.median(off) < (0.05 if name == "circles" else 0.2)
+
+
+@pytest.mark.parametrize(("blur", "enlarged"), [(0.0, 1), (1.5, 1), (0.5, 2)])
+def test_corners_are_unbiased_through_blur_noise_and_enlarging(blur, enlarged, rng):
+    """Measured, px of the sensor: 0.05 of bias at most, median 0.07 to 0.12."""
+    camera = load_calibration("paper", 640 // enlarged).camera
+    off = []
+    shots = simulate_video(BOARD, camera, LIGHT, 6, distance=(60, 110), tilt=np.deg2rad(35), seed=3)
+    for shot in shots:
+        image = cv2.GaussianBlur(shot.image, (0, 0), blur) if blur else shot.image
+        image = np.clip(image + rng.normal(0, 3 / 255, image.shape), 0, 1)
+        image = cv2.resize(image, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_CUBIC)
+        found = detect(np.clip(image, 0, 1), BOARD)
+        true = camera.project(shot.poses[0].transform(BOARD.points))[found.ids]
+        off.append((found.pixels + 0.5) / enlarged - 0.5 - true)
+    off = np.concatenate(off)
+    assert len(off) > 150
+    assert np.all(np.abs(off.mean(axis=0)) < 0.08)
+    assert np.median(np.linalg.norm(off, axis=1)) < 0.17
+
+
+def test_corners_through_a_laparoscope_are_as_good_as_opencvs(data):
+    """Its camera sharpens and enlarges. Measured 0.246 px, OpenCV's own 0.247; once 0.66."""
+    board = Chessboard(14, 9, 3.0)
+    files = sorted((data / "chessboard_storz").glob("*.png"))
+    found = [detect(cv2.imread(str(file)), board) for file in files]
+    points = [board.points[one.ids].astype(np.float32) for one in found]
+    pixels = [one.pixels.astype(np.float32) for one in found]
+    fixed = cv2.CALIB_ZERO_TANGENT_DIST
+    error, matrix, *_ = cv2.calibrateCamera(points, pixels, (1920, 1080), None, None, flags=fixed)
+    assert len(found) == 6
+    assert error < 0.25
+    assert matrix[0, 0] == pytest.approx(1621.9, rel=0.01)
 
 
 @pytest.mark.parametrize("image", [np.zeros((4, 4, 2)), np.zeros((40, 40), int), np.full((40, 40), np.nan)])
