@@ -143,6 +143,7 @@ def _tell(result: Any, solver: str, prepared: Any, trust: Any) -> None:
     import numpy as np
 
     from endolab.reconstruction.assumptions import notes, of_evidence
+    from endolab.reconstruction.plausible import doubts
     from endolab.reports.result import trusted
 
     near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
@@ -154,7 +155,8 @@ def _tell(result: Any, solver: str, prepared: Any, trust: Any) -> None:
     if not result.metric:
         ways = "--median-distance, --known-distance or --known-diameter fixes the scale."
         print(f"The gain is unknown, so distances have no unit; {ways}")
-    for note in (*(() if prepared is None else prepared.notes), *notes(result), *of_evidence(result)):
+    said = () if prepared is None else prepared.notes
+    for note in (*said, *notes(result), *of_evidence(result), *doubts(result)):
         print(note)
     if trust is not None:
         numbers = trusted(result, trust)

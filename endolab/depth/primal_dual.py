@@ -45,7 +45,7 @@ from endolab.model.surface import from_xi, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, whole
 from endolab.numerics.compiled import framed, kernel, padded
-from endolab.numerics.derivatives import REFERENCE_WIDTH, gradient, hessian_stencils, links
+from endolab.numerics.derivatives import fineness, gradient, hessian_stencils, links
 from endolab.numerics.iteration import Status
 from endolab.numerics.threads import ROWS, on_cores, rows_within
 
@@ -462,7 +462,7 @@ def primal_dual(
     whole("max_iterations", max_iterations)
     check_maps(problem.mask, start)
     v = problem.log_facing if start is None else start
-    radius = round(patch * problem.camera.width / REFERENCE_WIDTH)
+    radius = round(patch * fineness(problem.mask.shape))
     path, steps, grid = _Path.at(problem, v, radius, SAFETY), 0, Grid.of(problem)
     iterate = Iterate.of(problem, v)
     yield iterate

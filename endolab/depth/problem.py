@@ -14,11 +14,11 @@ from endolab.model.schema import unknown_name
 from endolab.model.surface import check_xi, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import mask_array, number, owned, real_array, told
-from endolab.numerics.derivatives import REFERENCE_WIDTH, forward_gradient
+from endolab.numerics.derivatives import fineness, forward_gradient
 
 REGULARISERS = ("first", "second", "curvature")
 FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
-EDGE_SCALE = 0.05  # image gradient, per 1/320 of the width, at which g falls to 1/e
+EDGE_SCALE = 0.05  # image gradient, per 1/320 of the longer side, at which g falls to 1/e
 EXACT, AT_LEAST, NONE = 0, 1, 2  # what a pixel's value says of the surface's: see `Problem`
 
 
@@ -57,8 +57,9 @@ class Problem:
     regulariser: str = "second"
     lam: float = 1.0  # λ, at least 0: weight of the regulariser, larger is smoother
     # ε of the Huber norm, positive: below it a derivative costs its square, above it its size. ξ/ξ̃ of a
-    # smooth wall bends by less than 1e-3 per squared 1/320 of the width, so that only creases are charged
-    # like total variation. The paper's 1e-4, in the unit of its ξ, makes staircases of a wall's curvature.
+    # smooth wall bends by less than 1e-3 per squared 1/320 of the longer side, so that only creases are
+    # charged like total variation. The paper's 1e-4, in the unit of its ξ, makes staircases of a wall's
+    # curvature.
     epsilon: float = 1e-3
     threshold: float = 0.05  # where the data's Huber penalty becomes a line; stored value, positive
     metric: bool = True  # whether distances are in mm; else in relative units
@@ -128,15 +129,15 @@ class Problem:
 
         Steps to and from pixels that say nothing are no edges: a highlight is none of the surface's.
         """
-        scale = self.camera.width / REFERENCE_WIDTH
+        scale = fineness(self.mask.shape)
         said = self.mask if self.evidence is None else self.mask & (self.evidence != NONE)
         size = np.linalg.norm(forward_gradient(self.image, said), axis=0) * scale
         return np.exp(-size / EDGE_SCALE)
 
     @property
     def derivative_scale(self) -> float:
-        """What a derivative of ξ per pixel is multiplied by: (W/320)^order."""
-        return (self.camera.width / REFERENCE_WIDTH) ** (1 if self.regulariser == "first" else 2)
+        """What a derivative of ξ per pixel is multiplied by: (longer side/320)^order."""
+        return fineness(self.mask.shape) ** (1 if self.regulariser == "first" else 2)
 
     @cached_property
     def xi_median(self) -> float:

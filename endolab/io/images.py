@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +26,17 @@ DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
 DEFLATED = (cv2.IMWRITE_PNG_COMPRESSION, 1)  # a figure as small as Matplotlib's, in a third of the time
 PICTURE = "a picture that can be read (PNG, JPEG, TIFF or BMP of 8 or 16 bits, at most 178 million pixels)"
+ORIENTATION = 274  # the tag that says how a picture is to be turned
+# How what has been turned by it is turned back.
+AS_SEEN: dict[int, Callable[[np.ndarray], np.ndarray]] = {
+    2: np.fliplr,
+    3: lambda a: np.rot90(a, 2),
+    4: np.flipud,
+    5: lambda a: np.swapaxes(a, 0, 1),
+    6: np.rot90,
+    7: lambda a: np.rot90(np.swapaxes(a, 0, 1), 2),
+    8: lambda a: np.rot90(a, -1),
+}
 # What these print of a damaged picture is said in one sentence.
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 logging.getLogger("PIL").addHandler(logging.NullHandler())
@@ -83,6 +94,8 @@ def decode(content: bytes, name: PathLike) -> np.ndarray:
     # Pillow refuses what is cut off, and sizes that no picture has, where OpenCV does not.
     with damage_told(name, PICTURE), warnings.catch_warnings(action="ignore"):
         picture = Image.open(io.BytesIO(content), formats=FORMATS)
+        at_hand = picture.format != "PNG" or "exif" in picture.info  # else all of it would be decoded
+        turned = picture.getexif().get(ORIENTATION, 1) if at_hand else 1
     columns, rows = picture.size
     check_memory(columns * rows * DECODED, f"{name}: a picture of {columns}x{rows} px")
     with damage_told(name, PICTURE), warnings.catch_warnings(action="ignore"):
@@ -93,6 +106,11 @@ def decode(content: bytes, name: PathLike) -> np.ndarray:
         stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
         if stored is None or stored.shape[1::-1] != (columns, rows):
             raise ValueError
+    if turned != 1:
+        said = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
+        logging.getLogger("endolab").warning(said, name)
+    if picture.format == "TIFF" and turned in AS_SEEN:  # alone of all, it has been turned
+        stored = AS_SEEN[turned](stored)
     return np.asarray(stored)
 
 

@@ -40,6 +40,7 @@ PATCHES = 500  # of the picture; twice as many change ι by a hundredth
 STEEPEST = 0.1  # cos θ below which a pixel's surface is a fold's edge rather than a wall
 SECTORS = 20  # of the rim
 BACK = 2.0  # how far behind the camera the wall goes on, in radii
+RINGS = 100  # of it at most, as many as a view of 5° to the side needs
 NEARER = 1.1  # a wall must be nearer than a chord by this factor to block it: patches are coarse
 HIDDEN = 0.75  # of what a patch does not see, how much is a wall; so red and green say one E of traced colons
 BOUNCES = 16  # counted one by one; those after them fall by a constant share
@@ -272,7 +273,8 @@ def _drawn_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray,
     side = (np.roll(start, -1, axis=0) - np.roll(start, 1, axis=0))[:, :2] / 2
     length = np.linalg.norm(side, axis=-1)
     step = float(np.median(length))
-    rings = int(np.ceil((np.median(start[:, 2]) + BACK * np.median(radius)) / step)) if step > 0 else 0
+    deep = (np.median(start[:, 2]) + BACK * np.median(radius)) / step if step > 0 else 0.0
+    rings = int(np.ceil(min(deep, RINGS)))
     normal = np.column_stack([-start[:, :2] / radius[:, None], np.zeros(len(rim))])
     back = (np.arange(max(rings, 0)) + 0.5)[:, None, None] * step * np.array([0.0, 0.0, 1.0])
     drawn = (start - back).reshape(-1, 3)

@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-REFERENCE_WIDTH = 320  # px: what thresholds and weights are told for
+REFERENCE = 320  # px of a picture's longer side: what thresholds and weights are told for
+
+
+def fineness(shape: tuple[int, ...]) -> float:
+    """How many pixels of a picture (H, W, ...) are one of those that thresholds are told for."""
+    return max(shape[:2]) / REFERENCE
 
 
 def shifted(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:

@@ -18,13 +18,13 @@ import numpy as np
 
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.compiled import kernel
-from endolab.numerics.derivatives import REFERENCE_WIDTH
+from endolab.numerics.derivatives import fineness
 from endolab.numerics.side_by_side import side_by_side
 
-BLUR = 1.5  # of log d₀, in 1/320 of the picture's width
-SHALLOW = 0.005  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the width
+BLUR = 1.5  # of log d₀, in 1/320 of the longer side
+SHALLOW = 0.005  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the longer side
 SHARE = 0.25  # of the way from a strip's lightest neighbour to its own log d₀: who is nearer is light
-LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the width
+LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the longer side
 
 
 @kernel
@@ -98,10 +98,10 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
 
     Returns how steep they are, (2, H, W): for each step from a pixel to its right and its lower
     neighbour that crosses a line, the median slope of log d₀ along the part of it between the same two
-    regions, per 1/320 of the width; 0 for all other steps. ``steepness > 0.1`` are cuts as `Problem` has
-    them.
+    regions, per 1/320 of the longer side; 0 for all other steps. ``steepness > 0.1`` are cuts as `Problem`
+    has them.
     """
-    unit = mask.shape[1] / REFERENCE_WIDTH
+    unit = fineness(mask.shape)
     blur, steepness = max(BLUR * unit, 0.3), np.zeros((2, *mask.shape))
     maps = (np.where(mask, log_facing, 0.0), mask.astype(np.float64))
     light, share = side_by_side(lambda a: cv2.GaussianBlur(a, (0, 0), blur), maps, mask.size)

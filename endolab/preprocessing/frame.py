@@ -21,6 +21,7 @@ FRAME = 8 / 255  # the black around an endoscope's picture, codec noise included
 BRIGHT = 254.5 / 255  # from here on it is saturated
 LEVELS = 64  # of a mask, or of some other drawing, there are fewer
 REMEMBERED = 3  # sizes of a frame
+CONSTANT = 1e-6  # range of stored values
 QUIET = 0.3 / 255  # the noise of rounding to 8 bits
 
 
@@ -182,7 +183,7 @@ def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str 
         )
     if np.all(image[bright] >= BRIGHT):
         raise ValueError(f"{name}: the picture is fully saturated")
-    if np.ptp(image[bright]) == 0:
+    if np.ptp(image[bright]) < CONSTANT:  # shrinking rounds
         raise ValueError(f"{name}: the picture is constant, {image[bright][0] * 255:.4g} of 255 everywhere")
     return bright
 

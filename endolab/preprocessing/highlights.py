@@ -18,7 +18,7 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.frame import QUIET, noise_level, power
 
-# Sizes are shares of the width of what the endoscope shows, amounts are mirrored light over the tissue's.
+# Sizes are shares of the longer side of what is shown, amounts are mirrored light over the tissue's.
 SMALL, LARGE = 1 / 100, 1 / 30  # half the width of highlights: most, and the largest
 AROUND = 1 / 8  # half the neighbourhood whose palest quarter is the tissue's colour
 COARSE = 80  # pixels across what the endoscope shows, at which that colour is sought
@@ -139,7 +139,7 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
         raise ValueError(f"gamma must be positive, got {gamma}")
     if not mask.any():
         return np.zeros(mask.shape, dtype=bool)
-    wide = float(np.ptp(np.nonzero(mask.any(axis=0))[0]) + 1)
+    wide = float(np.ptp(np.nonzero(mask), axis=1).max() + 1)
     filled = extended(np.clip(np.nan_to_num(image), 0, 1), mask)
     light = power(filled, gamma)
     calm = cv2.medianBlur(light.astype(np.float32), 3)

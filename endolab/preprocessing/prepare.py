@@ -95,7 +95,7 @@ def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
     apart = ~grown(mask, 4) & (shade > 4 * FRAME)
     found = grown(apart, 1) & ~mask if apart.any() else apart
     pale = image if image.ndim == 2 else np.nan_to_num(image).min(axis=-1)
-    reach = 2 * max(4, image.shape[1] // 60) + 1
+    reach = 2 * max(4, max(image.shape[:2]) // 60) + 1
     stroke = cv2.morphologyEx(pale, cv2.MORPH_OPEN, np.ones((reach, reach), np.uint8))
     marks = (pale > PAPER_WHITE) & (shade - pale < PALE) & (pale - stroke > STANDS_OUT)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(marks.astype(np.uint8), connectivity=8)
@@ -260,7 +260,7 @@ def prepare(
     mask = tissue & ~lumen
     inpainted = highlights == "inpaint" and bool(mirrored.any())
     if inpainted:
-        image = inpaint(image, grown(mirrored, HALO * frame.width) & tissue, tissue)
+        image = inpaint(image, grown(mirrored, HALO * max(frame.width, frame.height)) & tissue, tissue)
     silent = frame.silent
     if highlights == "ignore" and mirrored.any():
         silent = mirrored if silent is None else silent | mirrored

@@ -28,7 +28,7 @@ from endolab.reconstruction.problem_setup import make_problem, noted, on_grid, r
 
 STEPS = 30  # of the solver at most, once the surface is torn
 SMOOTH, CONTOURS = "smooth", "contours"  # stages
-BARS = (0.07, 0.05, 0.035, 0.025)  # how steep lines must be to be opened: log d₀ per 1/320 of the width
+BARS = (0.07, 0.05, 0.035, 0.025)  # how steep lines must be to be opened: log d₀ per 1/320 of the longer side
 ENERGY, THE_COLOURS = "the energy", "the colours"  # cues that decide on contours
 # Share of the smooth surface's energy that a cut as long as the picture's height must save if only the energy
 # speaks for it, so that gentle folds of a real phantom stay whole.
@@ -37,7 +37,7 @@ PRICE = 0.1
 
 def length_of(cuts: BoolArray | None, mask: BoolArray) -> float:
     """How long cuts are, in heights of the picture."""
-    return 0.0 if cuts is None else float(cuts.sum()) * mask.shape[1] / float(mask.sum())
+    return 0.0 if cuts is None else float(cuts.sum()) * max(mask.shape) / float(mask.sum())
 
 
 def pays(torn: Iterate, smooth: Iterate, price: float = PRICE) -> bool:

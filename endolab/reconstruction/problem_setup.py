@@ -22,7 +22,8 @@ from endolab.preprocessing.highlights import check_highlights, find_highlights, 
 
 SEPARATED = "separated"  # the channel that is made of all three, bounced light taken out
 AUTO = "auto"  # the one that the frame's evidence allows
-COARSE = 240  # px; light that has bounced is smooth, and contours are long: their surface need not be fine
+# px of the longer side; what is smooth, as light that has bounced, and long, as contours, need not be fine
+COARSE = 240
 LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
 # At the peak of a whole run of gauss_newton with its recording and its files, measured at 0.2 to 12 Mpx.
 BYTES, BYTES_PER_PIXEL = 400e6, 720
@@ -120,9 +121,10 @@ def two_sizes(
     """Return what `make_problems` does, in full and on as few pixels as what is smooth needs."""
     fine = make_problems(frame, calibration, channels, **options)
     camera = fine[0].camera
-    if camera.width <= COARSE or round(camera.height * COARSE / camera.width) < LEAST_SIDE:
+    less = COARSE / max(camera.width, camera.height)
+    if less >= 1 or less * min(camera.width, camera.height) < LEAST_SIDE:
         return fine, fine
-    options = options | {"width": COARSE, "cuts": None}
+    options = options | {"width": round(less * camera.width), "cuts": None}
     return fine, make_problems(frame, calibration, channels, **options)
 
 

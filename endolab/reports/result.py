@@ -18,6 +18,7 @@ from endolab.plots.preparation import prepare_figure
 from endolab.plots.scales import DECIDERS, in_colour
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.mesh import make_mesh
+from endolab.reconstruction.plausible import doubts
 from endolab.reconstruction.scale import scale_of
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ def report(result: Result, trust: Trust | None = None) -> dict[str, Any]:
         "metric": result.metric,
         "scale": scale_of(result),
         "meaning": list(meaning(result)),
+        "doubts": list(doubts(result)),
         "distance": {
             "median": float(np.median(known)),
             "least": float(known.min()),

@@ -26,7 +26,7 @@ from endolab.depth.result import Iterate, Observer, Result, run
 from endolab.depth.solvers import solve
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.derivatives import REFERENCE_WIDTH
+from endolab.numerics.derivatives import fineness
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
@@ -99,13 +99,13 @@ class Answer:
 
     @cached_property
     def roughness(self) -> float:
-        """Mean angle between normals that are 1/320 of the width apart, degrees, but across what is torn."""
+        """Mean angle between normals 1/320 of the longer side apart, degrees, but across what is torn."""
         normals, cuts = self.result.normals, self.result.problem.cuts
         right, below = (np.linalg.norm(np.diff(normals, axis=axis), axis=-1) for axis in (1, 0))
         if cuts is not None:
             right[cuts[0, :, :-1]], below[cuts[1, :-1]] = np.nan, np.nan
         mean = np.nanmean(np.append(right, below))
-        return float(np.degrees(mean)) * normals.shape[1] / REFERENCE_WIDTH
+        return float(np.degrees(mean)) * fineness(normals.shape)
 
     @cached_property
     def relief(self) -> tuple[float, float]:

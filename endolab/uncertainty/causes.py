@@ -17,17 +17,17 @@ from endolab.depth.problem import Problem
 from endolab.model.interreflection import Walls
 from endolab.model.surface import normals
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.derivatives import REFERENCE_WIDTH, links
+from endolab.numerics.derivatives import fineness, links
 from endolab.preprocessing.contours import find_contours
 from endolab.uncertainty.doubts import Doubts
 from endolab.uncertainty.linearised import Linearised
 
-LENGTH = 12.0  # of a wall's texture, standard deviation of its Gaussian, per 320 px of the width
+LENGTH = 12.0  # of a wall's texture, standard deviation of its Gaussian, per 320 px of the longer side
 AROUND = 10.0  # of the residuals that count for a pixel, likewise
 LEAST_LEFT = 0.5  # of the median of what fits leave, below which a pixel's own is not taken
 GRAZING = 0.05  # cos θ below which a lamp's place tells nothing more
 OFF = 1.0  # of the light's logarithm, that a lamp beside the optical centre changes at most
-MAYBE = 0.03  # steepness from which on every second line is a contour: log d₀ per 1/320 of the width
+MAYBE = 0.03  # steepness from which on every second line is a contour: log d₀ per 1/320 of the longer side
 
 
 def correlated(rng: np.random.Generator, shape: tuple[int, ...], length: float) -> FloatArray:
@@ -60,7 +60,7 @@ class Texture:
     def __init__(self, surface: Linearised, rng: np.random.Generator, least: float) -> None:
         self._surface, self._rng, self._least = surface, rng, least
         problem = surface.problem
-        self._scale = problem.camera.width / REFERENCE_WIDTH
+        self._scale = fineness(problem.mask.shape)
         self._said = (surface.weight > 0).astype(np.float64)
         self._light = surface.model / problem.photometry.gamma  # change of I per change of log light
         self._left: list[FloatArray] = []

@@ -16,7 +16,7 @@ ENOUGH = 400  # columns: a texture's Gaussian then has σ of 7 px and more
 
 def thinned(iterate: Iterate) -> Iterate:
     """The same on half the pixels along both sides, as often as it takes to have `ENOUGH` columns at most."""
-    while iterate.mask.shape[1] > ENOUGH:
+    while max(iterate.mask.shape) > ENOUGH:
         iterate = _halved(iterate)
     return iterate
 

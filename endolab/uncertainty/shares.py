@@ -14,7 +14,7 @@ from endolab.depth.multigrid import Multigrid, multiply
 from endolab.depth.normal_equations import Coefficients
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import inner, padded
-from endolab.numerics.derivatives import REFERENCE_WIDTH
+from endolab.numerics.derivatives import fineness
 from endolab.uncertainty.causes import LENGTH, around, correlated
 from endolab.uncertainty.linearised import DAMPING, MOST, PRECISION, Linearised
 
@@ -47,7 +47,7 @@ class Bumps:
     def __init__(self, surface: Linearised, rng: np.random.Generator) -> None:
         self._surface, self._rng = surface, rng
         mask = surface.problem.mask
-        self._length = LENGTH * mask.shape[1] / REFERENCE_WIDTH
+        self._length = LENGTH * fineness(mask.shape)
         self._there = mask.astype(np.float64)
         self._seen, self._whole = np.zeros(mask.shape), np.zeros(mask.shape)
 

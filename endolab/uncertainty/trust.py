@@ -23,7 +23,7 @@ from endolab.model.endoscope import Endoscope
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.checks import told, whole
-from endolab.numerics.derivatives import REFERENCE_WIDTH, links
+from endolab.numerics.derivatives import fineness, links
 from endolab.numerics.iteration import Status, checked_observers, closing, drive
 from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import QUIET, noise_level
@@ -36,7 +36,7 @@ from endolab.uncertainty.linearised import Linearised
 from endolab.uncertainty.shares import DATA, OUTSIDE, Bumps, Rim
 
 DRAWS, LEAST = 24, 4  # of each random field: by default, below which nothing is told
-ALONG = 40.0  # of what enters along a rim, per 320 px of the width: values of one wall go together
+ALONG = 40.0  # of what enters along a rim, per 320 px of the longer side: values of one wall go together
 FEW = 8  # of those that are smooth, or matter little
 TRIES = 6  # of random fields that tell what a fit leaves, and what it does not find
 LARGEST = 1.0  # σ of log d at most: what is worse is not known at all
@@ -185,7 +185,7 @@ class _Estimate:
         for draw in range(self._asked):
             yield "texture", surface.to_light(strength * texture.field())
             if draw < FEW:
-                along = correlated(rng, mask.shape, ALONG * mask.shape[1] / REFERENCE_WIDTH)
+                along = correlated(rng, mask.shape, ALONG * fineness(mask.shape))
                 yield "border", entering.moved(doubts.border * along)
                 white = correlated(rng, mask.shape, blur)
                 yield "noise", surface.to_picture(noise * white)

@@ -151,3 +151,16 @@ def test_a_frame_that_does_not_fit(tmp_path, size, mask, named):
         write_image(tmp_path / "m.png", mask)
     with pytest.raises(ValueError, match=named):
         el.read_frame(tmp_path / "f.png", CALIBRATION, None if mask is None else tmp_path / "m.png")
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png", "tif"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_picture_is_read_as_the_sensor_saw_it_however_it_is_marked(tmp_path, caplog, suffix, orientation):
+    stored = np.zeros((16, 24), np.uint8)
+    stored[:8, :8] = 255
+    tags = Image.Exif()
+    tags[274] = orientation
+    Image.fromarray(stored).save(tmp_path / f"a.{suffix}", exif=tags)
+    found = read_image(tmp_path / f"a.{suffix}")
+    np.testing.assert_allclose(found, stored / 255, atol=0.1)
+    assert (f"a.{suffix}" in caplog.text) is (orientation != 1)

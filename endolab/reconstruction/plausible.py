@@ -1,0 +1,57 @@
+"""What makes a result doubtful, in a sentence each; nothing is refused, for a frame may be a rare one."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from endolab.depth.energy import contradicted, model_image
+from endolab.depth.result import Result
+from endolab.preprocessing.frame import noise_level
+
+NARROW = 5.0  # degrees from the axis to the picture's rim; endoscopes see 35 to 85
+DISTANCES = 2.0, 300.0  # mm, of the median
+EXPLAINED = 0.97  # of the picture's variance; frames of cavities have 0.99 and more
+DIM = 0.1  # of what the file can hold; the brightest pixel of a usual frame has 0.8 and more
+BLACKEST = 0.05  # albedo of tissue and of phantoms
+
+
+def doubts(result: Result) -> tuple[str, ...]:
+    """Say what about a result hardly can be true, in a sentence each; usually there is nothing to be said."""
+    return tuple(_doubts(result))
+
+
+def _doubts(result: Result) -> Iterator[str]:
+    problem, mask = result.problem, result.mask
+    widest = float(np.degrees(np.arccos(np.clip(problem.field.cos_alpha[mask].min(), -1, 1))))
+    if widest < NARROW:
+        yield f"The camera sees only {widest:.2g}° to the side: its focal length may be wrong."
+    median = float(np.median(result.distance[mask]))
+    if result.metric and not DISTANCES[0] <= median <= DISTANCES[1]:
+        yield (
+            f"The median distance is {median:.3g} mm, where endoscopes see {DISTANCES[0]:g} to "
+            f"{DISTANCES[1]:g} mm: gain, γ, albedo or a given length may be wrong."
+        )
+    left = model_image(problem, result.iterate.log_distance) - problem.image
+    told = mask & contradicted(problem, left)
+    spread = float(np.var(problem.image[told])) if told.any() else 0.0
+    picture = problem.shown
+    noise = noise_level(picture if picture.ndim == 2 else picture.mean(axis=-1), mask)
+    explained = 1 - (float(np.var(left[told])) + noise**2) / spread if spread > 0 else 1.0
+    if explained < EXPLAINED:
+        yield (
+            f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast, and of a usual "
+            "frame 99 %: this may be no endoscope's frame, or λ too large."
+        )
+    if picture.ndim == 3:
+        red, _, blue = (float(np.median(picture[..., channel][mask])) for channel in range(3))
+        if blue > red:
+            yield "Blue is brighter than red, as in no tissue: they may be swapped, or the picture inverted."
+    brightest = float(picture[mask].max())
+    if brightest < DIM:
+        yield (
+            f"The brightest pixel has {100 * brightest:.2g} % of what the file can hold: it may be of fewer "
+            "bits than its file, such as 12 in 16."
+        )
+    albedo = float(np.min(getattr(problem.photometry.brdf, "albedo", BLACKEST)))
+    if albedo < BLACKEST:
+        yield f"An albedo of {albedo:.2g} is no tissue's, which has 0.1 to 0.8."

@@ -1,0 +1,61 @@
+"""What can hardly be true is said, and nothing is said of what is usual."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import endolab as el
+from endolab.reconstruction.plausible import doubts
+
+WIDTH = 160
+
+
+@pytest.fixture(scope="module")
+def wet():
+    return el.load_traced("wet-1")
+
+
+def doubts_of(image, calibration, mask, **options):
+    return doubts(el.reconstruct(el.Frame(image, mask, "a"), calibration, width=WIDTH, **options))
+
+
+@pytest.mark.parametrize("name", ["matt", "diffuse-2", "foggy"])
+def test_nothing_is_said_of_what_is_usual(name):
+    sample = el.load_traced(name)
+    assert doubts_of(sample.frame.image, sample.calibration, sample.frame.mask) == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda image: 1 - image, "Blue is brighter"),
+        (lambda image: image[..., ::-1], "Blue is brighter"),
+        (lambda image: image / 16, "bits"),
+        (lambda image: np.random.default_rng(0).random(image.shape), "contrast"),
+        (lambda image: 0.1 + 0.8 * (np.indices(image.shape).sum(axis=0) // 32 % 2), "contrast"),
+    ],
+)
+def test_a_picture_of_something_else_is_doubted(wet, change, named):
+    image = np.clip(change(wet.frame.image), 0, 1)
+    assert named in " ".join(doubts_of(image, wet.calibration, wet.frame.mask))
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"gain": 1e8}, "median distance"),
+        ({"gamma": 5.0}, "contrast"),
+        ({"brdf": el.Lambertian(0.01)}, "albedo"),
+    ],
+)
+def test_a_light_of_something_else_is_doubted(wet, change, named):
+    calibration = replace(wet.calibration, photometry=replace(wet.calibration.photometry, **change))
+    said = doubts_of(wet.frame.image, calibration, wet.frame.mask, channel="green")
+    assert named in " ".join(said)
+
+
+def test_a_lost_decimal_point_is_doubted_and_needs_no_more_memory(wet):
+    camera = el.Pinhole(320, 240, 119535.0, 119535.0, 159.5, 119.5)
+    calibration = el.Calibration(camera, wet.calibration.photometry)
+    assert "focal length" in " ".join(doubts_of(wet.frame.image, calibration, wet.frame.mask))
