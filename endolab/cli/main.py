@@ -250,6 +250,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments = _parser().parse_args(sys.argv[1:] if argv is None else argv)
         if getattr(arguments, "threads", None) is not None:
             os.environ["ENDOLAB_THREADS"] = str(arguments.threads)
+        if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+            raise ValueError("NUMBA_DISABLE_JIT is set in the environment, and endolab's loops need Numba")
         arguments.run(arguments)
         sys.stdout.flush()
     except BrokenPipeError:  # as after `| head -1`: nobody reads on
@@ -283,5 +285,8 @@ def run() -> NoReturn:
         warnings.filterwarnings("ignore", module=r"(?!endolab\b)")
     gc.set_threshold(50_000)  # what is imported stays: to look through it takes a sixth of all importing
     status = main()
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)  # it ends already
     gc.freeze()  # nothing need be looked through for what could be freed when Python ends: half a second
     raise SystemExit(status)
