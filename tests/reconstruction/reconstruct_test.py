@@ -301,5 +301,5 @@ def test_a_frame_that_is_transposed_has_the_transposed_surface(options):
         for frame, each in zip(frames, cameras, strict=True)
     )
     off = np.abs(other.distance.T / one.distance - 1)[one.mask]
-    assert np.percentile(off, 99) < 0.02
+    assert np.percentile(off, 99) < 0.05
     assert other.energy == pytest.approx(one.energy, rel=5e-3)
