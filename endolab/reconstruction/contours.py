@@ -17,6 +17,9 @@ from collections.abc import Generator
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
+import numpy as np
+
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import Problem
 from endolab.depth.result import Iterate, Result, staged
@@ -51,6 +54,18 @@ def torn_at_contours(problem: Problem, bar: float = BARS[0]) -> Problem:
     torn = bool(cuts.any())
     origin = replace(problem.origin, bar=bar if torn else None)
     return replace(problem, cuts=cuts if torn else None, origin=origin)
+
+
+def torn_near(problem: Problem, coarse: BoolArray) -> Problem:
+    """Leave of a problem's cuts those that lie within a pixel of these on fewer pixels, (2, h, w)."""
+    if problem.cuts is None:
+        return problem
+    beside = np.asarray(coarse[0] | coarse[1])
+    beside[:, 1:] |= coarse[0, :, :-1]
+    beside[1:] |= coarse[1, :-1]
+    near = cv2.dilate(np.asarray(beside, np.uint8), np.ones((3, 3), np.uint8))
+    near = cv2.resize(near, problem.mask.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    return replace(problem, cuts=problem.cuts & (near > 0))
 
 
 def torn_where_it_pays(

@@ -36,7 +36,7 @@ PREPARING = (
     *("xi", "regulariser", "lam", "epsilon", "threshold", "cuts"),
 )
 TOLD = ("xi", "regulariser", "lam", "epsilon", "threshold")  # of a result's settings
-SETTLED = 1e-2  # of distances: a torn surface hangs together by little, and creeps long after that
+SETTLED = 5e-3  # of distances: a torn surface hangs together by little, and creeps long after that
 GREY = (
     "The picture is grey, so that light which came by way of other walls cannot be told from the lamp's: "
     "it was left in."

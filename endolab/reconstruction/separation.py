@@ -54,6 +54,7 @@ from endolab.reconstruction.contours import (
     pays,
     remarked_on_contours,
     torn_at_contours,
+    torn_near,
 )
 from endolab.reconstruction.problem_setup import (
     SEPARATED,
@@ -261,6 +262,8 @@ def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -
             problem = replace(problem, cuts=cuts, origin=found.surface.problem.origin)
         else:
             problem = torn_at_contours(problem, bar_of(found.surface.problem) or BARS[0])
+            if found.cue == ENERGY:  # colours choose a bar, the energy these very lines
+                problem = torn_near(problem, cuts)
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T]
     note = found.light.told(given, np.array(medians))
     problem = noted(problem, channel=SEPARATED, contours=problem.cuts is not None)
