@@ -118,6 +118,8 @@ class Page:
     def take(self, content: str | bytes, page: _Channel) -> None:
         """Do what a page says, and tell it when that is done."""
         message = json.loads(content)
+        if not isinstance(message["data"].get("state", {}), dict):
+            raise TypeError("state must be an object")
         self._asker = page
         try:
             given = {"content": {"data": message["data"]}, "buffers": []}

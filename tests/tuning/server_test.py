@@ -120,7 +120,7 @@ def test_no_other_pages_script_may_open_the_channel(serve):
         asyncio.run(tried())
 
 
-def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve):
+def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve, capfd):
     seen = []
 
     def make():
@@ -150,14 +150,20 @@ def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve
         page.widget.value = 7  # from another thread
         for channel in (one, other):
             assert (await heard(channel))[0]["state"] == {"value": 7}
-        for nonsense in ("nonsense", "[]", json.dumps(change | {"id": "none"})):
-            await one.write_message(nonsense)
+        state = {"method": "update", "state": []}
+        others = [{"id": "none"}, {"id": []}, {"data": None}, {"data": [1]}, {"data": state}]
+        wrong = [json.dumps(change | other) for other in others]
+        for nonsense in ("nonsense", "[]", "null", "[" * 200_000, b"bytes", *wrong):
+            await one.write_message(nonsense, binary=isinstance(nonsense, bytes))
         await one.write_message(json.dumps(change))
         assert (await heard(one))[0]["done"]  # it is still there
         await leave(one, other)
 
     asyncio.run(talk())
     assert seen == [5, 7, 5]
+    said = capfd.readouterr().err
+    assert len(said.splitlines()) == 10  # one for each nonsense
+    assert page.link[-49:-1] not in said
 
 
 def test_it_ends_when_the_last_page_is_left_and_not_when_one_is_loaded_again(serve, monkeypatch):
