@@ -135,6 +135,8 @@ class Frame:
 
         share = shrunk(self.mask)
         kept, whole = share >= 0.5, self.mask.all()
+        if not kept.any():
+            raise ValueError(f"{self.name}: shrunk to {width}x{height} px, nothing of its mask is left")
         part = np.where(kept, share, 1.0)
 
         def averaged(channel: FloatArray) -> FloatArray:

@@ -29,7 +29,7 @@ def _doubts(result: Result) -> Iterator[str]:
     if result.metric and not DISTANCES[0] <= median <= DISTANCES[1]:
         yield (
             f"The median distance is {median:.3g} mm, where endoscopes see {DISTANCES[0]:g} to "
-            f"{DISTANCES[1]:g} mm: gain, γ, albedo or a given length may be wrong."
+            f"{DISTANCES[1]:g} mm: gain, k, γ, albedo or a given length may be wrong."
         )
     left = model_image(problem, result.iterate.log_distance) - problem.image
     told = mask & contradicted(problem, left)

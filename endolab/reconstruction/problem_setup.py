@@ -87,6 +87,7 @@ def make_problems(
 
     def prepared(wanted: str | None) -> Problem:
         name, image = treated.channel(wanted)
+        called = frame.name if picture.ndim == 2 else f"{frame.name} in {name}"
         one = photometry.simplified().channel(name)
         seen = frame.seen(image) & camera.field.valid
         clipped = image >= BRIGHT
@@ -100,7 +101,7 @@ def make_problems(
         settings |= {"height": camera.height, "smooth": blur, "highlights": highlights}
         problem = Problem(
             image=image,
-            mask=usable(image, seen, camera.field.cos_alpha, frame.name),
+            mask=usable(image, seen, camera.field.cos_alpha, called),
             camera=camera,
             photometry=one if one.gain is not None else replace(one, gain=1.0),
             metric=one.gain is not None,
