@@ -69,8 +69,8 @@ from .synthetic.scenes import Plane as Plane
 from .synthetic.scenes import Tube as Tube
 from .tuning.surface_view import show_surface as show_surface
 from .tuning.widget import tune as tune
-from .uncertainty.doubts import Doubts as Doubts
-from .uncertainty.trust import Trust as Trust
-from .uncertainty.trust import trust_of as trust_of
+from .uncertainty.estimate import Uncertainty as Uncertainty
+from .uncertainty.estimate import uncertainty_of as uncertainty_of
+from .uncertainty.prior_sigma import PriorSigma as PriorSigma
 
 __version__: str

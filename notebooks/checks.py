@@ -251,7 +251,7 @@ def half_angle(beta):
 
 
 @exercise("`inflow` takes log d at the border and on the far side of each jump in log d, and nan elsewhere.")
-def told_behind_folds(error_told, seen):
+def error_behind_folds(error_at, seen):
     log_d = np.log(seen.distance)
     border = np.ones(log_d.shape, dtype=bool)
     border[1:-1, 1:-1] = False
@@ -260,13 +260,13 @@ def told_behind_folds(error_told, seen):
         inflow = np.where(border | (log_d - minimum_filter(log_d, 3) > jump), log_d, np.nan)
         run = el.reconstruct(frame, known, solver="fast_marching", smooth=0, inflow=inflow)
         right = np.mean(percent(run.distance, seen.distance))
-        yield Part(f"error for jumps of {jump}", error_told(jump), right, 0.02 * right, "%")
+        yield Part(f"error for jumps of {jump}", error_at(jump), right, 0.02 * right, "%")
 
 
 brightness_to_depth = SimpleNamespace(
     march=march,
     exercise_1=half_angle,
-    exercise_2=told_behind_folds,
+    exercise_2=error_behind_folds,
     first_order=first_order,
     pixel_angle=pixel_angle,
     STEREOGRAPHIC=STEREOGRAPHIC,
@@ -434,8 +434,8 @@ recordings = SimpleNamespace(exercise_1=last_step, exercise_2=nearest_to_truth)
 
 # 10 ---------------------------------------------------------------------------------------
 @exercise("All pixels are measured by the touched one: they inherit σ of its shape, over its distance.")
-def one_touch(scales, trust, result):
-    share = np.where(result.mask, trust.sigma_shape / result.distance, np.nan)
+def one_touch(scales, uncertainty, result):
+    share = np.where(result.mask, uncertainty.sigma_shape / result.distance, np.nan)
     right = np.array([np.nanmin(share), np.nanmax(share)])
     yield Part("scales", scales, right, 0.02 * right.min())
 
@@ -450,4 +450,4 @@ def noisy_tube(prediction, off, frame, calibration, truth):
     yield Part("prediction", prediction, "more" if right[1] < right[0] else "less")
 
 
-trust = SimpleNamespace(exercise_1=one_touch, exercise_2=noisy_tube)
+uncertainty = SimpleNamespace(exercise_1=one_touch, exercise_2=noisy_tube)

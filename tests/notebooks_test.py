@@ -90,8 +90,8 @@ def test_it_defines_no_class_and_no_solver(cells):
 def test_it_closes_with_an_assertion_and_two_exercises(cells):
     start = next(i for i, cell in enumerate(cells) if cell["text"].startswith("## Exercises"))
     assert "assert " in code_of(cells[:start])[-1]
-    told = "\n".join(cell["text"] for cell in cells[start:] if cell["cell_type"] == "markdown")
-    assert all(f"**{number}" in told for number in (1, 2))
+    text = "\n".join(cell["text"] for cell in cells[start:] if cell["cell_type"] == "markdown")
+    assert all(f"**{number}" in text for number in (1, 2))
     assert len(code_of(cells[start:])) >= 2, "each exercise has a cell to answer in"
 
 

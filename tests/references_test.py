@@ -28,17 +28,17 @@ def links(entry):
     return {prefix + entry[field] for field, prefix in PREFIX.items() if field in entry}
 
 
-def wrong(key, said, entries):
+def wrong(key, text, entries):
     """What a notebook says of a work that its entry does not, or leaves out."""
     if key not in entries:
         return [f"{key}: no such entry"]
-    entry, said = entries[key], " ".join(said.split())
+    entry, text = entries[key], " ".join(text.split())
     people = entry.get("author") or entry["editor"]
     names = [name.partition(",")[0].strip("{}") for name in people.split(" and ")]
     few = names if len(names) <= MOST_NAMES else [names[0], "et al."]
     expected = [*few, f"*{entry['title']}*", *([entry["year"]] if "year" in entry else [])]
-    found = set(re.findall(r"\]\(([^)]+)\)", said))
-    missing = [f"{key}: {part} is not said" for part in expected if part not in said]
+    found = set(re.findall(r"\]\(([^)]+)\)", text))
+    missing = [f"{key}: {part} is not said" for part in expected if part not in text]
     return missing + [f"{key}: {link}" for link in sorted(found ^ links(entry))]
 
 
@@ -46,7 +46,7 @@ def wrong(key, said, entries):
 def test_it_names_its_sources_as_the_bibliography_does(path):
     works = section(path)
     assert FEWEST <= len(works) <= MOST
-    assert [fault for key, said in works for fault in wrong(key, said, ENTRIES)] == []
+    assert [fault for key, text in works for fault in wrong(key, text, ENTRIES)] == []
 
 
 def test_every_entry_is_whole_and_read_somewhere():

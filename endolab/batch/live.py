@@ -195,12 +195,12 @@ def live_row(step: LiveStep) -> Row:
 
 def live_summary(rows: list[Row], seconds: float) -> str:
     """Sum the rows of so many seconds up in a sentence."""
-    told = f"taken {len(rows)} of {len(rows) + sum(row['dropped'] for row in rows)} frames"
+    summary = f"taken {len(rows)} of {len(rows) + sum(row['dropped'] for row in rows)} frames"
     if rows:
         lag = 1000 * median(row["lag"] for row in rows)
-        told += f", {len(rows) / seconds:.1f} frames/s, lag {lag:.0f} ms median"
+        summary += f", {len(rows) / seconds:.1f} frames/s, lag {lag:.0f} ms median"
     failed = [row["error"] for row in rows if row["error"]]
-    return told + (f"; {len(failed)} could not be used, such as {failed[-1]}" if failed else "")
+    return summary + (f"; {len(failed)} could not be used, such as {failed[-1]}" if failed else "")
 
 
 def shown(steps: Iterable[LiveStep], sinks: Sequence[Sink]) -> Iterator[LiveStep]:

@@ -107,9 +107,9 @@ def sweep(
     for one in regulariser:
         if one not in ("auto", *REGULARISERS):
             raise unknown_name("regulariser", one, REGULARISERS)
-    told = {name: value for name, value in sorted(options.items()) if value is not None}
-    told = {"calibration": _checksum(calibration)} | told
-    last = solver, " ".join(f"{name}={value}" for name, value in told.items())
+    fixed = {name: value for name, value in sorted(options.items()) if value is not None}
+    fixed = {"calibration": _checksum(calibration)} | fixed
+    last = solver, " ".join(f"{name}={value}" for name, value in fixed.items())
     weights = map(partial(number, "lam"), lam)
     settings = list(itertools.product(*map(dict.fromkeys, (xi, regulariser, weights))))
     tasks = [

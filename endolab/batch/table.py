@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from endolab.depth.result import Result
-from endolab.io.atomic import PathLike, damage_told, read_bytes, write_atomically
+from endolab.io.atomic import PathLike, damage_named, read_bytes, write_atomically
 from endolab.reconstruction.contours import bar_of
 from endolab.reconstruction.sequence import Step
 
@@ -51,7 +51,7 @@ def read_rows(path: PathLike, columns: Sequence[str], words: Collection[str]) ->
     ValueError or OSError in one sentence that names the file, if it is another table.
     """
     content = read_bytes(path, "table").decode(errors="surrogateescape")  # a file's name may be any bytes
-    with damage_told(path, f"a table of endolab's, whose columns are {', '.join(columns)}"):
+    with damage_named(path, f"a table of endolab's, whose columns are {', '.join(columns)}"):
         head, *lines = filter(None, csv.reader(io.StringIO(content, newline="")))
         rows = [dict(zip(columns, cells, strict=True)) for cells in (head, *lines)]
         if head != [*columns]:

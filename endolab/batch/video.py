@@ -132,10 +132,12 @@ def reconstruct_video(
             raise
         with suppress(OSError):  # there is a failure to tell already
             folder.close_recording()
-        said = str(failure) or ("interrupted" if isinstance(failure, KeyboardInterrupt) else "out of memory")
+        reason = str(failure) or (
+            "interrupted" if isinstance(failure, KeyboardInterrupt) else "out of memory"
+        )
         kind = OSError if isinstance(failure, OSError) else type(failure)
         stay = f"{count} of {len(wanted)} frames are done and stay"
-        raise kind(f"{said}; {stay}, the same command goes on") from failure
+        raise kind(f"{reason}; {stay}, the same command goes on") from failure
     paths = (folder.path / name for name in FILES)
     return VideoSummary(rows, len(before), tuple(path for path in paths if path.exists()))
 

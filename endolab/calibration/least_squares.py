@@ -87,8 +87,8 @@ def _inverses(matrices: FloatArray, diagonal: FloatArray) -> tuple[FloatArray, F
     values, vectors = np.linalg.eigh(matrices * scale[..., None] * scale[..., None, :])
     gone = values < GONE
     vectors = vectors * scale[..., None]
-    told = vectors / np.sqrt(np.where(gone, np.inf, values))[..., None, :]
-    return told @ np.swapaxes(told, -1, -2), vectors * gone[..., None, :]
+    scaled = vectors / np.sqrt(np.where(gone, np.inf, values))[..., None, :]
+    return scaled @ np.swapaxes(scaled, -1, -2), vectors * gone[..., None, :]
 
 
 def product(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -105,8 +105,8 @@ def detect_all(
                     check_size(name, size, camera, "camera")
             elif here != size:
                 where = f"{first} is" if first else "the others are"
-                told = f"{where} {size[0]}x{size[1]} px, {name} is {here[0]}x{here[1]} px"
-                raise ValueError(f"the frames differ in size: {told}")
+                sizes = f"{where} {size[0]}x{size[1]} px, {name} is {here[0]}x{here[1]} px"
+                raise ValueError(f"the frames differ in size: {sizes}")
             detections[name] = detect(image, target)
             if found is not None:
                 found(name, detections[name], here)
@@ -179,8 +179,8 @@ def sample_all(
 
 def _none_found(detections: Mapping[str, Detection], target: Target) -> ValueError:
     reasons = Counter(detection.reason for detection in detections.values()).most_common()
-    told = f"{describe_target(target)}: " + ", ".join(f"{reason} in {n}" for reason, n in reasons)
-    return ValueError(f"the target was found in none of {len(detections)} frames; looked for {told}")
+    expected = f"{describe_target(target)}: " + ", ".join(f"{reason} in {n}" for reason, n in reasons)
+    return ValueError(f"the target was found in none of {len(detections)} frames; looked for {expected}")
 
 
 def describe_target(target: Target) -> str:

@@ -219,8 +219,8 @@ def _light_lines(session: Session) -> list[str]:
     known = scores is not None and scores.count >= LEAST_SCORED
     if scores is not None and np.any(known):
         worst, to = 100 * np.abs(scores.error[known]).max(), np.rad2deg(scores.edges[1:][known].max())
-        said = f"their light is as predicted within {worst:.2g} %, to {to:.0f}° off the axis"
-        lines.append(f"frames held out: {said}")
+        agreement = f"their light is as predicted within {worst:.2g} %, to {to:.0f}° off the axis"
+        lines.append(f"frames held out: {agreement}")
     return lines + light.verdict
 
 

@@ -106,8 +106,8 @@ class Target:
         whole("fold", self.fold)
         right = self.panel_of(self.points[self.points[:, 1] == 0])
         if min(np.sum(right == 0), np.sum(right)) < 2:
-            told = f"got {self.fold} of {self.columns} columns"
-            raise ValueError(f"fold must leave two columns of features on each side, {told}")
+            given = f"got {self.fold} of {self.columns} columns"
+            raise ValueError(f"fold must leave two columns of features on each side, {given}")
 
     @property
     def points(self) -> FloatArray:
@@ -190,8 +190,8 @@ class DotGrid(Target):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 < self.small < self.large < self.spacing / 2:
-            told = f"small {self.small}, large {self.large}, spacing {self.spacing}"
-            raise ValueError(f"the radii must be 0 < small < large < spacing / 2, got {told}")
+            given = f"small {self.small}, large {self.large}, spacing {self.spacing}"
+            raise ValueError(f"the radii must be 0 < small < large < spacing / 2, got {given}")
         check_range("small", self.small, "length")
         if whole("seed", self.seed) >= 2**32:
             raise ValueError(f"seed must be below 2**32, got {self.seed}")

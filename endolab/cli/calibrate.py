@@ -89,8 +89,8 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     patches = len(set(target.ink.greys[:, 3]))
     given = [None if known == "free" else known for known in arguments.reflectance]
     if given and len(given) != patches:
-        said = f"but --reflectance says {len(given)}"
-        raise ValueError(f"the target has {patches} kinds of grey patches, {said}")
+        count = f"but --reflectance says {len(given)}"
+        raise ValueError(f"the target has {patches} kinds of grey patches, {count}")
     checked_gamma(arguments.gamma)
     names = ("every", "channel", "leave_out", "record", "overwrite", "gamma", "brdf", "gain", "light")
     options = {name: getattr(arguments, name) for name in names}

@@ -264,8 +264,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(error, RuntimeError) and not _ended:
             raise
         # A RuntimeError is Numba's, that it could not end.
-        said = str(error) if isinstance(error, KeyboardInterrupt) else ""
-        print(f"endolab: {said or 'interrupted; nothing was written'}", file=sys.stderr)
+        reason = str(error) if isinstance(error, KeyboardInterrupt) else ""
+        print(f"endolab: {reason or 'interrupted; nothing was written'}", file=sys.stderr)
         return 128 + (_ended or [signal.SIGINT])[0]
     return 0
 

@@ -175,12 +175,12 @@ def solving(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     evidence = calibration.evidence.get("photometry")
     if "albedo" not in light and isinstance(evidence, dict) and evidence.get("brdf_of"):
         print("The BRDF is that of the calibration sheet; --albedo 0.5 takes a matt wall instead.")
-    said = {name: value for name in SOLVING if (value := getattr(arguments, name, None)) is not None}
+    chosen = {name: value for name in SOLVING if (value := getattr(arguments, name, None)) is not None}
     if arguments.contours is not None:
-        said["contours"] = CONTOURS[arguments.contours]
-    if any(name in said for name in LENGTHS):
+        chosen["contours"] = CONTOURS[arguments.contours]
+    if any(name in chosen for name in LENGTHS):
         keywords = {name: value for name, value in keywords.items() if name not in LENGTHS}
-    return SolvingSettings(photometry=light).believed(calibration), keywords | said
+    return SolvingSettings(photometry=light).believed(calibration), keywords | chosen
 
 
 # What is told meanwhile -----------------------------------------------------------------
@@ -192,7 +192,7 @@ def progress_bar(unit: str, what: str | None = None, total: int | None = None) -
 
 
 @contextmanager
-def compiling_said() -> Iterator[None]:
+def announce_compiling() -> Iterator[None]:
     """Say on stderr, once, that loops are compiled, if any are in the block, and show how far that is."""
     from numba.core import event
     from tqdm import tqdm

@@ -11,7 +11,7 @@ from endolab.cli.options import (
     add_command,
     add_overwrite,
     add_solving_options,
-    compiling_said,
+    announce_compiling,
     count,
     progress_bar,
     solving,
@@ -20,7 +20,7 @@ from endolab.cli.options import (
 
 SNAPSHOTS = 12  # of a march, in its recording
 LARGE = 4_000_000  # px of a frame that takes long
-OF_ONE = ("mesh", "prepare", "trust", "snapshots")  # options that are of one frame
+OF_ONE = ("mesh", "prepare", "uncertainty", "snapshots")  # options that are of one frame
 
 
 def _reconstruct(arguments: argparse.Namespace) -> None:
@@ -82,8 +82,8 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     if depth_layout(arguments.frame) or looks_like_depth(frame.image):
         print(f"{arguments.frame} may be a depth map and no picture, by its name or for it has no noise.")
     solver = keywords.setdefault("solver", DEFAULT_SOLVER)
-    if arguments.trust:
-        from endolab.uncertainty.trust import check_solver
+    if arguments.uncertainty:
+        from endolab.uncertainty.estimate import check_solver
 
         check_solver(solver)
     if solver == "fast_marching" or arguments.snapshots is not None:
@@ -91,7 +91,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     unrecorded = lacking("rerun")
     if not unrecorded:
         from endolab.recording.recorder import record
-    with compiling_said(), staged_folder(arguments.out, **_where(arguments)) as folder:
+    with announce_compiling(), staged_folder(arguments.out, **_where(arguments)) as folder:
         prepared = prepare(frame, calibration, highlights="keep") if arguments.prepare else None
         with (
             nullcontext() if unrecorded else record(folder / "recording.rrd") as recorder,
@@ -107,38 +107,38 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
             observers: list[Any] = [show] if recorder is None else [recorder, show]
             picture = frame if prepared is None else prepared.frame
             result = reconstruct(picture, calibration, observers=observers, **keywords)
-            trust = _trust(result, calibration) if arguments.trust else None
-            if recorder is not None and trust is not None:
-                recorder.add_trust(trust, result)
+            uncertainty = _uncertainty(result, calibration) if arguments.uncertainty else None
+            if recorder is not None and uncertainty is not None:
+                recorder.add_uncertainty(uncertainty, result)
 
         from endolab.reports.result import write_files  # now, as drawing takes half a second to load
 
-        write_files(result, folder, mesh=arguments.mesh, prepared=prepared, trust=trust)
+        write_files(result, folder, mesh=arguments.mesh, prepared=prepared, uncertainty=uncertainty)
         written = sorted(path.name for path in folder.iterdir())
-    _tell(result, solver, prepared, trust)
+    _tell(result, solver, prepared, uncertainty)
     if unrecorded:
         print(f"There is no recording.rrd: {unrecorded}.")
     print(f"written to {arguments.out}: {', '.join(written)}")
 
 
-def _trust(result: Any, calibration: Any) -> Any:
+def _uncertainty(result: Any, calibration: Any) -> Any:
     """How far a result can be trusted; None if the user had no patience for it."""
-    from endolab.uncertainty.trust import trust_of
+    from endolab.uncertainty.estimate import uncertainty_of
 
-    with progress_bar("draw", "trust") as bar:
+    with progress_bar("draw", "uncertainty") as bar:
 
         def show(progress: Any) -> None:
             bar.total = progress.of
             bar.update(progress.done - bar.n)
 
         try:
-            return trust_of(result, calibration, observers=[show])
+            return uncertainty_of(result, calibration, observers=[show])
         except KeyboardInterrupt:
             print("How far it can be trusted was not found out: interrupted.")
             return None
 
 
-def _tell(result: Any, solver: str, prepared: Any, trust: Any) -> None:
+def _tell(result: Any, solver: str, prepared: Any, uncertainty: Any) -> None:
     """Sum a result up."""
     import numpy as np
 
@@ -155,11 +155,11 @@ def _tell(result: Any, solver: str, prepared: Any, trust: Any) -> None:
     if not result.metric:
         ways = "--median-distance, --known-distance or --known-diameter fixes the scale."
         print(f"The gain is unknown, so distances have no unit; {ways}")
-    said = () if prepared is None else prepared.notes
-    for note in (*said, *notes(result), *of_evidence(result), *doubts(result)):
+    preparation = () if prepared is None else prepared.notes
+    for note in (*preparation, *notes(result), *of_evidence(result), *doubts(result)):
         print(note)
-    if trust is not None:
-        numbers = trusted(result, trust)
+    if uncertainty is not None:
+        numbers = trusted(result, uncertainty)
         sigma, scale = numbers["sigma_percent"], numbers["sigma_scale_percent"]
         print(
             f"σ of the distance: {sigma['median']:.2g} % for the median pixel, {sigma['10th']:.2g} to "
@@ -181,7 +181,7 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
     depths = sorted(path.name for path in Path(arguments.frame).glob("*") if depth_layout(path))
     if depths:
         print(f"{arguments.frame} holds depth maps too, which are taken for frames, such as {depths[0]}.")
-    with compiling_said(), progress_bar("frame", "video") as bar:
+    with announce_compiling(), progress_bar("frame", "video") as bar:
 
         def show(done: int, total: int, row: dict[str, Any]) -> None:
             bar.total = total
@@ -254,7 +254,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
         keywords |= {"mask": arguments.mask, "limit": arguments.limit}
         steps = reconstruct_live(arguments.frame, calibration, **keywords)
         with (
-            compiling_said(),
+            announce_compiling(),
             progress_bar("frame", "live") as bar,
             closing(steps),
             suppress(KeyboardInterrupt),
@@ -287,7 +287,7 @@ def _sweep(arguments: argparse.Namespace) -> None:
     calibration, keywords = solving(arguments)
     _say_if_large(arguments, calibration)
     made = 0
-    with compiling_said(), progress_bar("row", "sweep") as bar:
+    with announce_compiling(), progress_bar("row", "sweep") as bar:
 
         def show(done: int, total: int, row: dict[str, Any]) -> None:
             nonlocal made
@@ -346,7 +346,7 @@ def add_reconstruct_commands(commands: Any) -> None:
     option("--prepare", action="store_true", help=how)
     option("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
     how = "tell how far each pixel can be trusted: sigma in depth.npz; takes a few solves' time"
-    option("--trust", action="store_true", help=how)
+    option("--uncertainty", action="store_true", help=how)
     option("--every", type=count, metavar="N", help="of a video, every N-th frame only")
     option("--limit", type=count, metavar="N", help="of a video, N frames at most")
     how = "show a camera's surfaces, or a video's at its own rate: always the newest frame's, by default "

@@ -36,7 +36,7 @@ from endolab.numerics.penalties import huber
 
 def model_image(problem: Problem, log_distance: FloatArray) -> FloatArray:
     """The frame (H, W) that a map of v = log d predicts, normals from its gradient; nan outside the mask."""
-    tan2 = slant(*gradient(log_distance, problem.mask, problem.cuts, edge_order=1), problem.field)
+    tan2 = slant(*gradient(log_distance, problem.mask, problem.discontinuities, edge_order=1), problem.field)
     predicted = problem.photometry.shade(log_distance, tan2, problem.field.cos_alpha)[0]
     return np.where(problem.mask, predicted, np.nan)
 
@@ -51,16 +51,16 @@ def contradicted(problem: Problem, residual: FloatArray) -> BoolArray:
 
 def _roughness(problem: Problem, log_distance: FloatArray) -> FloatArray:
     """What the regulariser charges, without λ and g, (H, W): ‖D ξ/ξ̃‖_ε, or how the surface bends."""
-    mask, cuts, epsilon = problem.mask, problem.cuts, problem.epsilon
+    mask, discontinuities, epsilon = problem.mask, problem.discontinuities, problem.epsilon
     xi = to_xi(np.where(mask, log_distance, 0.0), problem.xi, problem.field.cos_alpha) / problem.xi_median
     xi = np.where(mask, xi, 0.0)
     if problem.regulariser == "curvature":
-        form = second_form(xi, problem.field, mask, cuts)
-        size, twofold = size_and_twofold(form, problem.field.inverse_metric, whole(mask, cuts))
+        form = second_form(xi, problem.field, mask, discontinuities)
+        size, twofold = size_and_twofold(form, problem.field.inverse_metric, whole(mask, discontinuities))
         epsilon *= CREASE
         return (huber(size, epsilon) + TWOFOLD * huber(twofold, epsilon)) / epsilon
     operator = forward_gradient if problem.regulariser == "first" else hessian
-    size = np.linalg.norm(operator(xi, mask, cuts) * problem.derivative_scale, axis=0)
+    size = np.linalg.norm(operator(xi, mask, discontinuities) * problem.derivative_scale, axis=0)
     return huber(size, epsilon) / epsilon
 
 

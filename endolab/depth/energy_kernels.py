@@ -144,10 +144,10 @@ def _predict_row(v: Any, picture: Any, wall: Any, i: int, rows: Any) -> None:
         residual[j] = model[j] - seen[j + 2]
         counts[j] = float(there[j + 2])
     if evidence.size > 0:
-        said = evidence[i]
+        kinds = evidence[i]
         for j in range(model.size):
-            one_sided = said[j + 2] == AT_LEAST and residual[j] < 0
-            counts[j] = counts[j] if said[j + 2] == EXACT or one_sided else 0.0
+            one_sided = kinds[j + 2] == AT_LEAST and residual[j] < 0
+            counts[j] = counts[j] if kinds[j + 2] == EXACT or one_sided else 0.0
 
 
 @kernel
@@ -316,7 +316,7 @@ def linearise(
     parts, descent, smooth = out
     count = v.shape[1] - 2 * PAD
     work, form, factors = np.empty((8, count)), np.empty((3, count)), np.empty((3, count))
-    residual, trust = work[0], work[1]
+    residual, weight_row = work[0], work[1]
     for turn in range(turns[0], turns[1]):
         if turn == 0:
             for i in range(rows[0], rows[1]):
@@ -329,19 +329,19 @@ def linearise(
             for i in range(first, last):
                 _predict_row(v, picture, wall, i, work)
                 _differentiate_row(work, gamma, threshold, factors)
-                copy_row(trust, parts[WEIGHT, i, PAD:])
+                copy_row(weight_row, parts[WEIGHT, i, PAD:])
                 for part in range(3):
                     copy_row(factors[part], parts[BY_V + part, i, PAD:])
-                _pull_row(residual, trust, factors, link, i, descent)
-                _weight_row(active, edge, lam, i, trust)
+                _pull_row(residual, weight_row, factors, link, i, descent)
+                _weight_row(active, edge, lam, i, weight_row)
                 if kind == CURVATURE:
                     bend_row(xi, link, shares, i, form)
-                    weigh_bending_row(form, metric, link, i, epsilon, trust, parts[SMOOTHNESS:])
+                    weigh_bending_row(form, metric, link, i, epsilon, weight_row, parts[SMOOTHNESS:])
                     add_unbent_row(form, link, shares, i, smooth)
                     continue
                 _derive_row(xi, link, kind, i, form)
-                _weigh_row(form, scale, epsilon, trust)
-                copy_row(trust, parts[SMOOTHNESS, i, PAD:])
+                _weigh_row(form, scale, epsilon, weight_row)
+                copy_row(weight_row, parts[SMOOTHNESS, i, PAD:])
                 _add_adjoint_row(form, link, kind, i, smooth)
 
 

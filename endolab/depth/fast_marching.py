@@ -17,7 +17,7 @@ pixel out is accepted and lower, else of first. Other BRDFs change the right-han
 
 Where the march enters the picture from its border, or from behind an occluding contour, the
 true value is not in the picture: `inflow` gives it where it is known. Over a contour the surface
-is torn, so that a march across it is wrong on the far side: a problem's `cuts` forbid it, and the
+is torn, so that a march across it is wrong on the far side: a problem's `discontinuities` forbid it, and the
 far side starts from its own local minima of y₀.
 """
 
@@ -213,7 +213,7 @@ def _advance(count: int, size: int, state: Any, y0: FloatArray, metric: Any, tab
     return size
 
 
-def _ways(mask: BoolArray, cuts: BoolArray | None) -> Any:
+def _ways(mask: BoolArray, discontinuities: BoolArray | None) -> Any:
     """Bit k of a pixel, (H, W) uint8: whether it and its k-th neighbour (`_AROUND`) may see each other.
 
     A diagonal step cuts the corner of two steps: where there are cuts, one of the two ways around
@@ -222,12 +222,17 @@ def _ways(mask: BoolArray, cuts: BoolArray | None) -> Any:
     or staircase. Diagonals within a part, and around the end of a contour, stay open. Holes of the
     mask alone set nothing apart: behind a highlight the surface goes on.
     """
-    right, lower = links(mask, cuts)
+    right, lower = links(mask, discontinuities)
     left, upper = shifted(right, -1, 1, False), shifted(lower, -1, 0, False)
     beside = (shifted(mask, 1, 1, False), shifted(mask, -1, 1, False))
     to_right, to_left = (mask & shifted(side, 1, 0, False) for side in beside)
-    if cuts is not None:
-        torn = cuts[0] | shifted(cuts[0], 1, 0, False) | cuts[1] | shifted(cuts[1], 1, 1, False)
+    if discontinuities is not None:
+        torn = (
+            discontinuities[0]
+            | shifted(discontinuities[0], 1, 0, False)
+            | discontinuities[1]
+            | shifted(discontinuities[1], 1, 1, False)
+        )
         around = right & shifted(lower, 1, 1, False) | lower & shifted(right, 1, 0, False)
         to_right &= around | ~torn
         around = left & shifted(lower, -1, 1, False) | lower & shifted(left, 1, 0, False)
@@ -270,14 +275,14 @@ class March:
         metric: FloatArray,
         table: tuple[FloatArray, FloatArray] | None,
         inflow: FloatArray | None = None,
-        cuts: BoolArray | None = None,
+        discontinuities: BoolArray | None = None,
     ) -> March:
         """Start from the local minima of d₀ and from the pixels whose value is given.
 
         `metric` is that of `RayField.inverse_metric`, `table` that of `Photometry.slant_table`.
         """
         y0 = np.where(mask, np.exp(2 * log_facing), 1.0)
-        ways = _ways(mask, cuts)
+        ways = _ways(mask, discontinuities)
         value = np.where(_is_lowest_around(y0, mask, ways), y0, np.inf).ravel()
         fixed = np.zeros(value.shape, dtype=bool)
         if inflow is not None:

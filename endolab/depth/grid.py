@@ -92,7 +92,7 @@ class Grid:
         mask, field = problem.mask, problem.field
         cos_alpha = np.where(mask, field.cos_alpha, 1.0)
         whole = padded(links(mask).astype(np.int8))
-        torn = problem.cuts is not None and bool((problem.cuts & links(mask)).any())
+        torn = problem.discontinuities is not None and bool((problem.discontinuities & links(mask)).any())
         return cls(
             problem,
             padded(np.where(mask, problem.image, 0.0)),
@@ -101,7 +101,7 @@ class Grid:
             padded((1 / cos_alpha if problem.xi == "1/z" else np.ones(mask.shape)) / problem.xi_median),
             padded(problem.edge_weight),
             padded(mask.astype(np.int8)),
-            padded(links(mask, problem.cuts).astype(np.int8)) if torn else whole,
+            padded(links(mask, problem.discontinuities).astype(np.int8)) if torn else whole,
             whole,
             np.empty((0, 0), np.int8) if problem.evidence is None else padded(problem.evidence),
             padded(np.where(mask, np.moveaxis(field.rays, -1, 0), 0.0))
@@ -178,7 +178,7 @@ class Grid:
         return self.link is not self.whole
 
     @property
-    def cuts(self) -> BoolArray | None:
+    def discontinuities(self) -> BoolArray | None:
         """Steps that are cut, (2, H, W), see `Problem`."""
         return inner(self.link) < inner(self.whole) if self.is_torn else None
 
@@ -224,13 +224,13 @@ class Grid:
             # The facing distance is an upper bound; a guess beyond it would explain nothing.
             bounded = np.minimum(inner(guess), log_facing)
             if self.evidence.size:
-                said = inner(self.evidence)
-                enters |= mask & (said != EXACT)
-                bounded = np.where(said == NONE, inner(guess), bounded)
+                evidence = inner(self.evidence)
+                enters |= mask & (evidence != EXACT)
+                bounded = np.where(evidence == NONE, inner(guess), bounded)
             inflow = np.where(np.isnan(inflow) & enters, bounded, inflow)
         metric = np.moveaxis(inner(self.metric), 0, -1)
         table = self.problem.photometry.slant_table()
-        march = March.seeded(log_facing, mask, metric, table, inflow, self.cuts)
+        march = March.seeded(log_facing, mask, metric, table, inflow, self.discontinuities)
         march.advance(mask.size)
         return padded(np.where(mask, march.log_distance, 0.0))
 

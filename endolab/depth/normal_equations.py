@@ -194,7 +194,7 @@ def _coarsen(rows: Any, _turns: Any, out: Any, parts: Any, kept: Any, kind: int)
     """Write the maps of `Coefficients` on half the pixels: a derivative there is twice one here."""
     first, last = rows_within(rows, PAD, out.shape[1] - PAD)
     count = out.shape[2] - 2 * PAD
-    said, known = np.empty(count, out.dtype), np.empty(count, out.dtype)
+    kept_sum, known = np.empty(count, out.dtype), np.empty(count, out.dtype)
     flags = np.empty((4, parts.shape[2]), out.dtype)
     for ci in range(first, last):
         i = 2 * ci - PAD
@@ -202,7 +202,7 @@ def _coarsen(rows: Any, _turns: Any, out: Any, parts: Any, kept: Any, kind: int)
             for j in range(parts.shape[2]):
                 flags[below, j] = 1.0 if parts[WEIGHT, i + below, j] > 0 else 0.0
                 flags[2 + below, j] = 1.0 if parts[SLOPE, i + below, j] != 0 else 0.0
-        _halve_row(flags[0], flags[1], kept[i], kept[i + 1], said)
+        _halve_row(flags[0], flags[1], kept[i], kept[i + 1], kept_sum)
         _halve_row(flags[2], flags[3], kept[i], kept[i + 1], known)
         for k in range(len(parts)):
             row = out[k, ci, PAD:-PAD]
@@ -210,7 +210,7 @@ def _coarsen(rows: Any, _turns: Any, out: Any, parts: Any, kept: Any, kind: int)
             if k <= BY_W:  # of the pixels that data speak for
                 halves = ONE if k == BY_V else HALF
                 for j in range(count):
-                    row[j] *= halves / max(said[j], ONE)
+                    row[j] *= halves / max(kept_sum[j], ONE)
             elif k == SLOPE:
                 for j in range(count):
                     row[j] /= max(known[j], ONE)

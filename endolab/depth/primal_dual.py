@@ -345,14 +345,16 @@ class _Path:
             xi = to_xi(np.where(mask, v, 0.0), problem.xi, cosine) / problem.xi_median
             return framed(np.where(mask, xi, 1.0), 1.0)
 
-        joined = links(mask, problem.cuts)
+        joined = links(mask, problem.discontinuities)
         steps, inside = np.pad(joined, ((0, 0), (1, 1), (1, 1))), np.pad(mask, 1)
         along, (share, *down) = _windows(steps[0], inside, radius), _windows(steps[1].T, inside.T, radius)
         (shares,) = _single(np.stack([along[0], share.T]))
         offsets = np.empty((2, 0, 0))
         if problem.xi == "1/z":
             beside = -np.log(np.where(mask, cosine, 1.0))
-            offsets = np.nan_to_num(framed(np.stack(gradient(beside, mask, problem.cuts, edge_order=1))))
+            offsets = np.nan_to_num(
+                framed(np.stack(gradient(beside, mask, problem.discontinuities, edge_order=1)))
+            )
         metric = framed(np.where(mask, np.moveaxis(problem.field.inverse_metric, -1, 0), 0.0))
 
         x, image = framed_xi(start), framed(np.where(mask, problem.image, 1.0), 1.0)

@@ -13,7 +13,7 @@ from endolab.model.ranges import check_range
 from endolab.model.schema import unknown_name
 from endolab.model.surface import check_xi, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import mask_array, number, owned, real_array, told
+from endolab.numerics.checks import excerpt, mask_array, number, owned, real_array
 from endolab.numerics.derivatives import fineness, forward_gradient
 
 REGULARISERS = ("first", "second", "curvature")
@@ -32,7 +32,7 @@ class Scale:
 
 
 @dataclass(frozen=True)
-class Origin:
+class Provenance:
     """Where a problem comes from: no solver needs it, what is made and said of its result does."""
 
     picture_size: tuple[int, int] | None = None  # columns and rows of the frame that was given
@@ -65,13 +65,13 @@ class Problem:
     metric: bool = True  # whether distances are in mm; else in relative units
     # (2, H, W): steps from a pixel to its right and its lower neighbour over which the surface is torn, as
     # at an occluding contour: no derivative and no march takes them.
-    cuts: BoolArray | None = None
+    discontinuities: BoolArray | None = None
     # (H, W): what the image says of each pixel; by default, EXACT everywhere. EXACT (0): it is as bright as
     # this. AT_LEAST (1), saturated: it is this bright or brighter. NONE (2), a highlight or an overlay:
     # nothing; the image holds some plausible value there, of the surroundings say, for a march to begin with.
     evidence: NDArray[np.int8] | None = None
     picture: FloatArray | None = None  # (H, W) or (H, W, 3), the frame as it looked, for people
-    origin: Origin = Origin()
+    provenance: Provenance = Provenance()
     settings: dict[str, object] = field(default_factory=dict)  # asked for and done; nothing depends on it
 
     def __post_init__(self) -> None:
@@ -91,12 +91,12 @@ class Problem:
         for name in ("image", "mask"):
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, the camera {shape}")
-        for name, kind, wanted in (("cuts", bool, (2, *shape)), ("evidence", np.int8, shape)):
+        for name, kind, wanted in (("discontinuities", bool, (2, *shape)), ("evidence", np.int8, shape)):
             given = getattr(self, name)
             fits = isinstance(given, np.ndarray) and (given.dtype, given.shape) == (kind, wanted)
             if given is not None and not fits:
                 expected = f"an array of {np.dtype(kind)} of shape {wanted}"
-                raise ValueError(f"{name} must be {expected}, got {told(given)}")
+                raise ValueError(f"{name} must be {expected}, got {excerpt(given)}")
         if self.evidence is not None:
             unknown = np.setdiff1d(self.evidence[self.mask], (EXACT, AT_LEAST, NONE))
             if unknown.size:
@@ -130,8 +130,8 @@ class Problem:
         Steps to and from pixels that say nothing are no edges: a highlight is none of the surface's.
         """
         scale = fineness(self.mask.shape)
-        said = self.mask if self.evidence is None else self.mask & (self.evidence != NONE)
-        size = np.linalg.norm(forward_gradient(self.image, said), axis=0) * scale
+        informative = self.mask if self.evidence is None else self.mask & (self.evidence != NONE)
+        size = np.linalg.norm(forward_gradient(self.image, informative), axis=0) * scale
         return np.exp(-size / EDGE_SCALE)
 
     @property
@@ -150,7 +150,7 @@ def check_maps(mask: BoolArray, start: FloatArray | None = None, inflow: FloatAr
     """Raise a ValueError if log-distances, to start from or said to be known, cannot be used."""
     for name, given in (("start", start), ("inflow", inflow)):
         if given is not None and not (isinstance(given, np.ndarray) and given.dtype.kind == "f"):
-            raise ValueError(f"{name} must be an array of log-distances, got {told(given)}")
+            raise ValueError(f"{name} must be an array of log-distances, got {excerpt(given)}")
         if given is not None and given.shape != mask.shape:
             raise ValueError(f"{name} has shape {given.shape}, the frame {mask.shape}")
     if inflow is not None and np.isinf(inflow[mask]).any():

@@ -127,8 +127,8 @@ class Result:
         if not (np.all(v >= least) and np.all(v <= most)):
             with np.errstate(over="ignore"):
                 found = f"{np.exp(v.min()):.3g} to {np.exp(v.max()):.3g} {self.problem.unit}"
-            said = "the gain, or the length that fixes the scale, is wrong by powers of ten"
-            raise ValueError(f"distances would be {found}: {said}")
+            cause = "the gain, or the length that fixes the scale, is wrong by powers of ten"
+            raise ValueError(f"distances would be {found}: {cause}")
 
     @property
     def problem(self) -> Problem:

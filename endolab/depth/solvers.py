@@ -42,7 +42,7 @@ def fast_marching(problem: Problem, inflow: FloatArray | None = None, snapshots:
     whole("snapshots", snapshots, 1)
     mask, metric, grid = problem.mask, problem.field.inverse_metric, Grid.of(problem)
     table = problem.photometry.slant_table()
-    march = March.seeded(problem.log_facing, mask, metric, table, inflow, problem.cuts)
+    march = March.seeded(problem.log_facing, mask, metric, table, inflow, problem.discontinuities)
 
     def shown(previous: Iterate | None) -> Iterate:
         v = march.log_distance

@@ -39,7 +39,7 @@ def one_sentence(what: str) -> Iterator[None]:
 
 
 @contextmanager
-def damage_told(path: PathLike, what: str) -> Iterator[None]:
+def damage_named(path: PathLike, what: str) -> Iterator[None]:
     """Say in one sentence that a file is not `what` it should be, whatever its reader raises."""
     try:
         yield
@@ -53,15 +53,15 @@ def _hidden(temporary: Path, target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        said = str(error)
+        message = str(error)
         if error.errno is not None:  # what is without a file's name failed in writing
             name = str(error.filename or temporary)
-            said = f"{name}: {error.strerror}"
+            message = f"{name}: {error.strerror}"
             if name.startswith(str(temporary)):
-                said = f"cannot write {said}"
-        elif str(temporary) not in said:
+                message = f"cannot write {message}"
+        elif str(temporary) not in message:
             raise
-        raise OSError(said.replace(str(temporary), str(target))) from error
+        raise OSError(message.replace(str(temporary), str(target))) from error
 
 
 # Folders and files ----------------------------------------------------------------------
@@ -87,8 +87,8 @@ def check_folder(folder: Path) -> None:
         found = [path.name for path in folder.iterdir()] if folder.exists() else []
     others = [name for name in found if not name.startswith(_TEMPORARY)]  # which a killed run may leave
     if others and not is_own(folder):
-        said = f"holds {min(others)} and no results of endolab's; choose another folder"
-        raise FileExistsError(f"{folder} {said}, {ASK}")
+        content = f"holds {min(others)} and no results of endolab's; choose another folder"
+        raise FileExistsError(f"{folder} {content}, {ASK}")
 
 
 @contextmanager

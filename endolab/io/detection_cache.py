@@ -40,8 +40,8 @@ def read_detections(path: Path, head: str) -> tuple[Found, tuple[int, int] | Non
 
 
 def _line(name: str, detection: Detection, size: tuple[int, int]) -> str:
-    said = [name, size, detection.ids.tolist(), detection.pixels.tolist(), detection.reason]
-    return json.dumps(said) + "\n"
+    fields = [name, size, detection.ids.tolist(), detection.pixels.tolist(), detection.reason]
+    return json.dumps(fields) + "\n"
 
 
 def detect_cached(
@@ -85,8 +85,8 @@ def detect_cached(
     try:
         found, size = detect_all(frames.read(rest), target, **how)  # type: ignore[arg-type]
     except KeyboardInterrupt:
-        told = f"interrupted; {len(known)} of {len(frames)} frames are searched and kept"
-        raise KeyboardInterrupt(told) from None
+        progress_so_far = f"interrupted; {len(known)} of {len(frames)} frames are searched and kept"
+        raise KeyboardInterrupt(progress_so_far) from None
     finally:
         if not known:  # nothing to go on from
             path.unlink(missing_ok=True)

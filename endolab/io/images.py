@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from endolab.io.atomic import PathLike, damage_told, read_bytes, write_atomically
+from endolab.io.atomic import PathLike, damage_named, read_bytes, write_atomically
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
 
@@ -92,13 +92,13 @@ def decode(content: bytes, name: PathLike) -> np.ndarray:
     from PIL import Image
 
     # Pillow refuses what is cut off, and sizes that no picture has, where OpenCV does not.
-    with damage_told(name, PICTURE), warnings.catch_warnings(action="ignore"):
+    with damage_named(name, PICTURE), warnings.catch_warnings(action="ignore"):
         picture = Image.open(io.BytesIO(content), formats=FORMATS)
         at_hand = picture.format != "PNG" or "exif" in picture.info  # else all of it would be decoded
         turned = picture.getexif().get(ORIENTATION, 1) if at_hand else 1
     columns, rows = picture.size
     check_memory(columns * rows * DECODED, f"{name}: a picture of {columns}x{rows} px")
-    with damage_told(name, PICTURE), warnings.catch_warnings(action="ignore"):
+    with damage_named(name, PICTURE), warnings.catch_warnings(action="ignore"):
         if picture.format == "JPEG":
             picture.load()
         else:
@@ -107,8 +107,8 @@ def decode(content: bytes, name: PathLike) -> np.ndarray:
         if stored is None or stored.shape[1::-1] != (columns, rows):
             raise ValueError
     if turned != 1:
-        said = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
-        logging.getLogger("endolab").warning(said, name)
+        message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
+        logging.getLogger("endolab").warning(message, name)
     if picture.format == "TIFF" and turned in AS_SEEN:  # alone of all, it has been turned
         stored = AS_SEEN[turned](stored)
     return np.asarray(stored)

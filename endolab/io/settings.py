@@ -45,9 +45,9 @@ class SolvingSettings:
 
 def write_settings(settings: SolvingSettings, path: PathLike) -> None:
     """Write settings as JSON, whole or not at all; `read_settings` reads them. None is left out."""
-    said = {name: value for name, value in settings.keywords.items() if value is not None}
+    given = {name: value for name, value in settings.keywords.items() if value is not None}
     light = {name: value for name, value in settings.photometry.items() if value is not None}
-    write_atomically(path, as_json({FORMAT: VERSION} | said | ({"photometry": light} if light else {})))
+    write_atomically(path, as_json({FORMAT: VERSION} | given | ({"photometry": light} if light else {})))
 
 
 def read_settings(path: PathLike) -> SolvingSettings:
@@ -66,9 +66,9 @@ def read_settings(path: PathLike) -> SolvingSettings:
 def _read(part: Section, known: Mapping[str, Callable[[Section, str], Any]]) -> dict[str, Any]:
     """Read all that a part of the file says."""
     part.asked |= dict.fromkeys(known)
-    said = {name: read(part, name) for name, read in known.items() if name in part.content}
+    values = {name: read(part, name) for name, read in known.items() if name in part.content}
     part.end()
-    return said
+    return values
 
 
 # Values ---------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from endolab.numerics.arrays import FloatArray
 if TYPE_CHECKING:
     from endolab.depth.result import Result
     from endolab.synthetic.rendering import Rendered
-    from endolab.uncertainty.trust import Trust
+    from endolab.uncertainty.estimate import Uncertainty
 
 FRAME = "camera frame: x right, y down, z forward"
 NEAREST, FARTHEST = RANGES["distance"]
@@ -28,17 +28,19 @@ TRUSTED = ("sigma", "sigma_shape")  # and, if it is known, how far that can be t
 
 
 # Depth maps -----------------------------------------------------------------------------
-def save_depth(path: PathLike, surface: Result | Rendered, metric: bool, trust: Trust | None = None) -> None:
+def save_depth(
+    path: PathLike, surface: Result | Rendered, metric: bool, uncertainty: Uncertainty | None = None
+) -> None:
     """Write `depth.npz`: distance and z (H, W), normals (H, W, 3), mask, metric.
 
-    And of `trust`, if there is any: sigma, sigma_shape (H, W), and decided_by, uint8: 0 outside, 1 data,
-    2 border or contour, 3 prior.
+    With `uncertainty` also sigma and sigma_shape (H, W), and decided_by, uint8: 0 outside, 1 data, 2 border
+    or contour, 3 prior.
     """
     maps = {name: getattr(surface, name).astype(np.float32) for name in MAPS}
     flags: dict[str, Any] = {"mask": surface.mask, "metric": np.array(metric)}
-    if trust is not None:
-        maps |= {name: getattr(trust, name).astype(np.float32) for name in TRUSTED}
-        flags["decided_by"] = trust.decided_by
+    if uncertainty is not None:
+        maps |= {name: getattr(uncertainty, name).astype(np.float32) for name in TRUSTED}
+        flags["decided_by"] = uncertainty.decided_by
     content = io.BytesIO()
     np.savez_compressed(content, **maps, **flags)
     write_atomically(path, content.getvalue())

@@ -110,9 +110,9 @@ def _next(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
 
 def _count(capture: cv2.VideoCapture, most: int) -> int:
     """Count the frames of a video, 0 if the first cannot be had; it is taken at its word up to `most`."""
-    said = capture.get(cv2.CAP_PROP_FRAME_COUNT)
-    if 0 < said <= most:
-        return int(said) if capture.grab() else 0
+    stated = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+    if 0 < stated <= most:
+        return int(stated) if capture.grab() else 0
     count = 0
     while capture.grab():
         count += 1
@@ -235,8 +235,8 @@ def open_stream(source: int | PathLike) -> Stream:
         if not os.path.isfile(path):
             raise FileNotFoundError(f"{path}: there is no such video, camera or stream")
         capture = _open(path)
-        told = capture.get(cv2.CAP_PROP_FPS)
-        return Stream(capture, str(path), told if 1 <= told <= 1000 else USUAL_RATE)
+        rate = capture.get(cv2.CAP_PROP_FPS)
+        return Stream(capture, str(path), rate if 1 <= rate <= 1000 else USUAL_RATE)
     text = str(source)
     limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, PATIENCE, cv2.CAP_PROP_READ_TIMEOUT_MSEC, PATIENCE]
     is_url = "://" in text

@@ -3,7 +3,7 @@ from .coverage import coverage_of as coverage_of
 from .depth_errors import Errors as Errors
 from .depth_errors import angle_between as angle_between
 from .depth_errors import compare as compare
-from .depth_errors import occlusion_cuts as occlusion_cuts
+from .depth_errors import depth_discontinuities as depth_discontinuities
 from .depth_errors import resampled_truth as resampled_truth
 from .mesh_distance import SurfaceDistance as SurfaceDistance
 from .mesh_distance import distance_to as distance_to

@@ -32,7 +32,7 @@ def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.rad2deg(2 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1)))
 
 
-def occlusion_cuts(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
+def depth_discontinuities(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
     """Steps between neighbouring pixels over which a true depth map jumps: occluding contours.
 
     Parameters
@@ -46,7 +46,7 @@ def occlusion_cuts(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
     -------
     (2, H, W) bool array
         Whether the step from a pixel to its right (first) and lower (second) neighbour is such a
-        jump, as `Problem.cuts` takes it; False where either distance is unknown.
+        jump, as `Problem.discontinuities` takes it; False where either distance is unknown.
     """
     if not threshold > 0:
         raise ValueError(f"threshold must be positive, got {threshold}")

@@ -133,15 +133,15 @@ class Walls:
         mask: BoolArray,
         field: RayField,
         k: float,
-        cuts: BoolArray | None = None,
+        discontinuities: BoolArray | None = None,
     ) -> Walls:
         """Cut a depth map, v = log d in any unit, (H, W), into patches.
 
-        k is the exponent of the lamp's spread; `cuts` (2, H, W) are steps over which the surface is torn, see
-        `Problem`.
+        k is the exponent of the lamp's spread; `discontinuities` (2, H, W) are steps over which the surface is
+        torn, see `Problem`.
         """
         v = np.where(mask, log_distance, 0.0)
-        f_u, f_v = gradient(v, mask, cuts)
+        f_u, f_v = gradient(v, mask, discontinuities)
         guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
         solid = np.where(mask, 1 / np.sqrt(np.where(mask, guu * gvv - guv**2, 1.0)), 0.0)
         cosine = np.where(mask, 1 / np.sqrt(1 + slant(f_u, f_v, field)), 1.0)
@@ -207,7 +207,7 @@ class Walls:
         one = np.asarray(albedo, dtype=np.float64)
         return bounced_and_slope(self.orders, one.ravel())[0].reshape(len(self.lit), *one.shape)
 
-    def inflation(self, albedo: ArrayLike) -> FloatArray:
+    def indirect_ratio(self, albedo: ArrayLike) -> FloatArray:
         """ι of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
         light = self.bounced(np.atleast_1d(albedo))
         shape = (*self.seen.shape, light.shape[1])

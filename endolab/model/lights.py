@@ -7,7 +7,7 @@ import numpy as np
 
 from endolab.model.ranges import check_range, in_range
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import real_array, told
+from endolab.numerics.checks import excerpt, real_array
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class SpotLight:
         direction = real_array("direction", self.direction)
         for name, three in (("position", position), ("direction", direction)):
             if three.shape != (3,):
-                raise ValueError(f"{name} must be three numbers, got {told(getattr(self, name))}")
+                raise ValueError(f"{name} must be three numbers, got {excerpt(getattr(self, name))}")
         length = math.hypot(*direction)
         if not 1e-6 <= length <= 1e6:
             raise ValueError(f"direction must be 1e-06 to 1e+06 long, got {self.direction}")

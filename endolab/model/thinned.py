@@ -66,11 +66,13 @@ class ThinnedMaps:
     Maps of v = log d, (H, W), in; (h, w, ...) out, nan outside the mask.
     """
 
-    def __init__(self, field: RayField, mask: BoolArray, cuts: BoolArray | None, step: int) -> None:
+    def __init__(
+        self, field: RayField, mask: BoolArray, discontinuities: BoolArray | None, step: int
+    ) -> None:
         self._field, self._step, self._every = field, step, np.s_[::step, ::step]
         self._facing, self._slanted = field.valid & mask, mask
         self._links_of_normals = padded(links(self._facing, None))
-        self._links_of_slant = padded(links(mask, cuts))
+        self._links_of_slant = padded(links(mask, discontinuities))
 
     def normals(self, log_distance: FloatArray) -> FloatArray:
         """Unit normals in the camera frame, (h, w, 3); see `surface.normals`."""

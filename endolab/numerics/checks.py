@@ -10,7 +10,7 @@ from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 LONGEST = 60  # characters of a value that a sentence repeats
 
 
-def told(value: object) -> str:
+def excerpt(value: object) -> str:
     """Say what was given, in few words."""
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of {value.dtype} of shape {value.shape}"
@@ -26,19 +26,19 @@ def number(name: str, value: Any, least: float = -math.inf, most: float = math.i
     # An array of a list that is ragged is an error to NumPy, and one of a long whole number an object.
     plain = np.asarray(value) if isinstance(value, int | float | np.ndarray | np.generic) else np.empty(0)
     if plain.ndim or plain.dtype.kind not in "iuf":
-        raise ValueError(f"{name} must be a number, got {told(value)}")
+        raise ValueError(f"{name} must be a number, got {excerpt(value)}")
     found = float(plain)
     if not (math.isfinite(found) and least <= found <= most):
-        said = "be finite" if math.isinf(least) else f"be finite and at least {least:g}"
-        said = said if math.isinf(most) else f"lie in [{least:g}, {most:g}]"
-        raise ValueError(f"{name} must {said}, got {told(value)}")
+        bounds = "be finite" if math.isinf(least) else f"be finite and at least {least:g}"
+        bounds = bounds if math.isinf(most) else f"lie in [{least:g}, {most:g}]"
+        raise ValueError(f"{name} must {bounds}, got {excerpt(value)}")
     return found
 
 
 def whole(name: str, value: Any, least: int = 0) -> int:
     """Return a whole number that is not less than another; else ValueError."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise ValueError(f"{name} must be a whole number of at least {least}, got {told(value)}")
+        raise ValueError(f"{name} must be a whole number of at least {least}, got {excerpt(value)}")
     return int(value)
 
 
@@ -47,9 +47,9 @@ def real_array(name: str, value: Any) -> FloatArray:
     try:
         found = np.asarray(value)
     except ValueError as error:  # lists of unequal length
-        raise ValueError(f"{name} must be an array of real numbers, got {told(value)}") from error
+        raise ValueError(f"{name} must be an array of real numbers, got {excerpt(value)}") from error
     if found.dtype.kind not in "fiub":
-        raise ValueError(f"{name} must be an array of real numbers, got {told(value)}")
+        raise ValueError(f"{name} must be an array of real numbers, got {excerpt(value)}")
     return found.astype(np.float64, copy=False)
 
 
@@ -57,7 +57,7 @@ def mask_array(name: str, value: Any) -> BoolArray:
     """Return an array of truth values, for which whole numbers will do, or 0.0 and 1.0; else ValueError."""
     found = real_array(name, value)
     if np.asarray(value).dtype.kind == "f" and not np.all((found == 0) | (found == 1)):
-        raise ValueError(f"{name} must be an array of True and False, got {told(value)}")
+        raise ValueError(f"{name} must be an array of True and False, got {excerpt(value)}")
     return found != 0
 
 

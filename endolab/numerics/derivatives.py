@@ -2,9 +2,9 @@
 
 A map is an array of shape (H, W) whose values outside the mask are never read: a hole, whatever
 it holds, does not reach its neighbours; the mask is everywhere by default. A cut is a step between
-neighbouring pixels that no derivative takes, as at an occluding contour: `cuts`, (2, H, W), holds those
-from each pixel to its right (first) and lower (second) neighbour. Both come down to `links`: which steps
-there are.
+neighbouring pixels that no derivative takes, as at an occluding contour: `discontinuities`, (2, H, W),
+holds those from each pixel to its right (first) and lower (second) neighbour. Both come down to `links`: which
+steps there are.
 """
 
 import numpy as np
@@ -32,15 +32,17 @@ def shifted(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
     return out
 
 
-def links(mask: BoolArray, cuts: BoolArray | None = None) -> BoolArray:
+def links(mask: BoolArray, discontinuities: BoolArray | None = None) -> BoolArray:
     """Steps that derivatives may take, (2, H, W): between neighbours in the mask that are not cut apart."""
     joined = np.stack([mask & shifted(mask, 1, axis, False) for axis in (1, 0)])
-    return joined if cuts is None else joined & ~cuts
+    return joined if discontinuities is None else joined & ~discontinuities
 
 
-def _links_of(f: FloatArray, mask: BoolArray | None, cuts: BoolArray | None) -> tuple[BoolArray, BoolArray]:
+def _links_of(
+    f: FloatArray, mask: BoolArray | None, discontinuities: BoolArray | None
+) -> tuple[BoolArray, BoolArray]:
     inside = np.ones(np.shape(f), dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
-    return inside, links(inside, cuts)
+    return inside, links(inside, discontinuities)
 
 
 def _derivative(f: FloatArray, inside: BoolArray, link: BoolArray, axis: int, edge_order: int) -> FloatArray:
@@ -62,7 +64,10 @@ def _derivative(f: FloatArray, inside: BoolArray, link: BoolArray, axis: int, ed
 
 
 def gradient(
-    f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None, edge_order: int = 2
+    f: FloatArray,
+    mask: BoolArray | None = None,
+    discontinuities: BoolArray | None = None,
+    edge_order: int = 2,
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient of a map (H, W): central differences, one-sided where a step is missing.
 
@@ -70,17 +75,17 @@ def gradient(
     derivatives along columns (u, to the right) and rows (v, downwards), per pixel: nan outside the mask; 0
     along an axis on which a pixel has no neighbour.
     """
-    inside, link = _links_of(f, mask, cuts)
+    inside, link = _links_of(f, mask, discontinuities)
     f = np.where(inside, np.asarray(f, dtype=np.float64), 0.0)
     f_u, f_v = (_derivative(f, inside, link[i], axis, edge_order) for i, axis in ((0, 1), (1, 0)))
     return f_u, f_v
 
 
 def forward_gradient(
-    f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
+    f: FloatArray, mask: BoolArray | None = None, discontinuities: BoolArray | None = None
 ) -> FloatArray:
     """Differences to the right and lower neighbour, (2, H, W), per pixel; 0 where there is no such step."""
-    inside, link = _links_of(f, mask, cuts)
+    inside, link = _links_of(f, mask, discontinuities)
     f = np.where(inside, f, 0.0)
     return np.stack([(shifted(f, 1, axis, 0.0) - f) * link[i] for i, axis in ((0, 1), (1, 0))])
 
@@ -95,13 +100,15 @@ def hessian_stencils(link: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
     )
 
 
-def hessian(f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None) -> FloatArray:
+def hessian(
+    f: FloatArray, mask: BoolArray | None = None, discontinuities: BoolArray | None = None
+) -> FloatArray:
     """Second differences (3, H, W), such that the norm of the three is the Hessian's Frobenius norm.
 
     f_uu, √2 f_uv, f_vv per pixel squared; 0 where the stencil (three in a row, or a square of four) is
     not whole.
     """
-    inside, link = _links_of(f, mask, cuts)
+    inside, link = _links_of(f, mask, discontinuities)
     f = np.where(inside, f, 0.0)
     whole_uu, whole_uv, whole_vv = hessian_stencils(link)
     along_u, along_v = (shifted(f, 1, axis, 0.0) - f for axis in (1, 0))

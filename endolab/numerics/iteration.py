@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from enum import Enum
 from typing import Any, TypeVar
 
-from endolab.numerics.checks import told
+from endolab.numerics.checks import excerpt
 
 Step = TypeVar("Step")
 Value = TypeVar("Value")
@@ -88,7 +88,7 @@ def checked_observers(observers: Any) -> list[Any]:
     given = list(observers) if isinstance(observers, Iterable) else [observers]
     if not isinstance(observers, Iterable) or not all(map(callable, given)):
         wrong = next((one for one in given if not callable(one)), observers)
-        raise ValueError(f"observers must be several that can be called, got {told(wrong)}")
+        raise ValueError(f"observers must be several that can be called, got {excerpt(wrong)}")
     return given
 
 

@@ -42,13 +42,13 @@ def cores() -> int:
 
 def threads() -> int:
     """How many threads compiled loops take; ValueError if `ENDOLAB_THREADS` is no such number."""
-    limit, told = _limit.get(), os.environ.get(VARIABLE)
+    limit, wanted = _limit.get(), os.environ.get(VARIABLE)
     most = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
     count = min(cores(), most)
-    if told:
-        if not (told.isascii() and told.isdigit() and int(told) > 0):
-            raise ValueError(f"{VARIABLE} must be a positive number of threads, found {told!r}")
-        count = min(int(told), most)
+    if wanted:
+        if not (wanted.isascii() and wanted.isdigit() and int(wanted) > 0):
+            raise ValueError(f"{VARIABLE} must be a positive number of threads, found {wanted!r}")
+        count = min(int(wanted), most)
     return count if limit is None else min(count, limit)
 
 

@@ -28,7 +28,7 @@ from endolab.plots.surface_view import show_cloud
 from endolab.reconstruction.assumptions import meaning
 
 if TYPE_CHECKING:
-    from endolab.uncertainty.trust import Trust
+    from endolab.uncertainty.estimate import Uncertainty
 
 
 START = "start"  # a curve that axes do not follow: it may have spikes many times as far as all else
@@ -133,7 +133,7 @@ def show_error(
 
 @style.house()
 def show_sigma(
-    percent: FloatArray, ax: Axes | None = None, *, limit: float | None = None, title: str = "Trust: σ"
+    percent: FloatArray, ax: Axes | None = None, *, limit: float | None = None, title: str = "Uncertainty: σ"
 ) -> Axes:
     """Show σ of the distance with a colour bar; dark is certain.
 
@@ -255,7 +255,7 @@ def overview(
     shown: Result | Iterate,
     picture: FloatArray | None = None,
     truth: FloatArray | None = None,
-    trust: Trust | None = None,
+    uncertainty: Uncertainty | None = None,
 ) -> Figure:
     """Draw everything about a result on one page.
 
@@ -266,13 +266,13 @@ def overview(
         The frame as it looked; the problem's own by default.
     truth : (H, W) float array, optional
         True distance, mm. Where the result has no unit, the truth takes the result's scale.
-    trust : Trust, optional
+    uncertainty : Uncertainty, optional
         How far it can be trusted: two panels more.
 
     Returns
     -------
     Figure
-        1600 x 900 px when saved, 2100 x 900 px with trust; not one of pyplot's, so there is nothing to close.
+        1600 x 900 px when saved, 2100 x 900 px with uncertainty. It is not one of pyplot's: nothing to close.
     """
     iterate = shown.iterate if isinstance(shown, Result) else shown
     problem, unit = iterate.problem, iterate.problem.unit
@@ -284,23 +284,23 @@ def overview(
     if truth is not None:
         scale = 1.0 if problem.metric else np.nanmedian((iterate.distance / truth)[problem.mask])
         curves = {"truth": np.where(problem.mask, scale * truth, np.nan), **curves}
-    told = [f"iteration {iterate.k}", f"energy {iterate.energy:.4g}"]
+    words = [f"iteration {iterate.k}", f"energy {iterate.energy:.4g}"]
     if isinstance(shown, Result):
-        told.insert(0, shown.status.value.rstrip("."))
+        words.insert(0, shown.status.value.rstrip("."))
     if not problem.metric:
-        told.append("relative units")
+        words.append("relative units")
     with style.house(style.PAGE_SIZE):
-        figure = Figure(figsize=(16 if trust is None else 21, 9), dpi=100, layout="constrained")
-        panels = figure.subplots(2, 3 if trust is None else 4)
+        figure = Figure(figsize=(16 if uncertainty is None else 21, 9), dpi=100, layout="constrained")
+        panels = figure.subplots(2, 3 if uncertainty is None else 4)
         show_picture(picture, panels[0, 0])
         show_depth(iterate.distance, panels[0, 1], unit=unit)
         show_normals(iterate.normals, panels[0, 2])
         show_cloud(iterate.points, picture, panels[1, 0], unit=unit)
         show_section(curves, problem.field, panels[1, 1], column=middle, unit=unit)
         _diverging(255 * residual, panels[1, 2], "Model - frame", "grey levels of 255", None)
-        if trust is not None:
-            show_sigma(100 * trust.sigma / iterate.distance, panels[0, 3])
-            show_decided(trust.decided_by, panels[1, 3])
-        figure.suptitle("  ·  ".join(told), fontsize=15)
+        if uncertainty is not None:
+            show_sigma(100 * uncertainty.sigma / iterate.distance, panels[0, 3])
+            show_decided(uncertainty.decided_by, panels[1, 3])
+        figure.suptitle("  ·  ".join(words), fontsize=15)
         figure.supxlabel(meaning(shown)[0], fontsize=13)
     return figure

@@ -10,7 +10,7 @@ from endolab.numerics.arrays import FloatArray
 BLUE_WHITE_RED = np.array(
     [[0, 68, 136], [110, 170, 220], [255, 255, 255], [250, 150, 90], [153, 26, 0]], float
 )
-# Who decided a pixel, as `endolab.trust` numbers them from 1, and their colours.
+# Who decided a pixel, as `endolab.uncertainty` numbers them from 1, and their colours.
 DECIDERS = {"data": (0, 114, 178), "border or contour": (230, 159, 0), "prior": (204, 121, 167)}
 MOST_RESIDUAL = 10.0  # of 255: grey levels of model - frame at which a recording's colours end
 VIEW_WIDTH = 320  # columns of a surface that is seen from the side; more cost time and show no more

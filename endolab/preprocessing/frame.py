@@ -164,8 +164,8 @@ def shrunk_bytes(stored: NDArray[np.uint8], width: int, height: int, gamma: floa
 def check_size(name: str, size: tuple[int, int], camera: Camera, what: str = "calibration") -> None:
     """Raise a ValueError if a picture, (columns, rows), has not the size of the camera."""
     if size != (camera.width, camera.height):
-        told = f"the {what} is for {camera.width}x{camera.height} px"
-        raise ValueError(f"{name} is {size[0]}x{size[1]} px, but {told}")
+        expected = f"the {what} is for {camera.width}x{camera.height} px"
+        raise ValueError(f"{name} is {size[0]}x{size[1]} px, but {expected}")
 
 
 def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str = "frame") -> BoolArray:

@@ -75,8 +75,8 @@ def _rows_of_letters(boxes: list[tuple[int, int, int, int, float]]) -> list[list
             last = boxes[row[-1]]
             tall = max(high, last[3])
             aligned = abs(top + high - last[1] - last[3]) <= 0.25 * tall
-            alike = abs(high - last[3]) <= 0.25 * tall and abs(value - last[4]) <= 4 / 255
-            if aligned and alike and -0.2 * tall <= left - last[0] - last[2] <= 1.5 * tall:
+            similar = abs(high - last[3]) <= 0.25 * tall and abs(value - last[4]) <= 4 / 255
+            if aligned and similar and -0.2 * tall <= left - last[0] - last[2] <= 1.5 * tall:
                 row.append(index)
                 break
         else:

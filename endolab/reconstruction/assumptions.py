@@ -29,11 +29,11 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
 
 def notes(result: Result | Iterate) -> tuple[str, ...]:
     """Return what was noted on the way, in sentences."""
-    return result.problem.origin.notes
+    return result.problem.provenance.notes
 
 
 def _of_scale(result: Result | Iterate) -> Iterator[str]:
-    scale, how = result.problem.origin.scale, scale_of(result)
+    scale, how = result.problem.provenance.scale, scale_of(result)
     if how == "gain":
         yield "Distances are in mm, because the gain of the endoscope is known."
     elif how == "median distance" and scale:
@@ -68,7 +68,7 @@ def _of_albedo(result: Result | Iterate) -> Iterator[str]:
 
 
 def _of_bounces(result: Result | Iterate) -> str:
-    albedo = result.problem.origin.albedo
+    albedo = result.problem.provenance.albedo
     if albedo is None:
         return (
             "Light that bounced from wall to wall counts as direct; in simulated colons it adds about "
@@ -81,8 +81,8 @@ def _of_bounces(result: Result | Iterate) -> str:
 def _of_gamma(result: Result | Iterate) -> str:
     """Tell what an error of γ does: d goes with I^(-γ/2), and the scale keeps the median."""
     problem = result.problem
-    said = problem.mask if problem.evidence is None else problem.mask & (problem.evidence != NONE)
-    image = problem.image[said & (problem.image > 0)]
+    informative = problem.mask if problem.evidence is None else problem.mask & (problem.evidence != NONE)
+    image = problem.image[informative & (problem.image > 0)]
     low, middle, high = np.percentile(image, [5, 50, 95]) if image.size else np.ones(3)
     dark, bright = (abs(GAMMA_STEP / 2 * np.log(one / middle)) for one in (low, high))
     gamma = problem.photometry.gamma

@@ -94,7 +94,7 @@ class Light:
     misfit: float = 0.0  # mean |log E_c - its mean over colours|
     refused: str = ""  # why the colours' word is not taken, in words; else ""
 
-    def told(self, given: bool, medians: FloatArray) -> str:
+    def describe(self, given: bool, medians: FloatArray) -> str:
         """Say what was found; `medians` are those of the direct light's shares that bounced, in per cent."""
         albedos = ", ".join(f"{one:.2f}" for one in self.albedo)
         red, green, blue = medians
@@ -115,12 +115,12 @@ class Light:
             f"{100 * self.lamp:.0f} % of the light's fall to the side for the lamp's."
         )
 
-    def inflation(self, walls: Walls, k: float) -> FloatArray:
+    def indirect_ratio(self, walls: Walls, k: float) -> FloatArray:
         """What is seen beside the direct light of a matt wall, as a share of it, (H, W, 3).
 
         k is the joint exponent of lamp and lens.
         """
-        share = self.factor * walls.under(self.lamp * k).inflation(self.albedo)
+        share = self.factor * walls.under(self.lamp * k).indirect_ratio(self.albedo)
         mirrored = self.film * np.where(walls.cosine > 0, lobe(walls.cosine), 0.0)
         return share + mirrored[..., None] / self.albedo
 

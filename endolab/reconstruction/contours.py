@@ -38,34 +38,36 @@ ENERGY, THE_COLOURS = "the energy", "the colours"  # cues that decide on contour
 PRICE = 0.1
 
 
-def length_of(cuts: BoolArray | None, mask: BoolArray) -> float:
+def length_of(discontinuities: BoolArray | None, mask: BoolArray) -> float:
     """How long cuts are, in heights of the picture."""
-    return 0.0 if cuts is None else float(cuts.sum()) * max(mask.shape) / float(mask.sum())
+    return (
+        0.0 if discontinuities is None else float(discontinuities.sum()) * max(mask.shape) / float(mask.sum())
+    )
 
 
 def pays(torn: Iterate, smooth: Iterate, price: float = PRICE) -> bool:
     """Whether a torn surface's cuts save this price."""
-    return torn.energy / smooth.energy + price * length_of(torn.problem.cuts, torn.mask) < 1
+    return torn.energy / smooth.energy + price * length_of(torn.problem.discontinuities, torn.mask) < 1
 
 
 def torn_at_contours(problem: Problem, bar: float = BARS[0]) -> Problem:
     """Tear the surface at the picture's lines that are steeper than a bar, if there are any."""
-    cuts = find_contours(problem.log_facing, problem.mask) > bar
-    torn = bool(cuts.any())
-    origin = replace(problem.origin, bar=bar if torn else None)
-    return replace(problem, cuts=cuts if torn else None, origin=origin)
+    discontinuities = find_contours(problem.log_facing, problem.mask) > bar
+    torn = bool(discontinuities.any())
+    provenance = replace(problem.provenance, bar=bar if torn else None)
+    return replace(problem, discontinuities=discontinuities if torn else None, provenance=provenance)
 
 
 def torn_near(problem: Problem, coarse: BoolArray) -> Problem:
     """Leave of a problem's cuts those that lie within a pixel of these on fewer pixels, (2, h, w)."""
-    if problem.cuts is None:
+    if problem.discontinuities is None:
         return problem
     beside = np.asarray(coarse[0] | coarse[1])
     beside[:, 1:] |= coarse[0, :, :-1]
     beside[1:] |= coarse[1, :-1]
     near = cv2.dilate(np.asarray(beside, np.uint8), np.ones((3, 3), np.uint8))
     near = cv2.resize(near, problem.mask.shape[::-1], interpolation=cv2.INTER_NEAREST)
-    return replace(problem, cuts=problem.cuts & (near > 0))
+    return replace(problem, discontinuities=problem.discontinuities & (near > 0))
 
 
 def torn_where_it_pays(
@@ -76,7 +78,7 @@ def torn_where_it_pays(
     The iterates are yielded. With `always`, it need not pay.
     """
     torn = torn_at_contours(smooth.problem)
-    if torn.cuts is None:
+    if torn.discontinuities is None:
         return smooth
     found = yield from staged(gauss_newton(torn, start=smooth.log_distance, max_iterations=STEPS), CONTOURS)
     return found if always or pays(found, smooth, price) else smooth
@@ -84,7 +86,7 @@ def torn_where_it_pays(
 
 def bar_of(problem: Problem) -> float | None:
     """The bar over which a problem was torn, or None; the first, if its cuts were given."""
-    return None if problem.cuts is None else problem.origin.bar or BARS[0]
+    return None if problem.discontinuities is None else problem.provenance.bar or BARS[0]
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ class OneChannel:
         return cls(fine, coarse)
 
 
-def judged(
+def choose_bar(
     channel: OneChannel, contours: bool | None, before: Result | None = None
 ) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
     """Tear the surface of one channel where contours are found in its picture, before it is solved.
@@ -116,14 +118,14 @@ def judged(
     None.
     """
     fine = channel.fine
-    if fine.cuts is not None or contours is False:
-        return noted(fine, contours=fine.cuts is not None), None
+    if fine.discontinuities is not None or contours is False:
+        return noted(fine, contours=fine.discontinuities is not None), None
     if before is not None:
         bar = bar_of(before.problem)
         return remarked_on_contours(fine if bar is None else torn_at_contours(fine, bar)), None
     smooth = yield from staged(gauss_newton(channel.coarse), SMOOTH)
     surface = yield from torn_where_it_pays(smooth, bool(contours))
-    if surface.problem.cuts is None:
+    if surface.problem.discontinuities is None:
         return remarked_on_contours(fine), None
     torn = torn_at_contours(fine)
     return remarked_on_contours(torn), on_grid(surface, torn)
@@ -131,10 +133,10 @@ def judged(
 
 def remarked_on_contours(problem: Problem, cue: str = ENERGY) -> Problem:
     """Say whether contours were found, what became of them, and what decided that."""
-    if problem.cuts is None:
+    if problem.discontinuities is None:
         sentence = "No contour was torn: nothing in the picture speaks clearly for one."
     else:
-        count = int(problem.cuts.sum())
+        count = int(problem.discontinuities.sum())
         sentence = f"Contours: {count:,} px are torn, where folds seem to hide what is behind them"
         sentence += f" ({cue or 'those of before'} decided)."
-    return noted(remarked(problem, sentence), contours=problem.cuts is not None)
+    return noted(remarked(problem, sentence), contours=problem.discontinuities is not None)

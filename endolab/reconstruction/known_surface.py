@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import scipy
 
-from endolab.metrics.depth_errors import occlusion_cuts, resampled_truth
+from endolab.metrics.depth_errors import depth_discontinuities, resampled_truth
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.interreflection import Walls, bounced_and_slope
@@ -140,14 +140,14 @@ class _Patches:
         if mask.sum() < LEAST:
             raise ValueError(TOO_LITTLE.format(frame.name))
         v = np.log(np.where(mask, known, 1.0))
-        walls = Walls.of(v, mask, field, 0.0, occlusion_cuts(np.where(mask, known, np.nan)))
+        walls = Walls.of(v, mask, field, 0.0, depth_discontinuities(np.where(mask, known, np.nan)))
         mirrored = find_highlights(small.image, mask, GAMMA[0])
-        told = mask & ~clipped & ~mirrored & (walls.direct > 0)
-        told &= np.nan_to_num(field.cos_alpha, nan=-1.0) > np.cos(np.deg2rad(WIDEST))
+        usable = mask & ~clipped & ~mirrored & (walls.direct > 0)
+        usable &= np.nan_to_num(field.cos_alpha, nan=-1.0) > np.cos(np.deg2rad(WIDEST))
         lit = [walls.under(lamp * k) for k in EXPONENTS]
-        aside = np.log(np.where(told, field.cos_alpha, 1.0))
-        maps = np.dstack([told, 255 * small.image, aside, *(one.direct for one in lit)])
-        sums = walls.sums(np.where(told[..., None], maps, 0.0))
+        aside = np.log(np.where(usable, field.cos_alpha, 1.0))
+        maps = np.dstack([usable, 255 * small.image, aside, *(one.direct for one in lit)])
+        sums = walls.sums(np.where(usable[..., None], maps, 0.0))
         full = sums[:, 0] > walls.step**2 / 2
         if full.sum() < LEAST:
             raise ValueError(TOO_LITTLE.format(frame.name))

@@ -20,7 +20,7 @@ def make_mesh(
     colours: FloatArray | None = None,
     *,
     sigma: FloatArray | None = None,
-    cuts: BoolArray | None = None,
+    discontinuities: BoolArray | None = None,
     jump: float = JUMP,
     grazing: float = GRAZING,
 ) -> Mesh:
@@ -36,7 +36,7 @@ def make_mesh(
         How far each distance of a result can be trusted, in its unit (`endolab.trust_of`): instead, the
         colours tell its share of the distance; what they mean is in the mesh's `legend`, and in the files
         that are made of it.
-    cuts : (2, H, W) bool array, optional
+    discontinuities : (2, H, W) bool array, optional
         Steps to the right and lower neighbour over which the surface is torn, as
         `metrics.occlusion_cuts` finds them; by default those of the problem that was solved.
     jump, grazing : float
@@ -63,15 +63,18 @@ def make_mesh(
     if isinstance(shown, Result | Iterate):
         problem, points, unit = shown.problem, shown.points, shown.problem.unit
         colours = problem.shown if colours is None else colours
-        cuts = problem.cuts if cuts is None else cuts
+        discontinuities = problem.discontinuities if discontinuities is None else discontinuities
     else:
         points, unit = np.asarray(shown, dtype=np.float64), "mm"
     if points.ndim != 3 or points.shape[2] != 3:
         raise ValueError(f"points must be an array of shape (H, W, 3), found {points.shape}")
     shape = points.shape[:2]
-    if cuts is not None and (cuts.shape != (2, *shape) or cuts.dtype != bool):
+    if discontinuities is not None and (
+        discontinuities.shape != (2, *shape) or discontinuities.dtype != bool
+    ):
         raise ValueError(
-            f"cuts must be a bool array of shape {(2, *shape)}, found {cuts.dtype} of shape {cuts.shape}"
+            f"discontinuities must be a bool array of shape {(2, *shape)}, "
+            f"found {discontinuities.dtype} of shape {discontinuities.shape}"
         )
     colours = np.full(shape, NEUTRAL) if colours is None else colours
     if colours.shape not in (shape, (*shape, 3)):
@@ -81,7 +84,7 @@ def make_mesh(
             f"jump must be at least 1 and grazing from 0 to 90 degrees, got {jump} and {grazing}"
         )
     distance = np.linalg.norm(points, axis=-1)
-    triangles = joined_triangles(distance, links(np.isfinite(distance) & (distance > 0), cuts))
+    triangles = joined_triangles(distance, links(np.isfinite(distance) & (distance > 0), discontinuities))
     points = points.reshape(-1, 3)
     triangles = triangles[~_torn(points, triangles, jump, grazing)]
     used = np.zeros(len(points), dtype=bool)

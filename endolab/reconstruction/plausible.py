@@ -32,11 +32,11 @@ def _doubts(result: Result) -> Iterator[str]:
             f"{DISTANCES[1]:g} mm: gain, k, γ, albedo or a given length may be wrong."
         )
     left = model_image(problem, result.iterate.log_distance) - problem.image
-    told = mask & contradicted(problem, left)
-    spread = float(np.var(problem.image[told])) if told.any() else 0.0
+    compared = mask & contradicted(problem, left)
+    spread = float(np.var(problem.image[compared])) if compared.any() else 0.0
     picture = problem.shown
     noise = noise_level(picture if picture.ndim == 2 else picture.mean(axis=-1), mask)
-    explained = 1 - (float(np.var(left[told])) + noise**2) / spread if spread > 0 else 1.0
+    explained = 1 - (float(np.var(left[compared])) + noise**2) / spread if spread > 0 else 1.0
     if explained < EXPLAINED:
         yield (
             f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast, and of a usual "

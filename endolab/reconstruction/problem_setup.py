@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from endolab.depth.problem import AT_LEAST, EXACT, NONE, Origin, Problem
+from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem, Provenance
 from endolab.depth.result import Iterate
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -42,7 +42,7 @@ def make_problem(
     lam: float = 1.0,
     epsilon: float = 1e-3,
     threshold: float = 0.05,
-    cuts: BoolArray | None = None,
+    discontinuities: BoolArray | None = None,
 ) -> Problem:
     """Turn one channel of a frame into the problem that solvers take.
 
@@ -52,8 +52,10 @@ def make_problem(
     if channel in (SEPARATED, AUTO):
         raise ValueError(f"channel={channel!r} is found by solving: use reconstruct() or iterate()")
     options = {"xi": xi, "regulariser": regulariser, "lam": lam, "epsilon": epsilon, "threshold": threshold}
-    problem = make_problems(frame, calibration, [channel], width, smooth, highlights, cuts=cuts, **options)[0]
-    return noted(problem, contours=problem.cuts is not None)
+    problem = make_problems(
+        frame, calibration, [channel], width, smooth, highlights, discontinuities=discontinuities, **options
+    )[0]
+    return noted(problem, contours=problem.discontinuities is not None)
 
 
 def make_problems(
@@ -107,7 +109,7 @@ def make_problems(
             metric=one.gain is not None,
             evidence=evidence if evidence[seen].any() else None,
             picture=frame.image,
-            origin=Origin(picture_size=size, smooth=blur),
+            provenance=Provenance(picture_size=size, smooth=blur),
             settings=settings,
             **options,
         )
@@ -125,7 +127,7 @@ def two_sizes(
     less = COARSE / max(camera.width, camera.height)
     if less >= 1 or less * min(camera.width, camera.height) < LEAST_SIDE:
         return fine, fine
-    options = options | {"width": round(less * camera.width), "cuts": None}
+    options = options | {"width": round(less * camera.width), "discontinuities": None}
     return fine, make_problems(frame, calibration, channels, **options)
 
 
@@ -144,8 +146,8 @@ def noted(problem: Problem, **settings: object) -> Problem:
 
 def remarked(problem: Problem, sentence: str) -> Problem:
     """Add a sentence about what was done and why."""
-    notes = (*problem.origin.notes, sentence)
-    return noted(replace(problem, origin=replace(problem.origin, notes=notes)), notes=notes)
+    notes = (*problem.provenance.notes, sentence)
+    return noted(replace(problem, provenance=replace(problem.provenance, notes=notes)), notes=notes)
 
 
 def in_units(problem: Problem) -> Problem:

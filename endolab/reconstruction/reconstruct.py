@@ -23,17 +23,17 @@ from endolab.depth.result import SOLUTION, Iterate, Observer, Result, Solver, ru
 from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, knows_curvature, options_of, solve
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import told as said
+from endolab.numerics.checks import excerpt
 from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import Frame
-from endolab.reconstruction.contours import OneChannel, judged
+from endolab.reconstruction.contours import OneChannel, choose_bar
 from endolab.reconstruction.problem_setup import AUTO, SEPARATED, noted, on_grid, remarked
 from endolab.reconstruction.scale import KnownDiameter, KnownDistance, check_scale, known_scale
 from endolab.reconstruction.separation import Colours, direct_light
 
 PREPARING = (
     *("channel", "width", "smooth", "highlights"),
-    *("xi", "regulariser", "lam", "epsilon", "threshold", "cuts"),
+    *("xi", "regulariser", "lam", "epsilon", "threshold", "discontinuities"),
 )
 TOLD = ("xi", "regulariser", "lam", "epsilon", "threshold")  # of a result's settings
 SETTLED = 5e-3  # of distances: a torn surface hangs together by little, and creeps long after that
@@ -56,11 +56,11 @@ def _begun(
     calibration: Endoscope,
     solver: str,
     options: dict[str, Any],
-    told: Mapping[str, object] = MappingProxyType({}),
+    settings: Mapping[str, object] = MappingProxyType({}),
 ) -> tuple[Problem, Solver]:
     """Return the problem of the frame's own pixels, and the iterates of all stages.
 
-    `told` is added to the settings of the problem whose answer counts.
+    `settings` is added to the settings of the problem whose answer counts.
     """
     how = {name: options[name] for name in PREPARING if name in options}
     start, contours = options.get("start"), options.get("contours")
@@ -72,7 +72,7 @@ def _begun(
         ("contours", contours, bool | np.bool_ | None, "True, False or None"),
     ):
         if not isinstance(value, kind):
-            raise ValueError(f"{name} must be {expected}, got {said(value)}")
+            raise ValueError(f"{name} must be {expected}, got {excerpt(value)}")
     checked_solver(solver, own if start is None else own | {"start": start})
     channel = how.pop("channel", None)
     if channel is None and solver == DEFAULT_SOLVER:  # those of the paper take the paper's, green
@@ -85,7 +85,7 @@ def _begun(
     whole = prepared.fine[1] if isinstance(prepared, Colours) else prepared.fine
     if isinstance(start, Result) and start.mask.shape != whole.mask.shape:
         raise ValueError(f"start has shape {start.mask.shape}, the frame {whole.mask.shape}")
-    return whole, _stages(prepared, contours, best, start, solver, own, told)
+    return whole, _stages(prepared, contours, best, start, solver, own, settings)
 
 
 def _prepared(
@@ -108,7 +108,7 @@ def _stages(
     start: Result | FloatArray | None,
     solver: str,
     options: dict[str, Any],
-    told: Mapping[str, object],
+    settings: Mapping[str, object],
 ) -> Solver:
     """All that is solved, at last with the `best` regulariser or with that of what was prepared.
 
@@ -119,17 +119,17 @@ def _stages(
     if isinstance(prepared, Colours):
         problem, near = yield from direct_light(prepared, contours, before)
     else:
-        problem, near = yield from judged(prepared, contours, before)
+        problem, near = yield from choose_bar(prepared, contours, before)
     if begin is None:
         begin = near if near is not None or before is None else on_grid(before.iterate, problem)
     if begin is not None and "start" in options_of(solver):
         options = options | {"start": begin}
-    if best and problem.origin.albedo is None and knows_curvature(solver, problem.xi):
+    if best and problem.provenance.albedo is None and knows_curvature(solver, problem.xi):
         problem = replace(problem, regulariser="curvature")
-    if problem.cuts is not None and "settled" in options_of(solver):
+    if problem.discontinuities is not None and "settled" in options_of(solver):
         options = {"settled": SETTLED} | options
-    told = {**told, "regulariser": problem.regulariser}
-    return (yield from solve(noted(problem, **told), solver, **options))
+    settings = {**settings, "regulariser": problem.regulariser}
+    return (yield from solve(noted(problem, **settings), solver, **options))
 
 
 def reconstruct(
@@ -210,7 +210,7 @@ def reconstruct(
         The most cores to use, on which no result depends; all by default, or `ENDOLAB_THREADS` of the
         environment.
     **options
-        `epsilon`, `threshold` and `cuts` of the energy, see `Problem`; others are the solver's own,
+        `epsilon`, `threshold` and `discontinuities` of the energy, see `Problem`; others are the solver's,
         such as `inflow` of `fast_marching` and `gauss_newton`.
 
     Returns
@@ -233,14 +233,14 @@ def reconstruct(
         options["max_iterations"], max_iterations = max_iterations, None  # the solver counts itself
     options |= {"xi": xi, "regulariser": regulariser, "lam": lam, "channel": channel, "width": width}
     options |= {"smooth": smooth, "highlights": highlights, "contours": contours, "start": start}
-    told = {name: options[name] for name in TOLD if name in options}
-    told = {"solver": solver, **told, **lengths}
+    settings = {name: options[name] for name in TOLD if name in options}
+    settings = {"solver": solver, **settings, **lengths}
     with limited_threads(threads):
-        whole, steps = _begun(frame, calibration, solver, options, told)
+        whole, steps = _begun(frame, calibration, solver, options, settings)
 
         def scaled(answer: Iterate) -> Iterate:
             if answer.stage != SOLUTION:  # stopped on the way
-                problem = noted(whole, **told)
+                problem = noted(whole, **settings)
                 answer = Iterate.of(problem, on_grid(answer, problem))
             return known_scale(answer, **lengths)
 

@@ -84,16 +84,18 @@ def in_unit(iterate: Iterate, factor: float, metric: bool = True, scale: Scale |
     problem = replace(old, photometry=photometry, metric=metric)
     if scale is not None:
         name = scale.by.replace(" ", "_")
-        told = {"scale": scale.by} if scale.length is None else {name: scale.length}
-        told |= {} if scale.by_gain is None else {"by_gain": scale.by_gain}
-        problem = replace(problem, origin=replace(old.origin, scale=scale), settings=old.settings | told)
+        added = {"scale": scale.by} if scale.length is None else {name: scale.length}
+        added |= {} if scale.by_gain is None else {"by_gain": scale.by_gain}
+        problem = replace(
+            problem, provenance=replace(old.provenance, scale=scale), settings=old.settings | added
+        )
     moved = frozen(iterate.log_distance + np.log(factor))
     return replace(iterate, problem=problem, log_distance=moved, stage=SCALED)
 
 
 def scale_of(result: Result | Iterate) -> str:
     """How the scale was fixed: "gain", "none" (relative units), or what `Scale.by` says."""
-    scale = result.problem.origin.scale
+    scale = result.problem.provenance.scale
     if scale is not None:
         return scale.by
     return "gain" if result.problem.metric else "none"
@@ -133,7 +135,7 @@ def pixel_name(pixel: Pixel) -> str:
 def own_pixel(problem: Problem, pixel: Pixel) -> FloatArray:
     """A pixel of the picture as one of the depth map, which may be smaller: column, row."""
     own = (problem.camera.width, problem.camera.height)
-    full = np.array(problem.origin.picture_size or own)
+    full = np.array(problem.provenance.picture_size or own)
     place = np.array(pixel, dtype=np.float64)
     if not (np.all(place >= -0.5) and np.all(place <= full - 0.5)):
         raise ValueError(f"the pixel at {pixel_name(pixel)} is outside the picture of {full[0]}x{full[1]} px")

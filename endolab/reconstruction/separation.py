@@ -49,7 +49,7 @@ from endolab.reconstruction.contours import (
     THE_COLOURS,
     OneChannel,
     bar_of,
-    judged,
+    choose_bar,
     length_of,
     pays,
     remarked_on_contours,
@@ -103,7 +103,7 @@ class Colours:
 class Separation:
     """What was found of a picture's bounced light."""
 
-    inflation: FloatArray  # (H, W, 3), ι in red, green and blue; 0 where nothing is known
+    indirect_ratio: FloatArray  # (H, W, 3), ι in red, green and blue; 0 where nothing is known
     light: Light
     surface: Iterate  # of the last problem that was solved, whose cuts are the contours that were found
     cue: str = ""  # what decided on them
@@ -123,7 +123,7 @@ def direct_light(
     they tell nothing, and log d (H, W) to begin with, or None.
     """
     given = colours.albedo
-    if colours.fine[0].cuts is not None:
+    if colours.fine[0].discontinuities is not None:
         contours = False  # they are known
     try:
         if before is None:
@@ -136,7 +136,7 @@ def direct_light(
         index = max((1, 2, 0), key=lambda index: _signal(colours.fine[index]))  # of equals, not red
         note = f"The colours tell nothing of bounced light ({error}), so {CHANNELS[index]} is taken as it is."
         clearest = OneChannel(remarked(colours.fine[index], note), colours.coarse[index])
-        return (yield from judged(clearest, contours, before))
+        return (yield from choose_bar(clearest, contours, before))
     three = given is not None and given.ndim == 1
     problem = _in_full(colours.fine, found, three, contours is not False)
     return problem, on_grid(found.surface, problem)
@@ -153,9 +153,9 @@ def separate(
     _check_colours(colours)
     belief = Belief.of(albedo)
     guess = np.array(GUESS * belief.albedo / (1 - GUESS * belief.albedo))
-    inflation: FloatArray = np.broadcast_to(guess, (*colours[1].mask.shape, 3))
-    solver = gauss_newton(merged(colours, inflation, belief.albedo), max_iterations=STEPS[0])
-    whole = Separation(inflation, belief.light, (yield from staged(solver, BOUNCED, 1)))
+    indirect_ratio: FloatArray = np.broadcast_to(guess, (*colours[1].mask.shape, 3))
+    solver = gauss_newton(merged(colours, indirect_ratio, belief.albedo), max_iterations=STEPS[0])
+    whole = Separation(indirect_ratio, belief.light, (yield from staged(solver, BOUNCED, 1)))
     for number, steps in enumerate(STEPS[1:], 2):
         whole = yield from _round(colours, belief, whole.surface, number, steps)
     if contours is False:
@@ -178,7 +178,7 @@ def _torn(
     for bar in BARS:
         before = trials[-1].surface
         torn = torn_at_contours(before.problem, bar)
-        if torn.cuts is None:
+        if torn.discontinuities is None:
             continue
         number += 1
         solver = gauss_newton(torn, start=before.log_distance, max_iterations=TORN_STEPS)
@@ -212,8 +212,8 @@ def _chosen(trials: Sequence[Separation], always: bool) -> Separation:
     if _none_bounced(whole):  # the picture is the model's own, and so is its energy
 
         def charged(trial: Separation) -> float:
-            cuts, mask = trial.surface.problem.cuts, trial.surface.mask
-            return float(np.log(trial.surface.energy)) + CLEAN_PRICE * length_of(cuts, mask)
+            discontinuities, mask = trial.surface.problem.discontinuities, trial.surface.mask
+            return float(np.log(trial.surface.energy)) + CLEAN_PRICE * length_of(discontinuities, mask)
 
         return replace(min(allowed, key=charged), cue=ENERGY)
     if not _bear_witness(trials):
@@ -231,7 +231,7 @@ def continued(
     `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives; the
     `bar` over which it is torn is known, too, or None.
     """
-    problem = replace(colours[1], cuts=None) if bar is None else torn_at_contours(colours[1], bar)
+    problem = replace(colours[1], discontinuities=None) if bar is None else torn_at_contours(colours[1], bar)
     surface = Iterate(problem, 0, log_distance, {})
     return (yield from _round(colours, Belief.of(albedo), surface, 1, STEPS[0]))
 
@@ -240,13 +240,13 @@ def _round(
     colours: Sequence[Problem], belief: Belief, surface: Iterate, number: int, steps: int
 ) -> Generator[Iterate, None, Separation]:
     """Take out the light that bounces on a surface, and solve again from there."""
-    inflation, light = _bounced(colours, surface, belief)
-    problem, bar = merged(colours, inflation, light.albedo), bar_of(surface.problem)
+    indirect_ratio, light = _bounced(colours, surface, belief)
+    problem, bar = merged(colours, indirect_ratio, light.albedo), bar_of(surface.problem)
     problem = problem if bar is None else torn_at_contours(problem, bar)
     v = surface.log_distance
     start = np.where(np.isfinite(v), v, problem.log_facing)
     solver = gauss_newton(problem, start=start, max_iterations=steps)
-    return Separation(inflation, light, (yield from staged(solver, BOUNCED, number)))
+    return Separation(indirect_ratio, light, (yield from staged(solver, BOUNCED, number)))
 
 
 def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -> Problem:
@@ -255,21 +255,25 @@ def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -
     `given`: whether the albedos were, `asked`: whether contours were looked for.
     """
     shape = fine[1].mask.shape
-    problem = merged(fine, enlarged(found.inflation, shape), found.light.albedo)
-    cuts = found.surface.problem.cuts
-    if cuts is not None:
-        if cuts.shape[1:] == shape:
-            problem = replace(problem, cuts=cuts, origin=found.surface.problem.origin)
+    problem = merged(fine, enlarged(found.indirect_ratio, shape), found.light.albedo)
+    discontinuities = found.surface.problem.discontinuities
+    if discontinuities is not None:
+        if discontinuities.shape[1:] == shape:
+            problem = replace(
+                problem, discontinuities=discontinuities, provenance=found.surface.problem.provenance
+            )
         else:
             problem = torn_at_contours(problem, bar_of(found.surface.problem) or BARS[0])
             if found.cue == ENERGY:  # colours choose a bar, the energy these very lines
-                problem = torn_near(problem, cuts)
-    medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.inflation.T]
-    note = found.light.told(given, np.array(medians))
-    problem = noted(problem, channel=SEPARATED, contours=problem.cuts is not None)
-    if found.inflation.any():
+                problem = torn_near(problem, discontinuities)
+    medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.indirect_ratio.T]
+    note = found.light.describe(given, np.array(medians))
+    problem = noted(problem, channel=SEPARATED, contours=problem.discontinuities is not None)
+    if found.indirect_ratio.any():
         albedo = tuple(float(one) for one in found.light.albedo)
-        problem = noted(replace(problem, origin=replace(problem.origin, albedo=albedo)), albedo=list(albedo))
+        problem = noted(
+            replace(problem, provenance=replace(problem.provenance, albedo=albedo)), albedo=list(albedo)
+        )
     problem = remarked(problem, note)
     return in_units(remarked_on_contours(problem, found.cue) if asked else problem)
 
@@ -277,7 +281,7 @@ def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -
 # Colours --------------------------------------------------------------------------------
 
 
-def merged(colours: Sequence[Problem], inflation: FloatArray, albedo: FloatArray) -> Problem:
+def merged(colours: Sequence[Problem], indirect_ratio: FloatArray, albedo: FloatArray) -> Problem:
     """Merge red, green and blue of one picture into one problem of direct light, given ι (H, W, 3).
 
     It is green's, with the picture that direct light alone would have made. Each colour counts by its
@@ -285,15 +289,15 @@ def merged(colours: Sequence[Problem], inflation: FloatArray, albedo: FloatArray
     """
     gamma = colours[1].photometry.gamma
     mask = np.any([one.mask for one in colours], axis=0)
-    said = np.stack([np.where(one.mask, _evidence(one), NONE) for one in colours])
-    evidence = said.min(axis=0).astype(np.int8)  # EXACT before AT_LEAST before NONE
+    kinds = np.stack([np.where(one.mask, _evidence(one), NONE) for one in colours])
+    evidence = kinds.min(axis=0).astype(np.int8)  # EXACT before AT_LEAST before NONE
     noises = [max(noise_level(one.image, one.mask), QUIET) for one in colours]
     image = np.empty(mask.shape)
 
     def merge(rows: slice) -> None:
         total, weights = np.zeros(mask[rows].shape), np.zeros(mask[rows].shape)
         for c, (one, noise, rho, texture) in enumerate(zip(colours, noises, albedo, TEXTURE, strict=True)):
-            s, speaks = inflation[rows, :, c], one.mask[rows] & (said[c, rows] == evidence[rows])
+            s, speaks = indirect_ratio[rows, :, c], one.mask[rows] & (kinds[c, rows] == evidence[rows])
             shade = np.maximum(one.image[rows], noise)
             doubt = (gamma * noise / shade) ** 2 + (DOUBT * s / (1 + s)) ** 2 + texture**2
             weight = np.where(speaks, 1 / doubt, 0.0)
@@ -338,8 +342,8 @@ def _albedos(calibration: Endoscope) -> FloatArray | None:
     """Albedos in red, green and blue, (3,), or green's alone, (), as far as they can be: else None."""
     albedo = np.asarray(getattr(calibration.photometry.brdf, "albedo", 0.0), dtype=np.float64)
     low, high = (0.0, 1.0) if albedo.ndim else ALBEDOS
-    alike = albedo.ndim > 0 and np.ptp(albedo) < ALIKE * albedo.max()
-    return albedo if np.all((low < albedo) & (albedo < high)) and not alike else None
+    uniform = albedo.ndim > 0 and np.ptp(albedo) < ALIKE * albedo.max()
+    return albedo if np.all((low < albedo) & (albedo < high)) and not uniform else None
 
 
 def _bounced(colours: Sequence[Problem], surface: Iterate, belief: Belief) -> tuple[FloatArray, Light]:
@@ -348,6 +352,6 @@ def _bounced(colours: Sequence[Problem], surface: Iterate, belief: Belief) -> tu
     if not all_exact(colours).any():
         raise NoColour("no pixel shows all three of them")
     mask = np.any([one.mask for one in colours], axis=0) & np.isfinite(v)
-    walls = Walls.of(v, mask, green.field, green.photometry.k, surface.problem.cuts)
+    walls = Walls.of(v, mask, green.field, green.photometry.k, surface.problem.discontinuities)
     light = found_light(Patches.of(colours, walls), belief)
-    return light.inflation(walls, green.photometry.k), light
+    return light.indirect_ratio(walls, green.photometry.k), light

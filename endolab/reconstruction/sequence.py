@@ -14,7 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from endolab.depth.problem import Origin, Problem, Scale
+from endolab.depth.problem import Problem, Provenance, Scale
 from endolab.depth.result import Iterate, Result
 from endolab.depth.solvers import DEFAULT_SOLVER, options_of
 from endolab.model.endoscope import Endoscope
@@ -69,7 +69,7 @@ class Carried:
         photometry = replace(calibration.photometry, gain=surface.gain)
         torn: dict[str, Any] = {}
         if bar:
-            torn = {"cuts": np.zeros((2, *v.shape), dtype=bool), "origin": Origin(bar=bar)}
+            torn = {"discontinuities": np.zeros((2, *v.shape), dtype=bool), "provenance": Provenance(bar=bar)}
         inside = np.isfinite(v)
         problem = Problem(np.zeros(v.shape), inside, camera, photometry, metric=surface.metric, **torn)
         result = Result(Iterate(problem, 0, frozen(v), {}), Status.CONVERGED, [], 0.0)
@@ -203,8 +203,8 @@ def _as_bright(last: Result, ratio: float) -> Result:
 
 
 def _sentence(name: str, error: Exception) -> str:
-    said = str(error)
-    return said if name in said else f"{name}: {said}"
+    message = str(error)
+    return message if name in message else f"{name}: {message}"
 
 
 def scale_between(before: Surface, result: Result) -> float:
@@ -241,15 +241,15 @@ def scale_between(before: Surface, result: Result) -> float:
     y = np.log(old / new)
     by_motion = n * (np.median(old) / old)[:, None] / facing
     a = np.concatenate([np.ones_like(facing), by_motion, np.cross(u, n) / facing], axis=-1)
-    trust = np.array([2 / GAIN_STEP, *[1 / MOTION_STEP] * 6]) ** 2
+    prior_weight = np.array([2 / GAIN_STEP, *[1 / MOTION_STEP] * 6]) ** 2
     x = np.array([np.median(y), *[0.0] * 6])
     for _ in range(ROUNDS):
         residual, last = y - a @ x, x
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
         weight = 1 / (1 + (residual / (2 * spread)) ** 2) / spread**2
         weight *= min(1.0, INDEPENDENT / len(y))
-        information = (a * weight[:, None]).T @ a + np.diag(trust)
-        x = np.linalg.solve(information, a.T @ (weight * y) + trust * np.array([prior, *[0.0] * 6]))
+        information = (a * weight[:, None]).T @ a + np.diag(prior_weight)
+        x = np.linalg.solve(information, a.T @ (weight * y) + prior_weight * np.array([prior, *[0.0] * 6]))
         if np.abs(x - last).max() < SETTLED:
             break
     return float(np.exp(x[0]))

@@ -39,7 +39,7 @@ from endolab.model.cameras import Camera
 from endolab.model.endoscope import Endoscope
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, frozen
-from endolab.numerics.checks import number, real_array, told
+from endolab.numerics.checks import excerpt, number, real_array
 from endolab.numerics.iteration import Status, checked_observers, closing, drive
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.colours import NoColour
@@ -142,9 +142,9 @@ def estimate_light(
         In one sentence, if an argument cannot be used, or none of the frames.
     """
     if not isinstance(camera, Camera):
-        raise ValueError(f"camera must be a Camera, got {told(camera)}")
+        raise ValueError(f"camera must be a Camera, got {excerpt(camera)}")
     if not isinstance(frames, Iterable):
-        raise ValueError(f"frames must be several of Frame, got {told(frames)}")
+        raise ValueError(f"frames must be several of Frame, got {excerpt(frames)}")
     known = None if albedo is None else tuple(np.ravel(real_array("albedo", albedo)).tolist())
     wall = Lambertian() if known is None else Lambertian(known if len(known) > 1 else known[0])  # type: ignore[arg-type]
     usual = Photometry(number("otherwise", otherwise, 0.0), number("gamma", gamma), None, wall)
@@ -155,7 +155,7 @@ def estimate_light(
     def scanned_all() -> Generator[Iterate, None, Status]:
         for done, frame in enumerate(frames, 1):
             if not isinstance(frame, Frame):
-                raise ValueError(f"frames must be several of Frame, got {told(frame)}")
+                raise ValueError(f"frames must be several of Frame, got {excerpt(frame)}")
             try:
                 scans.append((yield from _scanned(frame, endoscope)))
             except ValueError as error:
@@ -169,7 +169,7 @@ def estimate_light(
     if not scans:
         why = "it was stopped" if status is Status.STOPPED else "there is none"
         raise ValueError(f"no frame tells of the light: {next(iter(refused.values()), why)}")
-    return _judged(scans, refused, usual, status)
+    return _estimate(scans, refused, usual, status)
 
 
 # One frame ------------------------------------------------------------------------------
@@ -271,13 +271,15 @@ def _cost(surface: Iterate) -> float:
 
 def _weights(shapes: Sequence[FloatArray]) -> FloatArray:
     """What each of several frames counts: two that show one place count half each."""
-    alike = np.eye(len(shapes))
+    correlation = np.eye(len(shapes))
     for i, one in enumerate(shapes):
         for j, other in enumerate(shapes[:i]):
             both = np.isfinite(one) & np.isfinite(other) if one.shape == other.shape else np.zeros(1, bool)
             if both.sum() > 1 and min(one[both].std(), other[both].std()) > 0:
-                alike[i, j] = alike[j, i] = max(np.corrcoef(one[both], other[both])[0, 1], 0.0) ** SAME
-    return np.asarray(1 / alike.sum(axis=1))
+                correlation[i, j] = correlation[j, i] = (
+                    max(np.corrcoef(one[both], other[both])[0, 1], 0.0) ** SAME
+                )
+    return np.asarray(1 / correlation.sum(axis=1))
 
 
 def _likelihood(scans: Sequence[_Scan], weights: FloatArray, coloured: bool) -> FloatArray:
@@ -296,7 +298,7 @@ def _likelihood(scans: Sequence[_Scan], weights: FloatArray, coloured: bool) -> 
     return np.stack([k, blurred(np.exp(total - total.max()), ALIKE[not coloured])], axis=1)
 
 
-def _judged(
+def _estimate(
     scans: Sequence[_Scan], refused: dict[str, str], usual: Photometry, status: Status
 ) -> LightEstimate:
     """What the frames tell together."""

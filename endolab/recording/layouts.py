@@ -60,12 +60,12 @@ def _residual(shown: Shown) -> rrb.Spatial2DView:
     return shown.view(f"Residual, blue -{MOST_RESIDUAL:g} to red +{MOST_RESIDUAL:g}/255", "residual")
 
 
-def _trust(shown: Shown) -> list[rrb.View]:
+def _uncertainty(shown: Shown) -> list[rrb.View]:
     """How far the run's end can be trusted, if it was recorded."""
     if shown.sigma is None:
         return []
-    sigma = shown.view(f"σ, 0 to {shown.sigma:g} %", "trust/sigma", "mask")
-    return [sigma, shown.view("Who decided", "trust/decided_by")]
+    sigma = shown.view(f"σ, 0 to {shown.sigma:g} %", "uncertainty/sigma", "mask")
+    return [sigma, shown.view("Who decided", "uncertainty/decided_by")]
 
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:
@@ -118,7 +118,7 @@ def _solver(shown: Shown) -> rrb.TimeSeriesView:
 def reconstruction(shown: Shown) -> Layout:
     """Pictures above, the surface, curves and words below."""
     maps = [shown.view(name.capitalize(), f"front/{name}") for name in shown.maps]
-    sigma, decided = (trust := _trust(shown))[:1], trust[1:]
+    sigma, decided = (uncertainty := _uncertainty(shown))[:1], uncertainty[1:]
     pictures = rrb.Horizontal(
         shown.view("Frame", "input", "prepared", "mask"),
         _depth(shown),
@@ -138,7 +138,7 @@ def reconstruction(shown: Shown) -> Layout:
 def comparison(runs: Sequence[Shown]) -> Layout:
     """Each run a column of pictures and its surface; energies and changes of all in one plot each."""
     columns = [
-        rrb.Vertical(_depth(shown), rrb.Tabs(_residual(shown), *_trust(shown)), _surface(shown))
+        rrb.Vertical(_depth(shown), rrb.Tabs(_residual(shown), *_uncertainty(shown)), _surface(shown))
         for shown in runs
     ]
     energy = _curves("log₁₀ energy", [shown.at("log10/energy") for shown in runs])

@@ -44,7 +44,7 @@ class Painter:
         self.sparse = sparse = (slice(None, None, thin[0].step * further),) * 2
         self._inside = problem.mask[sparse]
         self._rays = problem.field.rays[sparse][self._inside]
-        self._maps = ThinnedMaps(problem.field, problem.mask, problem.cuts, thin[0].step)
+        self._maps = ThinnedMaps(problem.field, problem.mask, problem.discontinuities, thin[0].step)
         self._attenuation = problem.photometry.attenuation(problem.field.cos_alpha[thin])
 
     def paint(self, iterate: Iterate) -> dict[str, tuple[rr.AsComponents, ...]]:
@@ -85,8 +85,8 @@ def found(problem: Problem) -> NDArray[np.uint8]:
     if problem.evidence is not None:
         places[problem.mask & (problem.evidence == AT_LEAST)] = 1
         places[problem.mask & (problem.evidence == NONE)] = 2
-    if problem.cuts is not None:
-        places[problem.cuts.any(axis=0)] = 3
+    if problem.discontinuities is not None:
+        places[problem.discontinuities.any(axis=0)] = 3
     return places
 
 

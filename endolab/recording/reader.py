@@ -223,20 +223,20 @@ class Recording:
 
     @property
     def sigma(self) -> FloatArray | None:
-        """Standard deviation of the last `depth`, (h, w), in its unit; None if no trust was recorded."""
-        if f"{self._start}trust/sigma" not in self._entities:
+        """Standard deviation of the last `depth`, (h, w), in its unit; None if it was not recorded."""
+        if f"{self._start}uncertainty/sigma" not in self._entities:
             return None
-        return self._map("trust/sigma", np.float32) / 100 * self.depth()
+        return self._map("uncertainty/sigma", np.float32) / 100 * self.depth()
 
     @property
     def decided_by(self) -> NDArray[np.uint8] | None:
-        """Who decided the pixels of the last `depth`, (h, w); None if no trust was recorded.
+        """Who decided the pixels of the last `depth`, (h, w); None if no uncertainty was recorded.
 
         1 the data, 2 border or contour, 3 the prior; 0 outside the mask.
         """
-        if f"{self._start}trust/decided_by" not in self._entities:
+        if f"{self._start}uncertainty/decided_by" not in self._entities:
             return None
-        return self._map("trust/decided_by", np.uint8)
+        return self._map("uncertainty/decided_by", np.uint8)
 
     def _chosen(self, iteration: int) -> int:
         pictured = self.pictured

@@ -31,7 +31,7 @@ from endolab.recording.stream import (
 )
 
 if TYPE_CHECKING:
-    from endolab.uncertainty.trust import Trust
+    from endolab.uncertainty.estimate import Uncertainty
 
 ALL_UNTIL, GROWTH = 20, 1.5  # pictures of a run's first iterates, then each time k has grown by half
 COLOURS = {"energy": (230, 159, 0), "data": (86, 180, 233), "regulariser": (213, 94, 0)}
@@ -148,8 +148,8 @@ class Recorder:
     logged for every iterate, pictures for the first 20 of the solution, its last, and between them each
     time k has grown by half; of the stages before it only for the first and the last, as there may be a
     dozen. The timeline "iteration" runs on over all stages. At the end, static: ``end`` (what came of each
-    stage), and of how far it can be trusted, if that is added: ``trust/sigma`` (% of the distance) and
-    ``trust/decided_by``. In a `Comparison` all names begin with the run's.
+    stage), and of how far it can be trusted, if that is added: ``uncertainty/sigma`` (% of the distance) and
+    ``uncertainty/decided_by``. In a `Comparison` all names begin with the run's.
     """
 
     def __init__(
@@ -192,12 +192,12 @@ class Recorder:
         if shown is None or (often and iterate.stage == SOLUTION):
             self._log_pictures(iterate)
 
-    def add_trust(self, trust: Trust, result: Result | Iterate) -> None:
+    def add_uncertainty(self, uncertainty: Uncertainty, result: Result | Iterate) -> None:
         """Show how far the run's end can be trusted, before the recording is closed.
 
         Parameters
         ----------
-        trust : Trust
+        uncertainty : Uncertainty
             As `endolab.trust_of` tells.
         result : Result or Iterate
             What it was told of.
@@ -208,18 +208,20 @@ class Recorder:
             If the recording is closed, nothing was recorded, or what was is not of the same size.
         """
         if not self._open:
-            raise ValueError("the recording is closed: use it as a context manager, or add the trust before")
+            raise ValueError(
+                "the recording is closed: use it as a context manager, or add it before"
+            )
         if self._last is None or self.shown is None:
             raise ValueError("nothing was recorded that could be trusted")
-        shapes = trust.sigma.shape, result.mask.shape, self._last.mask.shape
+        shapes = uncertainty.sigma.shape, result.mask.shape, self._last.mask.shape
         if len(set(shapes)) > 1:
-            raise ValueError("trust has shape {}, the result {}, what was recorded {}".format(*shapes))
+            raise ValueError("uncertainty has shape {}, the result {}, what was recorded {}".format(*shapes))
         thin = every(result.mask.shape[1], self.max_width)
-        percent = (100 * trust.sigma / result.distance)[thin]
+        percent = (100 * uncertainty.sigma / result.distance)[thin]
         most = float(f"{np.nanpercentile(percent, 98):.2g}") or 1.0
-        self._log("trust/sigma", depth_map(percent, False, (0.0, most), "magma"), static=True)
+        self._log("uncertainty/sigma", depth_map(percent, False, (0.0, most), "magma"), static=True)
         colours = {"left out": BLACK} | {name: (*colour, 255) for name, colour in DECIDERS.items()}
-        self._log("trust/decided_by", *classes(trust.decided_by[thin], colours), static=True)
+        self._log("uncertainty/decided_by", *classes(uncertainty.decided_by[thin], colours), static=True)
         self.shown = replace(self.shown, sigma=most)
         self._arrange(watched=True)
 
@@ -316,7 +318,7 @@ class Recorder:
             return
         self._end_stage(self._last)
         table = "\n".join(["| stage | iterations | energy, first | last |", "|---|---|---|---|", *self._rows])
-        notes = "\n".join(f"- {note}" for note in self._last.problem.origin.notes)
+        notes = "\n".join(f"- {note}" for note in self._last.problem.provenance.notes)
         words = rr.TextDocument(f"## End\n\n{table}\n\n{notes}", media_type="text/markdown")
         self._log("end", words, static=True)
         if self.shown is not None:

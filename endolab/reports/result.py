@@ -23,13 +23,13 @@ from endolab.reconstruction.scale import scale_of
 
 if TYPE_CHECKING:
     from endolab.preprocessing.prepare import Prepared
-    from endolab.uncertainty.trust import Trust
+    from endolab.uncertainty.estimate import Uncertainty
 
 
-def report(result: Result, trust: Trust | None = None) -> dict[str, Any]:
+def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, Any]:
     """What `report.json` holds: status, energy, settings, the range of distances and what they mean.
 
-    `trust` tells how far the distances can be trusted.
+    `uncertainty` tells how far the distances can be trusted.
     """
     known = result.distance[result.mask]
     photometry = result.problem.photometry
@@ -52,28 +52,28 @@ def report(result: Result, trust: Trust | None = None) -> dict[str, Any]:
             "least": float(known.min()),
             "greatest": float(known.max()),
         },
-        **({} if trust is None else {"trust": trusted(result, trust)}),
+        **({} if uncertainty is None else {"uncertainty": trusted(result, uncertainty)}),
         "pixels": int(known.size),
         "photometry": {"k": photometry.k, "gamma": photometry.gamma, "gain": photometry.gain},
         "settings": result.problem.settings,
     }
 
 
-def trusted(result: Result, trust: Trust) -> dict[str, Any]:
-    """Sum a `Trust` up in numbers, in % of the distance; of pixels, percentiles and medians."""
+def trusted(result: Result, uncertainty: Uncertainty) -> dict[str, Any]:
+    """Sum a `Uncertainty` up in numbers, in % of the distance; of pixels, percentiles and medians."""
     inside = result.mask
-    low, middle, high = np.percentile(100 * (trust.sigma / result.distance)[inside], [10, 50, 90])
-    decided = trust.decided_by[inside]
+    low, middle, high = np.percentile(100 * (uncertainty.sigma / result.distance)[inside], [10, 50, 90])
+    decided = uncertainty.decided_by[inside]
     return {
         "sigma_percent": {"10th": float(low), "median": float(middle), "90th": float(high)},
-        "sigma_shape_percent": float(np.median(100 * (trust.sigma_shape / result.distance)[inside])),
-        "sigma_scale_percent": 100 * trust.sigma_scale,
+        "sigma_shape_percent": float(np.median(100 * (uncertainty.sigma_shape / result.distance)[inside])),
+        "sigma_scale_percent": 100 * uncertainty.sigma_scale,
         "decided_by": {name: float((decided == k).mean()) for k, name in enumerate(DECIDERS, 1)},
-        "causes_percent": {name: float(100 * np.median(a[inside])) for name, a in trust.causes.items()},
-        "scale_causes_percent": {name: 100 * value for name, value in trust.scales.items()},
-        "draws": trust.draws,
-        "status": trust.status.name,
-        "notes": list(trust.notes),
+        "causes_percent": {name: float(100 * np.median(a[inside])) for name, a in uncertainty.causes.items()},
+        "scale_causes_percent": {name: 100 * value for name, value in uncertainty.scales.items()},
+        "draws": uncertainty.draws,
+        "status": uncertainty.status.name,
+        "notes": list(uncertainty.notes),
     }
 
 
@@ -83,7 +83,7 @@ def save_result(
     *,
     mesh: bool = False,
     prepared: Prepared | None = None,
-    trust: Trust | None = None,
+    uncertainty: Uncertainty | None = None,
     overwrite: bool = False,
 ) -> None:
     """Write `depth.npz`, `cloud.ply`, `overview.png` and `report.json` into a folder.
@@ -94,11 +94,11 @@ def save_result(
     folder : path
         Made if need be. Either all files are written or none.
     mesh : bool
-        Whether to write `mesh.ply` too, with triangles that are torn at folds; and, if `trust` is given,
-        `mesh_trust.ply`, whose colours tell σ.
+        Whether to write `mesh.ply`, torn at folds, and with `uncertainty` also `mesh_uncertainty.ply`,
+        whose colours show σ.
     prepared : Prepared, optional
         What `endolab.prepare` came to, to be drawn in `preparation.png`.
-    trust : Trust, optional
+    uncertainty : Uncertainty, optional
         How far the result can be trusted, as `endolab.trust_of` tells: in `depth.npz`, `report.json` and
         `overview.png`.
     overwrite : bool
@@ -110,7 +110,7 @@ def save_result(
         In one sentence, if they cannot be written or the folder holds files of others.
     """
     with staged_folder(folder, overwrite=overwrite) as staging:
-        write_files(result, staging, mesh=mesh, prepared=prepared, trust=trust)
+        write_files(result, staging, mesh=mesh, prepared=prepared, uncertainty=uncertainty)
 
 
 def write_files(
@@ -119,21 +119,21 @@ def write_files(
     *,
     mesh: bool = False,
     prepared: Prepared | None = None,
-    trust: Trust | None = None,
+    uncertainty: Uncertainty | None = None,
 ) -> None:
     """Write the files of a result into a folder that is there; parameters as of `save_result`."""
     inside = result.mask
     colours = in_colour(result.problem.shown)[inside]
     # Compression lets other threads run, Matplotlib does not: depth.npz has a thread of its own.
     with ThreadPoolExecutor(1) as pool:
-        depth = pool.submit(save_depth, folder / "depth.npz", result, result.metric, trust)
-        write_figure(folder / "overview.png", overview(result, trust=trust))
+        depth = pool.submit(save_depth, folder / "depth.npz", result, result.metric, uncertainty)
+        write_figure(folder / "overview.png", overview(result, uncertainty=uncertainty))
         if prepared is not None:
             write_figure(folder / "preparation.png", prepare_figure(prepared, result))
         write_cloud(folder / "cloud.ply", result.points[inside], result.normals[inside], colours)
         if mesh:
             write_mesh(folder / "mesh.ply", make_mesh(result))
-        if mesh and trust is not None:
-            write_mesh(folder / "mesh_trust.ply", make_mesh(result, sigma=trust.sigma))
+        if mesh and uncertainty is not None:
+            write_mesh(folder / "mesh_uncertainty.ply", make_mesh(result, sigma=uncertainty.sigma))
         depth.result()
-    write_atomically(folder / "report.json", as_json(report(result, trust)))
+    write_atomically(folder / "report.json", as_json(report(result, uncertainty)))

@@ -126,8 +126,8 @@ def of_several(
     def panel(name: str, label: str, answer: Answer | None) -> tuple[Panel, Answer] | None:
         if answer is None:
             return None
-        said = "" if answer.median_error is None else f", error {answer.median_error:.1f} %"
+        error = "" if answer.median_error is None else f", error {answer.median_error:.1f} %"
         shown = PANELS[name](answer, replace(view, like=like))
-        return _named(label + said, shown) if name == ROWS[0] else shown, answer
+        return _named(label + error, shown) if name == ROWS[0] else shown, answer
 
     return _board([[panel(name, *one) for one in answers] for name in ROWS], room, text, BAR * text)

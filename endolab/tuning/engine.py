@@ -31,11 +31,11 @@ from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.tuning.source import Settings, Source, Subject
-from endolab.uncertainty.trust import Trust, trust_of
+from endolab.uncertainty.estimate import Uncertainty, uncertainty_of
 
 PATIENCE = 0.4  # s that a full solve takes between one picture and the next
 LEAST_WIDTH = 128  # px, of a frame that is worth solving at half its size first
-DRAWS = 8  # of random fields, for a trust that somebody waits for: σ is off by a quarter or less
+DRAWS = 8  # of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less
 # The most steps of a quick answer, from a start and from nothing.
 QUICK_STEPS = {"gauss_newton": (3, 10), "primal_dual": (60, 120)}
 FIRST, SOFAR, FINAL = "first look", "so far", "final"  # stages of an answer
@@ -52,7 +52,7 @@ class Answer:
     subject: Subject  # what was looked at
     result: Result
     followed: Result | None = None  # the quick answer at full size, which the final one may differ from
-    trust: Trust | None = None  # how far the result can be trusted, once that was asked for
+    uncertainty: Uncertainty | None = None  # how far the result can be trusted, once that was asked for
 
     @cached_property
     def truth(self) -> FloatArray | None:
@@ -100,10 +100,10 @@ class Answer:
     @cached_property
     def roughness(self) -> float:
         """Mean angle between normals 1/320 of the longer side apart, degrees, but across what is torn."""
-        normals, cuts = self.result.normals, self.result.problem.cuts
+        normals, discontinuities = self.result.normals, self.result.problem.discontinuities
         right, below = (np.linalg.norm(np.diff(normals, axis=axis), axis=-1) for axis in (1, 0))
-        if cuts is not None:
-            right[cuts[0, :, :-1]], below[cuts[1, :-1]] = np.nan, np.nan
+        if discontinuities is not None:
+            right[discontinuities[0, :, :-1]], below[discontinuities[1, :-1]] = np.nan, np.nan
         mean = np.nanmean(np.append(right, below))
         return float(np.degrees(mean)) * fineness(normals.shape)
 
@@ -121,8 +121,8 @@ class Answer:
     @property
     def torn(self) -> int:
         """Steps between pixels over which the surface is torn."""
-        cuts = self.result.problem.cuts
-        return 0 if cuts is None else int(cuts.sum())
+        discontinuities = self.result.problem.discontinuities
+        return 0 if discontinuities is None else int(discontinuities.sum())
 
 
 def sentence_of(error: BaseException) -> str:
@@ -198,8 +198,12 @@ class Tuner:
         self, answer: Answer, several: Sequence[Settings], tell: Callable[[int, Answer], object]
     ) -> None:
         """Solve these, torn where an answer is; `tell` is given the number and the answer of each."""
-        cuts = answer.result.problem.cuts
-        held: dict[str, Any] = {"contours": False} if cuts is None else {"contours": None, "cuts": cuts}
+        discontinuities = answer.result.problem.discontinuities
+        held: dict[str, Any] = (
+            {"contours": False}
+            if discontinuities is None
+            else {"contours": None, "discontinuities": discontinuities}
+        )
 
         def job(is_stale: IsStale) -> None:
             for number, settings in enumerate(several):
@@ -212,16 +216,18 @@ class Tuner:
 
         self.do(job)
 
-    def find_trust(self, answer: Answer) -> None:
+    def find_uncertainty(self, answer: Answer) -> None:
         """Find how far an answer can be trusted, and tell it once more."""
 
         def job(is_stale: IsStale) -> None:
             known = answer.settings.saved(answer.subject.calibration, answer.subject.grey)
             believed = known.believed(answer.subject.calibration)
             with suppress(KeyboardInterrupt):  # stopped before there was anything to tell
-                trust = trust_of(answer.result, believed, draws=DRAWS, observers=[lambda _: is_stale()])
+                uncertainty = uncertainty_of(
+                    answer.result, believed, draws=DRAWS, observers=[lambda _: is_stale()]
+                )
                 if not is_stale():
-                    self._tell_final(replace(answer, trust=trust))
+                    self._tell_final(replace(answer, uncertainty=uncertainty))
 
         self.do(job)
 
@@ -312,15 +318,15 @@ class Tuner:
 
 def _watch(is_stale: IsStale, tell: Callable[[Result], object] | None = None) -> Observer:
     """Stop a solve that is stale, and tell now and then what a long one has so far."""
-    started = told = time.perf_counter()
+    started = last_told = time.perf_counter()
 
     def watch(iterate: Iterate) -> bool:
-        nonlocal told
+        nonlocal last_told
         now = time.perf_counter()
-        if tell is not None and now - told > PATIENCE and not is_stale():
+        if tell is not None and now - last_told > PATIENCE and not is_stale():
             row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
             tell(Result(iterate, Status.STOPPED, [row], now - started))
-            told = time.perf_counter()
+            last_told = time.perf_counter()
         return is_stale()
 
     return watch

@@ -18,7 +18,7 @@ from endolab.tuning.engine import FINAL, Answer
 from endolab.tuning.pictures import Chart, Limits, Map, coloured, grey_or_colour
 from endolab.tuning.source import Settings
 from endolab.uncertainty.causes import MAYBE, bounced_light
-from endolab.uncertainty.trust import noise_left
+from endolab.uncertainty.estimate import noise_left
 
 ENDS = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # of scales, so that a colour keeps its meaning a while
 BELOW_NOISE = (236, 236, 236)  # colour of residuals that noise explains
@@ -61,10 +61,10 @@ def _seen(answer: Answer) -> FloatArray:
     return answer.result.distance if answer.truth is None else answer.truth
 
 
-def _value_map(title: str, values: FloatArray, limits: Limits, palette: str, said: str, **how: Any) -> Map:
-    """A map of numbers; `said` is how one of them is told."""
+def _value_map(title: str, values: FloatArray, limits: Limits, palette: str, form: str, **how: Any) -> Map:
+    """A map of numbers; `form` is how one of them is told."""
     colours = coloured(values, limits, palette)
-    return Map(title, colours, limits, palette, says=lambda i, j: said.format(values[i, j]), **how)
+    return Map(title, colours, limits, palette, says=lambda i, j: form.format(values[i, j]), **how)
 
 
 def _frame(answer: Answer, view: View) -> Panel:
@@ -82,8 +82,8 @@ def _frame(answer: Answer, view: View) -> Panel:
 def _distance(answer: Answer, view: View) -> Panel:
     unit, (low, high) = answer.result.problem.unit, common_limits([_seen(view.like or answer)])
     title = f"Distance [{unit}]" + ("" if answer.stage == FINAL else f", {answer.stage}")
-    limits, said = (low, max(high, 1.01 * low)), f"{{:.4g}} {unit}"
-    return _value_map(title, answer.result.distance, limits, "viridis", said, line=view.line)
+    limits, form = (low, max(high, 1.01 * low)), f"{{:.4g}} {unit}"
+    return _value_map(title, answer.result.distance, limits, "viridis", form, line=view.line)
 
 
 def _residual(answer: Answer, view: View) -> Panel:
@@ -94,8 +94,8 @@ def _residual(answer: Answer, view: View) -> Panel:
     title = f"Model - frame [of 255], {share:.0f} % is noise"
     picture = coloured(residual, (-end, end), "diverging")
     picture[quiet] = BELOW_NOISE
-    said = "{:+.1f} grey levels"
-    return replace(_value_map(title, residual, (-end, end), "diverging", said), picture=picture)
+    form = "{:+.1f} grey levels"
+    return replace(_value_map(title, residual, (-end, end), "diverging", form), picture=picture)
 
 
 def _error(answer: Answer, view: View) -> Panel:
@@ -125,7 +125,11 @@ def _contours(answer: Answer, view: View) -> Panel:
     picture = grey_or_colour(0.35 + 0.5 * (grey if grey.ndim == 2 else grey.mean(axis=-1)))
     maybe = (find_contours(problem.log_facing, problem.mask) > MAYBE).any(axis=0)
     evidence = np.zeros(problem.mask.shape) if problem.evidence is None else problem.evidence
-    torn = np.zeros_like(problem.mask) if problem.cuts is None else problem.cuts.any(axis=0)
+    torn = (
+        np.zeros_like(problem.mask)
+        if problem.discontinuities is None
+        else problem.discontinuities.any(axis=0)
+    )
     parts = {
         "may be a contour": (maybe, pictures.SKY),
         "saturated: at least so bright": (problem.mask & (evidence == AT_LEAST), SATURATED),
@@ -150,30 +154,30 @@ def _bounced(answer: Answer, view: View) -> Panel:
     problem = answer.result.problem
     log_ratio = bounced_light(problem, answer.result.iterate.log_distance)
     share = np.where(problem.mask, -100 * np.expm1(-log_ratio), np.nan)
-    taken = "left in" if problem.origin.albedo is None else "taken out"
+    taken = "left in" if problem.provenance.albedo is None else "taken out"
     title = f"Bounced light [% of all], {taken}"
     return _value_map(title, share, (0.0, end_of(share, 99)), "magma", "{:.1f} %")
 
 
 def _sigma(answer: Answer, view: View) -> Panel:
-    if answer.trust is None:
+    if answer.uncertainty is None:
         return Map("σ: press find σ, below advanced", None)
-    percent = 100 * answer.trust.sigma / answer.result.distance
+    percent = 100 * answer.uncertainty.sigma / answer.result.distance
     title = f"σ of the distance [%], median {np.nanmedian(percent):.2g}"
     return _value_map(title, percent, (0.0, end_of(percent, 98)), "magma", "± {:.1f} %")
 
 
 def _decided(answer: Answer, view: View) -> Panel:
-    trust = answer.trust
-    if trust is None:
+    uncertainty = answer.uncertainty
+    if uncertainty is None:
         return Map("Who decided: press find σ, below advanced", None)
     colours = np.array([pictures.LEFT_OUT, *DECIDERS.values()], np.uint8)
     names = ("left out", *DECIDERS)
 
     def says(i: int, j: int) -> str:
-        return names[trust.decided_by[i, j]]
+        return names[uncertainty.decided_by[i, j]]
 
-    return Map("Who decided", colours[trust.decided_by], keys=[*DECIDERS.items()], says=says)
+    return Map("Who decided", colours[uncertainty.decided_by], keys=[*DECIDERS.items()], says=says)
 
 
 def _section(answer: Answer, view: View) -> Panel:
@@ -213,8 +217,8 @@ def _energy(answer: Answer, view: View) -> Panel:
 
 def _lam_curve(answer: Answer, view: View) -> Panel:
     """Data term and roughness of the answers so far; those that differ by λ alone hang together."""
-    alike = (dot for dot in view.dots if differs_by_lam(dot.settings, answer.settings))
-    family = sorted(alike, key=lambda dot: dot.settings.lam)
+    comparable = (dot for dot in view.dots if differs_by_lam(dot.settings, answer.settings))
+    family = sorted(comparable, key=lambda dot: dot.settings.lam)
     x, y = (np.array([getattr(dot, name) for dot in family]) for name in ("data", "roughness"))
     colours = (pictures.SKY if dot in family else pictures.LEFT_OUT for dot in view.dots)
     dots = [(dot.data, dot.roughness, colour) for dot, colour in zip(view.dots, colours, strict=True)]
@@ -250,7 +254,7 @@ PANELS: dict[str, Callable[[Answer, View], Panel]] = {
     "energy": _energy,
 }
 USUAL = ("frame", "distance", "model - frame", "section", "3D", "λ curve")
-NEED_TRUST = ("σ", "who decided")
+NEED_UNCERTAINTY = ("σ", "who decided")
 
 
 def ratio_of(a: Answer, b: Answer) -> Map:

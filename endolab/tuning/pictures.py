@@ -205,13 +205,13 @@ class Chart:
         for axis, log in enumerate(self.log):
             for value in (log_ticks if log else ticks)(float(low[axis]), float(high[axis])):
                 at = round(float(place(np.where(np.arange(2) == axis, value, low))[axis]))
-                said = f"{10**value:.2g}" if log else f"{value:g}"
+                label = f"{10**value:.2g}" if log else f"{value:g}"
                 if axis == 0:
                     inner[:, at] = PALE
-                    write(paper, said, left + at, bottom, text, 0.5)
+                    write(paper, label, left + at, bottom, text, 0.5)
                 else:
                     inner[at] = PALE
-                    write(paper, said, left - text // 3, top + at - text + 1, text, 1.0)
+                    write(paper, label, left - text // 3, top + at - text + 1, text, 1.0)
         cv2.rectangle(paper, (left, top), (right, bottom), (120, 120, 120), 1)
         write(paper, self.x_label, right, bottom + round(1.1 * text), text, 1.0)
         at = right - left - 2

@@ -26,15 +26,15 @@ def warnings(answer: Answer, before: Answer | None) -> list[str]:
     """Say in a sentence each what should be known before an answer is believed; `before` is the last one."""
     if answer.stage != FINAL:
         return []
-    said = []
+    sentences = []
     sphere, plane = answer.relief
     if min(sphere, plane) < FLAT:
         shape = "a sphere around the camera" if sphere < plane else "a plane"
-        said.append(f"This is nearly {shape}: its relief is {min(sphere, plane):.1f} %.")
+        sentences.append(f"This is nearly {shape}: its relief is {min(sphere, plane):.1f} %.")
     if before is not None and differs_by_lam(before.settings, answer.settings):
         most = max(before.torn, answer.torn)
         if abs(before.torn - answer.torn) > TORN_ELSEWHERE * most:
-            said.append(
+            sentences.append(
                 f"Contours changed with λ: {before.torn:,} px were torn at λ {before.settings.lam:.2g}, "
                 f"and {answer.torn:,} are now."
             )
@@ -42,7 +42,7 @@ def warnings(answer: Answer, before: Answer | None) -> list[str]:
         size = np.abs(answer.change[np.isfinite(answer.change)])
         if size.size and size.max() > APART:
             share = 100 * float(np.mean(size > APART))
-            said.append(
+            sentences.append(
                 f"From the last answer it ends elsewhere, by up to {size.max():.3g} % ({share:.2g} % of it)."
             )
-    return said
+    return sentences

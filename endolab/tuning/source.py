@@ -66,13 +66,13 @@ class Settings:
         They are for a frame, which may be `grey`, and its calibration; of the light they hold what the
         solver believes otherwise than the calibration.
         """
-        said = {name: getattr(self, name) for name in TOLD}
-        said["channel"] = self.channel or ("grey" if grey else "green")
-        said["width"] = min(self.width, known.camera.width)
+        chosen = {name: getattr(self, name) for name in TOLD}
+        chosen["channel"] = self.channel or ("grey" if grey else "green")
+        chosen["width"] = min(self.width, known.camera.width)
         light = {"k": self.k, "gamma": self.gamma, "albedo": self.albedo}
         if known.photometry.gain is not None and self.gain != 1:
             light["gain"] = known.photometry.gain * self.gain
-        given = ({name: one for name, one in some.items() if one is not None} for some in (said, light))
+        given = ({name: one for name, one in some.items() if one is not None} for some in (chosen, light))
         return SolvingSettings(*given)
 
     def code(self, calibration: Endoscope, grey: bool) -> str:

@@ -19,7 +19,7 @@ import traitlets as t
 
 from endolab.depth.result import Iterate, Result
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
-from endolab.numerics.checks import told
+from endolab.numerics.checks import excerpt
 from endolab.numerics.derivatives import links
 from endolab.plots.scales import lifted
 from endolab.reconstruction.mesh import joined_triangles
@@ -75,7 +75,7 @@ class SurfaceView(anywidget.AnyWidget):
         rays: FloatArray,
         picture: np.ndarray,
         *,
-        cuts: BoolArray | None = None,
+        discontinuities: BoolArray | None = None,
         unit: str = "mm",
         lift: bool = False,
     ) -> None:
@@ -93,7 +93,7 @@ class SurfaceView(anywidget.AnyWidget):
         picture : (h, w, 3) or (h, w) array
             What lies on the surface: bytes, or numbers in [0, 1]; larger or smaller than the surface, but of
             its proportions.
-        cuts : (2, H, W) bool array, optional
+        discontinuities : (2, H, W) bool array, optional
             Steps to the right and lower neighbour over which the surface is torn.
         unit : str
         lift : bool
@@ -108,7 +108,7 @@ class SurfaceView(anywidget.AnyWidget):
         if abs(tall * width - wide * height) > max(height, width, tall, wide):  # shrunk to whole pixels
             raise ValueError(f"picture of {wide}x{tall} px has not the proportions of {width}x{height} px")
         with self._showing:
-            self._last, self._waits = (distance, rays, picture, cuts, unit, lift), True
+            self._last, self._waits = (distance, rays, picture, discontinuities, unit, lift), True
             self._flush()
 
     def _flush(self) -> None:
@@ -118,10 +118,10 @@ class SurfaceView(anywidget.AnyWidget):
             if self._last is None or not self._waits or not self.visible or busy or self.comm is None:
                 return
             self._waits = False
-            distance, rays, picture, cuts, unit, lift = self._last
+            distance, rays, picture, discontinuities, unit, lift = self._last
             known = np.isfinite(distance) & (distance > 0)
             rows, columns = thinned(distance.shape)
-            joined = thinned_links(links(known, cuts), rows, columns)
+            joined = thinned_links(links(known, discontinuities), rows, columns)
             every = np.ix_(rows, columns)
             far = np.where(known, distance, 0)[every]
             points = (rays[every] * far[..., None])[known[every]]
@@ -196,7 +196,7 @@ def show_surface(shown: Result | Iterate, picture: np.ndarray | None = None) -> 
         In one sentence, if these are something else, or the picture has other proportions.
     """
     if not isinstance(shown, Result | Iterate):
-        raise ValueError(f"a result or an iterate can be shown, got {told(shown)}")
+        raise ValueError(f"a result or an iterate can be shown, got {excerpt(shown)}")
     shape = np.shape(shown.problem.shown if picture is None else picture)
     if len(shape) not in (2, 3) or shape[2:] not in ((), (3,)):
         raise ValueError(f"picture must have shape (h, w, 3) or (h, w), found {shape}")
@@ -208,7 +208,14 @@ def show_surface(shown: Result | Iterate, picture: np.ndarray | None = None) -> 
 def show_on(view: SurfaceView, shown: Result | Iterate, picture: np.ndarray, lift: bool) -> None:
     """Show a result, with a picture on it, in a view that is there."""
     known = shown.problem
-    view.show(shown.distance, known.field.rays, picture, cuts=known.cuts, unit=known.unit, lift=lift)
+    view.show(
+        shown.distance,
+        known.field.rays,
+        picture,
+        discontinuities=known.discontinuities,
+        unit=known.unit,
+        lift=lift,
+    )
 
 
 def textured(picture: np.ndarray, lift: bool) -> Picture:

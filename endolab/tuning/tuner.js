@@ -129,14 +129,14 @@ function render({ model, el }) {
     marks.replaceChildren();
     model.get("cells").forEach(({ spot, name }, i) => {
       if (!spot || !cursor || name === "3D") return;
-      const [left, top, right, bottom] = spot, said = model.get("said")[i];
+      const [left, top, right, bottom] = spot, text = model.get("cursor_texts")[i];
       const x = left + cursor[0] * (right - left), y = top + cursor[1] * (bottom - top);
       put(add("div", "endolab-cross", marks), [left, y, right, y]);
       put(add("div", "endolab-cross", marks), [x, top, x, bottom]);
-      if (said) put(add("div", "endolab-said", marks, { textContent: said }), [left, bottom, right, bottom]);
+      if (text) put(add("div", "endolab-said", marks, { textContent: text }), [left, bottom, right, bottom]);
     });
   };
-  follow(["said"], point);
+  follow(["cursor_texts"], point);
   follow(["cells", "choices"], () => {
     const cells = model.get("cells"), choices = model.get("choices");
     stage.querySelectorAll("select").forEach((one) => one.remove());

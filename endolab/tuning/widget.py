@@ -32,7 +32,7 @@ from endolab.reports.result import write_files
 from endolab.synthetic.scenes import SCENES
 from endolab.tuning.boards import Board, comparable, of_one, of_several, of_two
 from endolab.tuning.engine import FINAL, Answer, Tuner, sentence_of
-from endolab.tuning.panels import NEED_TRUST, PANELS, USUAL, Dot, View
+from endolab.tuning.panels import NEED_UNCERTAINTY, PANELS, USUAL, Dot, View
 from endolab.tuning.pictures import jpeg, png
 from endolab.tuning.sentences import summary, warnings
 from endolab.tuning.source import Settings
@@ -115,7 +115,7 @@ class TunerBox(anywidget.AnyWidget):
     size: t.List[Any] = t.List([0, 0, 1]).tag(sync=True)
     cells: t.List[Any] = t.List().tag(sync=True)
     choices: t.List[str] = t.List().tag(sync=True)  # what panels can show
-    said: t.List[str] = t.List().tag(sync=True)  # of each panel, at the cursor
+    cursor_texts: t.List[str] = t.List().tag(sync=True)  # of each panel, at the cursor
     # From the page: where the cursor is in its map, or nothing; a point of the board to which it was dragged.
     hover: t.List[float] = t.List().tag(sync=True)
     drag: t.List[float] = t.List().tag(sync=True)
@@ -244,7 +244,9 @@ class TunerBox(anywidget.AnyWidget):
 
     def _shown(self, answer: Answer) -> None:
         self._word = {}
-        if answer.trust is not None:  # in place of the one of the same settings, of which less was known
+        if (
+            answer.uncertainty is not None
+        ):  # in place of the one of the same settings, of which less was known
             both = (self.kept, self.now)
             is_it = [one is not None and one.result is answer.result for one in both]
             self.kept, self.now = (answer if it else one for it, one in zip(is_it, both, strict=True))
@@ -292,9 +294,9 @@ class TunerBox(anywidget.AnyWidget):
         """All knobs as they were at first."""
         self.knobs = self._first | ({"scene": self.frame} if self._pictures else {})
 
-    def find_trust(self) -> None:
+    def find_uncertainty(self) -> None:
         """Find how far the answer that is shown can be trusted."""
-        self.engine.find_trust(self._final())
+        self.engine.find_uncertainty(self._final())
         self._tell("finding σ ...")
 
     def _final(self) -> Answer:
@@ -427,10 +429,10 @@ class TunerBox(anywidget.AnyWidget):
     def _say(self, where: Sequence[float]) -> None:
         """Tell what all panels say of a point of their maps."""
         if len(where) != 2:
-            self.said = []
+            self.cursor_texts = []
             return
         x, y = (min(max(float(one), 0.0), 1.0) for one in where)
-        self.said = [place.says(x, y) for place in self.board.places]
+        self.cursor_texts = [place.says(x, y) for place in self.board.places]
 
     def choose(self, index: int, name: str) -> None:
         """Show something else in a panel."""
@@ -438,8 +440,8 @@ class TunerBox(anywidget.AnyWidget):
             raise ValueError(f"there is no panel {name!r}")
         self.names[index] = name
         self._show()
-        if name in NEED_TRUST and self.answer is not None and self.answer.trust is None:
-            self.find_trust()
+        if name in NEED_UNCERTAINTY and self.answer is not None and self.answer.uncertainty is None:
+            self.find_uncertainty()
 
     def press(self, x: float, y: float) -> None:
         """Lay the section through a point of a map, take a dot of the λ curve, or one of what is compared."""
@@ -496,9 +498,9 @@ class TunerBox(anywidget.AnyWidget):
         with staged_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
                 self.engine.cold(answer.settings, [recorder])
-                if answer.trust is not None:
-                    recorder.add_trust(answer.trust, answer.result)
-            write_files(answer.result, staging, trust=answer.trust)
+                if answer.uncertainty is not None:
+                    recorder.add_uncertainty(answer.uncertainty, answer.result)
+            write_files(answer.result, staging, uncertainty=answer.uncertainty)
             write_atomically(staging / "board.png", png(board.picture))
             write_atomically(staging / "result.py", code.encode())
             write_settings(answer.settings.saved(calibration, answer.subject.grey), staging / "settings.json")

@@ -1,7 +1,7 @@
 """What may be wrong, as changes of the picture: of the logarithm of its light, (H, W).
 
-Most of it has a name and a number (`doubts`). What has none is what the model leaves unexplained: the wall's
-own texture, folds that are no contours, light that it does not know. It shows in the residual, of which a fit
+Most of it has a name and a number (`prior_sigma`). What has none is what the model leaves unexplained: the
+wall's own texture, folds that are no contours, light that it does not know. It shows in the residual, of which a fit
 takes most: a random field of the texture's length, fitted like the picture, tells how much it leaves. The
 residual around a pixel over that share is how strong such a field must be there.
 """
@@ -19,8 +19,8 @@ from endolab.model.surface import normals
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import fineness, links
 from endolab.preprocessing.contours import find_contours
-from endolab.uncertainty.doubts import Doubts
 from endolab.uncertainty.linearised import Linearised
+from endolab.uncertainty.prior_sigma import PriorSigma
 
 LENGTH = 12.0  # of a wall's texture, standard deviation of its Gaussian, per 320 px of the longer side
 AROUND = 10.0  # of the residuals that count for a pixel, likewise
@@ -48,10 +48,10 @@ def _blurred(a: FloatArray, sigma: float) -> FloatArray:
     return np.asarray(blurred, dtype=np.float64)
 
 
-def around(values: FloatArray, said: FloatArray, sigma: float) -> FloatArray:
+def around(values: FloatArray, weight: FloatArray, sigma: float) -> FloatArray:
     """Root mean square around each pixel of those that are said."""
-    share = np.maximum(_blurred(said, sigma), 1e-6)
-    return np.asarray(np.sqrt(np.maximum(_blurred(said * values**2, sigma), 0.0) / share))
+    share = np.maximum(_blurred(weight, sigma), 1e-6)
+    return np.asarray(np.sqrt(np.maximum(_blurred(weight * values**2, sigma), 0.0) / share))
 
 
 class Texture:
@@ -61,20 +61,20 @@ class Texture:
         self._surface, self._rng, self._least = surface, rng, least
         problem = surface.problem
         self._scale = fineness(problem.mask.shape)
-        self._said = (surface.weight > 0).astype(np.float64)
+        self._informative = (surface.weight > 0).astype(np.float64)
         self._light = surface.model / problem.photometry.gamma  # change of I per change of log light
         self._left: list[FloatArray] = []
 
     def field(self) -> FloatArray:
         """One of unit variance."""
-        return correlated(self._rng, self._said.shape, LENGTH * self._scale)
+        return correlated(self._rng, self._informative.shape, LENGTH * self._scale)
 
     def try_one(self) -> None:
         """See what a fit leaves of a field of unit variance."""
         field = self.field()
         change = self._surface.applied(self._surface.to_light(field))
         left = field - self._in_light(change)
-        self._left.append(around(left, self._said, AROUND * self._scale) ** 2)
+        self._left.append(around(left, self._informative, AROUND * self._scale) ** 2)
 
     def _in_light(self, change: FloatArray | float) -> FloatArray:
         """A change of the picture as one of the light's logarithm; 0 where there is none."""
@@ -84,26 +84,30 @@ class Texture:
     def strength(self, noise: float) -> FloatArray:
         """Standard deviation of the light's logarithm, by what fits leave and the residual beside noise."""
         left = np.sqrt(np.mean(self._left, axis=0))
-        usual = float(np.median(left[self._said > 0])) if self._said.any() else 1.0
+        usual = float(np.median(left[self._informative > 0])) if self._informative.any() else 1.0
         unexplained, by_noise = self._in_light(self._surface.residual), self._in_light(noise)
-        squares = [around(one, self._said, AROUND * self._scale) ** 2 for one in (unexplained, by_noise)]
+        squares = [
+            around(one, self._informative, AROUND * self._scale) ** 2 for one in (unexplained, by_noise)
+        ]
         found = np.sqrt(np.maximum(squares[0] - squares[1], 0.0))
         return np.hypot(found / np.maximum(left, LEAST_LEFT * max(usual, 1e-6)), self._least)
 
 
-def named(problem: Problem, log_distance: FloatArray, doubts: Doubts) -> Iterator[tuple[str, FloatArray]]:
+def named(
+    problem: Problem, log_distance: FloatArray, prior_sigma: PriorSigma
+) -> Iterator[tuple[str, FloatArray]]:
     """What one standard deviation of each named cause changes in the logarithm of the light."""
     mask, field = problem.mask, problem.field
-    said = np.where(mask, problem.image, 1.0)
-    if doubts.k:
-        yield "k", -doubts.k * np.log(np.where(mask, field.cos_alpha, 1.0))
-    if doubts.gamma:
-        yield "gamma", doubts.gamma * np.log(np.maximum(said, 0.5 / 255))
-    share = doubts.left_in if problem.origin.albedo is None else doubts.bounced
+    brightness = np.where(mask, problem.image, 1.0)
+    if prior_sigma.k:
+        yield "k", -prior_sigma.k * np.log(np.where(mask, field.cos_alpha, 1.0))
+    if prior_sigma.gamma:
+        yield "gamma", prior_sigma.gamma * np.log(np.maximum(brightness, 0.5 / 255))
+    share = prior_sigma.left_in if problem.provenance.albedo is None else prior_sigma.bounced
     bounced = share * bounced_light(problem, log_distance) if share else None
     if bounced is not None and bounced.any():
         yield "bounced light", bounced
-    if doubts.lamp and problem.metric:
+    if prior_sigma.lamp and problem.metric:
         rays = np.where(mask[..., None], field.rays, 0.0)
         normal = np.nan_to_num(normals(np.where(mask, log_distance, np.nan), field, mask))
         cosine = np.maximum(-(normal * rays).sum(axis=-1), GRAZING)
@@ -111,12 +115,12 @@ def named(problem: Problem, log_distance: FloatArray, doubts: Doubts) -> Iterato
         for axis in range(2):
             # Of cos θ/d² by the lamp's place: it is nearer, and the wall turned to it.
             slope = (3 * rays[..., axis] + normal[..., axis] / cosine) / distance
-            yield f"lamp {'xy'[axis]}", np.where(mask, np.clip(doubts.lamp * slope, -OFF, OFF), 0.0)
+            yield f"lamp {'xy'[axis]}", np.where(mask, np.clip(prior_sigma.lamp * slope, -OFF, OFF), 0.0)
 
 
 def bounced_light(problem: Problem, log_distance: FloatArray) -> FloatArray:
     """log(1 + ι) of the light that the wall's green bounces, as this surface makes it."""
-    albedo = problem.origin.albedo
+    albedo = problem.provenance.albedo
     found = problem.settings.get("channel") == "separated"
     if albedo is None and found:  # and there was none
         return np.zeros(problem.mask.shape)
@@ -125,14 +129,20 @@ def bounced_light(problem: Problem, log_distance: FloatArray) -> FloatArray:
     one = min(one, 0.95)
     mask = problem.mask
     walls = Walls.of(
-        np.where(mask, log_distance, np.nan), mask, problem.field, problem.photometry.k, problem.cuts
+        np.where(mask, log_distance, np.nan),
+        mask,
+        problem.field,
+        problem.photometry.k,
+        problem.discontinuities,
     )
-    return np.where(mask, np.log1p(walls.inflation(np.full(3, one))[..., 1]), 0.0)
+    return np.where(mask, np.log1p(walls.indirect_ratio(np.full(3, one))[..., 1]), 0.0)
 
 
 def perhaps_torn(problem: Problem) -> BoolArray | None:
     """Cuts at every line of the picture that may be a contour, beside those of the problem."""
-    cuts = (find_contours(problem.log_facing, problem.mask) > MAYBE) & links(problem.mask, problem.cuts)
-    if not cuts.any():
-        return problem.cuts
-    return cuts if problem.cuts is None else cuts | problem.cuts
+    discontinuities = (find_contours(problem.log_facing, problem.mask) > MAYBE) & links(
+        problem.mask, problem.discontinuities
+    )
+    if not discontinuities.any():
+        return problem.discontinuities
+    return discontinuities if problem.discontinuities is None else discontinuities | problem.discontinuities

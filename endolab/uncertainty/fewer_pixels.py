@@ -32,10 +32,10 @@ def _halved(iterate: Iterate) -> Iterate:
         image=inner(coarse.image),
         mask=coarse.mask & camera.field.valid,
         camera=camera,
-        cuts=coarse.cuts,
+        discontinuities=coarse.discontinuities,
         evidence=inner(coarse.evidence) if coarse.evidence.size else None,
         picture=np.asarray(cv2.resize(problem.shown, (width, height), interpolation=cv2.INTER_AREA), float),
-        origin=replace(problem.origin, smooth=problem.origin.smooth / 2),
+        provenance=replace(problem.provenance, smooth=problem.provenance.smooth / 2),
     )
     v = inner(grid.restrict(padded(np.where(iterate.mask, iterate.log_distance, 0.0))))
     return Iterate.of(smaller, np.where(smaller.mask, v, 0.0))

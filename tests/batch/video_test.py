@@ -81,10 +81,10 @@ def distances(out, k):
 def test_a_folder_becomes_a_folder(film, out):
     (film / "frame_2.png").write_bytes(b"broken")
     write_image(film / "frame_3.png", np.full((8, 9), 0.4))
-    told = []
-    found = reconstruct_video(film, UNKNOWN, out, progress=lambda *each: told.append(each))
+    calls = []
+    found = reconstruct_video(film, UNKNOWN, out, progress=lambda *each: calls.append(each))
     expected = [(k + 1, COUNT, f"frame_{k}.png") for k in range(COUNT)]
-    assert [(done, total, row["frame"]) for done, total, row in told] == expected
+    assert [(done, total, row["frame"]) for done, total, row in calls] == expected
     assert found.done_before == 0
     assert [path.relative_to(out).as_posix() for path in found.paths] == names(out) == OUTPUTS
     assert names(out / "frames") == ["frame_0", "frame_1", "frame_4"]
@@ -105,9 +105,9 @@ def test_an_interrupted_video_goes_on_where_it_was(film, out, failure):
     with pytest.raises(type(failure), match="2 of 4 frames are done"):
         reconstruct_video(film, UNKNOWN, out, limit=4, progress=after(2, failure))
     kept = (out / "frames/frame_1/depth.npz").read_bytes()
-    told = []
-    found = reconstruct_video(film, UNKNOWN, out, limit=4, progress=lambda done, *_: told.append(done))
-    assert (found.done_before, told) == (2, [3, 4])
+    calls = []
+    found = reconstruct_video(film, UNKNOWN, out, limit=4, progress=lambda done, *_: calls.append(done))
+    assert (found.done_before, calls) == (2, [3, 4])
     assert (out / "frames/frame_1/depth.npz").read_bytes() == kept
     assert [row["error"] for row in table(out)] == [""] * 4
     for k in range(4):

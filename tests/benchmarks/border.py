@@ -116,20 +116,20 @@ def rows_of(scenes, cameras, noises):
             yield [camera, f"{noise:g}", regulariser, name, *(f"{one:.2f}" for one in summary)]
 
 
-def told(title, scenes, noises):
+def print_table(title, scenes, noises):
     heads = ("camera", "noise", "regulariser", "tube", *HEADS)
     table(f"{title}, {WIDTH} px; energies times 1e5", heads, rows_of(scenes, CAMERAS, noises))
 
 
 def straight():
     """Twenty straight tubes."""
-    told("Tubes, tilted and off centre", list(random_tubes()), (0.0, 1.0))
+    print_table("Tubes, tilted and off centre", list(random_tubes()), (0.0, 1.0))
 
 
 def bent():
     """What no sheet can be rolled into, and cones."""
-    told("Funnels", list(random_tubes(6, 17, narrowing=0.2)), (0.0,))
-    told("Bends", list(random_bends()), (0.0,))
+    print_table("Funnels", list(random_tubes(6, 17, narrowing=0.2)), (0.0,))
+    print_table("Bends", list(random_bends()), (0.0,))
 
 
 PARTS = {"straight": straight, "bent": bent}

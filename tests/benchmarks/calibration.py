@@ -56,8 +56,8 @@ def ways(seeds):
         ("flat, γ free", "vicalib_big", {}, free),
         *((f"folded {angle}°", *folded(angle)) for angle in (1, 3, 10, 30)),
         *(
-            (f"grey patches, {said}", "vicalib_grey", {}, free | {"reflectance": (known,)})
-            for said, known in PATCHES.items()
+            (f"grey patches, {label}", "vicalib_grey", {}, free | {"reflectance": (known,)})
+            for label, known in PATCHES.items()
         ),
         ("gain locked", "vicalib_big", {"locked": True}, free | {"gain": "locked"}),
     ]

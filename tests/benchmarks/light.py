@@ -76,8 +76,8 @@ def row(name: str, frames: Sequence[Known]) -> tuple[list[str], list[float]]:
     found = el.estimate_light([each.frame for each in frames], one.camera, gamma=one.gamma)
     ks = [one.k, found.photometry.k, USUAL]
     errors = [float(np.mean([error(each, k) for each in frames])) if np.isfinite(k) else np.nan for k in ks]
-    told = f"{found.k:.2f} ± {found.standard_error:.2f}"
-    cells = [name, f"{one.k:.2f}", told, found.outcome, *(f"{each:.1f}" for each in errors)]
+    estimate = f"{found.k:.2f} ± {found.standard_error:.2f}"
+    cells = [name, f"{one.k:.2f}", estimate, found.outcome, *(f"{each:.1f}" for each in errors)]
     print("  ".join(cells), flush=True)
     return cells, [found.k - one.k, *errors]
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import endolab as el
-from endolab.metrics.depth_errors import Errors, compare, occlusion_cuts
+from endolab.metrics.depth_errors import Errors, compare, depth_discontinuities
 from endolab.model.photometry import CHANNELS
 from endolab.reconstruction.assumptions import notes
 from tests.benchmarks.report import table
@@ -58,7 +58,7 @@ def ways_of(sample: RandomFrame) -> dict[str, Score]:
     """Score every way that there is, by name."""
     found = {name: score(sample, **options) for name, options in WAYS.items()}
     found[BEST] = min((found[name] for name in CHANNELS), key=lambda one: one.errors.mean_percent)
-    found[TORN] = score(sample, channel="separated", cuts=occlusion_cuts(sample.distance))
+    found[TORN] = score(sample, channel="separated", discontinuities=depth_discontinuities(sample.distance))
     return found
 
 
@@ -90,8 +90,8 @@ def report(title: str, frames: Iterable[Path]) -> None:
     for sample, found in scored:
         default, least = found["automatic"], found[BEST].errors.mean_percent
         if default.errors.mean_percent > least + WORSE:
-            said = " ".join(default.notes) or "it said nothing"
-            print(f"{sample.frame.name}: {default.errors.mean_percent:.1f} % after {least:.1f} %: {said}")
+            notes = " ".join(default.notes) or "it said nothing"
+            print(f"{sample.frame.name}: {default.errors.mean_percent:.1f} % after {least:.1f} %: {notes}")
 
 
 if __name__ == "__main__":

@@ -62,7 +62,7 @@ def test_the_section_follows_the_pointer_and_one_cursor_reads_all_maps(opened):
     page.mouse.move(*at(page, 0.9, 0.5))
     page.wait_for_function(f"() => document.querySelectorAll('{LABEL}').length === 3")
     assert page.locator(LABEL).nth(1).inner_text().endswith(" mm")
-    before, said = page.locator(PICTURE).get_attribute("src"), page.locator(STATUS).inner_text()
+    before, status = page.locator(PICTURE).get_attribute("src"), page.locator(STATUS).inner_text()
     page.mouse.down()
     for step in range(1, 21):
         page.mouse.move(*at(page, 0.9 - 0.04 * step, 0.5))
@@ -71,7 +71,7 @@ def test_the_section_follows_the_pointer_and_one_cursor_reads_all_maps(opened):
     page.wait_for_timeout(500)
     section = "document.querySelector('.endolab-section input').value"
     assert float(page.evaluate(section)) == pytest.approx(10, abs=1)
-    assert page.locator(STATUS).inner_text() == said  # nothing was solved
+    assert page.locator(STATUS).inner_text() == status  # nothing was solved
     page.mouse.move(2, 2)
     page.wait_for_function(f"() => document.querySelectorAll('{LABEL}').length === 0")
 

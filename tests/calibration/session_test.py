@@ -37,9 +37,9 @@ def video():
 @pytest.fixture(scope="module")
 def done(video):
     frames, _, detections = video
-    told = []
-    how = {"channel": "green", "progress": lambda *what: told.append(what)}
-    return calibrate(frames, SHEET, detections=detections, size=SIZE, **how), told
+    calls = []
+    how = {"channel": "green", "progress": lambda *what: calls.append(what)}
+    return calibrate(frames, SHEET, detections=detections, size=SIZE, **how), calls
 
 
 def test_camera_poses_and_light_come_back(video, done):
@@ -107,8 +107,8 @@ def test_pictures_that_cannot_be_read_are_named(video):
     assert (found["a.png"].reason, len(found["a.png"].ids)) == ("it cannot be read", 0)
     assert size == SIZE
     assert detect_all([("a.png", None)], SHEET)[1] is None
-    said = r"in none of 1 frames; looked for 19 x 10 dots .* it cannot be read in 1"
-    with pytest.raises(ValueError, match=said):
+    message = r"in none of 1 frames; looked for 19 x 10 dots .* it cannot be read in 1"
+    with pytest.raises(ValueError, match=message):
         calibrate([("a.png", None)], SHEET)
 
 

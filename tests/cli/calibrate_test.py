@@ -134,7 +134,7 @@ def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nomina
     found = el.Calibration.load(tmp_path / "c.json")
     assert found.camera.fx == pytest.approx(camera.fx, abs=0.2)
     assert (found.photometry.k, found.photometry.gamma) == (2.5, 2.2)
-    assert el.Doubts.of(found).k == 1  # nobody measured it
+    assert el.PriorSigma.of(found).k == 1  # nobody measured it
 
 
 @pytest.mark.parametrize(

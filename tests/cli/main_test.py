@@ -115,10 +115,10 @@ def test_reconstruct_writes_a_whole_folder(work):
     for name in ("distance", "z", "normals"):
         assert np.all(np.isfinite(depth[name][mask]))
         assert np.all(np.isnan(depth[name][~mask]))
-    told = report(out)
-    assert told["settings"]["channel"] == "separated"
-    assert (told["settings"]["frame"], told["pixels"]) == ("frame.png", mask.sum())
-    assert sum(one["seconds"] for one in told["stages"]) == pytest.approx(told["seconds"])
+    content = report(out)
+    assert content["settings"]["channel"] == "separated"
+    assert (content["settings"]["frame"], content["pixels"]) == ("frame.png", mask.sum())
+    assert sum(one["seconds"] for one in content["stages"]) == pytest.approx(content["seconds"])
     header, _, body = (out / "cloud.ply").read_bytes().partition(b"end_header\n")
     assert f"element vertex {mask.sum()}\n".encode() in header
     points = np.frombuffer(body, dtype=[("xyz", "<f4", 3), ("n", "<f4", 3), ("rgb", "u1", 3)])
@@ -130,12 +130,12 @@ def test_the_summary_tells_how_it_ended_in_which_unit_and_where_it_is(work, solv
     for calibration, unit in ((work / "sim/endoscope.json", "(mm)"), (work / "unknown.json", "(relative")):
         quick = ("--width", "80", "--channel", "green", "--out", tmp_path / unit)
         assert solve(*quick, calibration=calibration) == 0
-        said, error = capsys.readouterr()
+        output, error = capsys.readouterr()
         assert error == ""
-        told = report(tmp_path / unit)
-        for words in ("CONVERGED", f"gauss_newton, {told['iterations']} iteration", unit, str(tmp_path)):
-            assert words in said
-        assert ("--median-distance" in said) == (unit != "(mm)")
+        content = report(tmp_path / unit)
+        for words in ("CONVERGED", f"gauss_newton, {content['iterations']} iteration", unit, str(tmp_path)):
+            assert words in output
+        assert ("--median-distance" in output) == (unit != "(mm)")
 
 
 def test_mesh_and_preparation_and_snapshots_come_if_they_are_asked_for(solve, tmp_path, capsys):
@@ -148,17 +148,17 @@ def test_mesh_and_preparation_and_snapshots_come_if_they_are_asked_for(solve, tm
 
 
 def test_trust_comes_if_it_is_asked_for(solve, sim, tmp_path, capsys, refused):
-    assert solve("--width", "80", "--out", tmp_path / "out", "--trust", "--mesh") == 0
-    assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply", "mesh_trust.ply"])
+    assert solve("--width", "80", "--out", tmp_path / "out", "--uncertainty", "--mesh") == 0
+    assert names(tmp_path / "out") == sorted([*OUTPUTS, "mesh.ply", "mesh_uncertainty.ply"])
     assert "σ of the distance: " in capsys.readouterr().out
     depth = maps(tmp_path / "out/depth.npz")
     assert (depth["sigma"][depth["mask"]] > 0).all()
-    assert report(tmp_path / "out")["trust"]["status"] == "CONVERGED"
+    assert report(tmp_path / "out")["uncertainty"]["status"] == "CONVERGED"
     assert call("evaluate", tmp_path / "out/depth.npz", sim / "truth.npz") == 0
     assert "within 1 σ" in capsys.readouterr().out
     assert call("evaluate", tmp_path / "out/depth.npz", sim / "truth.npz", "--json") == 0
     assert 0 < json.loads(capsys.readouterr().out)["coverage"]["within_one"] <= 100
-    command = ("reconstruct", sim / "frame.png", "--calibration", sim / "endoscope.json", "--trust")
+    command = ("reconstruct", sim / "frame.png", "--calibration", sim / "endoscope.json", "--uncertainty")
     assert "'facing'" in refused(*command, "--solver", "facing", "--out", tmp_path / "f")
 
 
@@ -169,17 +169,17 @@ def test_options_arrive(work, solve, tmp_path):
     options += ["--epsilon", "2e-3", "--threshold", "0.04", "--max-iterations", "2", "--contours", "no"]
     options += ["--highlights", "inpaint", "--albedo", "0.4"]
     assert solve("--out", tmp_path / "o", *options, calibration=work / "unknown.json") == 0
-    told = report(tmp_path / "o")
+    content = report(tmp_path / "o")
     expected = {"xi": "d", "regulariser": "first", "lam": 0.5, "channel": "red", "width": 80, "smooth": 1.5}
     expected |= {"epsilon": 2e-3, "threshold": 0.04, "highlights": "inpaint"}
-    assert told["iterations"] <= 2
-    assert told["settings"] | expected == told["settings"]
+    assert content["iterations"] <= 2
+    assert content["settings"] | expected == content["settings"]
     depth = maps(tmp_path / "o/depth.npz")
     assert depth["distance"].shape == (60, 80)
     assert depth["mask"][:, :39].mean() > 0.9
     assert not depth["mask"][:, 41:].any()
     assert np.nanmedian(depth["distance"]) == pytest.approx(33, rel=1e-4)
-    assert told["metric"]
+    assert content["metric"]
 
 
 @pytest.mark.parametrize(("name", "width"), [("distance", ["--width", "80"]), ("diameter", [])])
@@ -198,9 +198,9 @@ def test_a_known_length_fixes_the_scale(work, sim, solve, tmp_path, name, width)
 
 
 def test_a_settings_file_gives_what_options_give_and_options_win(solve, tmp_path):
-    said = {"lam": 0.1 + 0.2, "xi": "d", "regulariser": "first", "channel": "green", "width": 48}
-    said |= {"contours": False, "known_distance": (30.0, 32.5, 20.0)}
-    write_settings(SolvingSettings(said, {"k": 2.0, "albedo": 0.5}), tmp_path / "s.json")
+    output = {"lam": 0.1 + 0.2, "xi": "d", "regulariser": "first", "channel": "green", "width": 48}
+    output |= {"contours": False, "known_distance": (30.0, 32.5, 20.0)}
+    write_settings(SolvingSettings(output, {"k": 2.0, "albedo": 0.5}), tmp_path / "s.json")
     given = ["--regulariser", "first", "--channel", "green", "--width", 48, "--contours", "no"]
     given += ["--known-distance", "30,32.5,20"]
     write_settings(SolvingSettings({}, {"k": 2.0, "albedo": 0.5}), tmp_path / "light.json")
@@ -211,11 +211,15 @@ def test_a_settings_file_gives_what_options_give_and_options_win(solve, tmp_path
     }
     for name, options in runs.items():
         assert solve(*options, "--out", tmp_path / name) == 0
-    told = {name: report(tmp_path / name)["settings"] for name in runs}
-    assert told["file"] == told["options"]
+    content = {name: report(tmp_path / name)["settings"] for name in runs}
+    assert content["file"] == content["options"]
     found = {name: maps(tmp_path / name / "depth.npz")["distance"] for name in runs}
     np.testing.assert_array_equal(found["file"], found["options"])
-    assert (told["both"]["lam"], told["both"]["xi"], told["both"]["known_distance"]) == (1, "d", None)
+    assert (content["both"]["lam"], content["both"]["xi"], content["both"]["known_distance"]) == (
+        1,
+        "d",
+        None,
+    )
     assert np.nanmedian(found["both"]) == pytest.approx(20, rel=1e-6)
 
 
@@ -428,9 +432,9 @@ def test_told_to_end_it_writes_the_best_so_far(tmp_path, process, number):
     command += ["--solver", "primal_dual", "--max-iterations", 10**6]
     with process(*command, stderr=end) as running:
         os.close(end)
-        told = b""
-        while told.count(b"energy") < 5:  # on the bar
-            told += os.read(terminal, 1000)
+        content = b""
+        while content.count(b"energy") < 5:  # on the bar
+            content += os.read(terminal, 1000)
         running.send_signal(number)
         assert running.wait(60) == 0
     assert report(tmp_path / "o")["status"] == "STOPPED"

@@ -80,10 +80,10 @@ def rows(path):
 def test_a_video_goes_on_and_tells_what_became_of_it(call, here):
     assert call("reconstruct film --out o --limit 1 --solver facing")[0] == 0
     (here / "film/2.png").write_bytes(b"broken")
-    code, said, error = call("reconstruct film --out o --solver facing")
+    code, output, error = call("reconstruct film --out o --solver facing")
     assert (code, error) == (0, "")
     for words in ("2 of 3 frames", "earlier call: 1", "not done: 2.png", "relative units", "recording.rrd"):
-        assert words in said
+        assert words in output
     assert len(rows(here / "o/frames.csv")) == 3
     code, _, error = call("reconstruct film --out o --solver facing --lam 3")
     assert (code, error.count("\n"), "lam" in error, "--overwrite" in error) == (2, 1, True, True)
@@ -92,12 +92,12 @@ def test_a_video_goes_on_and_tells_what_became_of_it(call, here):
 
 
 def test_a_sweep_goes_on_and_tells_what_became_of_it(call, here):
-    code, said, _ = call("sweep film/0.png film/1.png --lam 0.1,1 --xi d --max-iterations 3")
-    assert (code, "4 of 4 rows" in said) == (0, True)
-    code, said, _ = call("sweep film/0.png none.png --lam 1,10 --xi d --max-iterations 3")
+    code, output, _ = call("sweep film/0.png film/1.png --lam 0.1,1 --xi d --max-iterations 3")
+    assert (code, "4 of 4 rows" in output) == (0, True)
+    code, output, _ = call("sweep film/0.png none.png --lam 1,10 --xi d --max-iterations 3")
     assert code == 0
     for words in ("2 of 4 rows", "not done: none.png", "earlier call: 1"):
-        assert words in said
+        assert words in output
     assert len(rows(here / "sweep.csv")) == 7
 
 
@@ -105,11 +105,11 @@ def test_ctrl_c_ends_a_live_view_with_its_files_written(call, here, monkeypatch,
     monkeypatch.setattr(cv2, "VideoCapture", lambda *which: Camera(pictures, 6))
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background ignores it
     try:
-        code, said, error = call("reconstruct 0 --out o --max-iterations 2")
+        code, output, error = call("reconstruct 0 --out o --max-iterations 2")
     finally:
         signal.signal(signal.SIGINT, before)
     assert (code, error) == (0, "")
-    assert "taken " in said
+    assert "taken " in output
     table = rows(here / "o/frames.csv")
     assert sum(1 + int(row["dropped"]) for row in table) <= 6
     with np.load(here / "o/depth.npz", allow_pickle=False) as depth:
@@ -121,10 +121,10 @@ def test_ctrl_c_ends_a_live_view_with_its_files_written(call, here, monkeypatch,
 
 def test_a_video_is_played_live(call, here):
     started = time.monotonic()
-    code, said, _ = call("reconstruct v.mkv --live --out o --max-iterations 2 --limit 100")
+    code, output, _ = call("reconstruct v.mkv --live --out o --max-iterations 2 --limit 100")
     assert (code, time.monotonic() - started > 5 / 8) == (0, True)
-    assert "of 6 frames" in said
-    code, said, _ = call("reconstruct v.mkv --live --out o --max-iterations 2")  # it is endolab's own
+    assert "of 6 frames" in output
+    code, output, _ = call("reconstruct v.mkv --live --out o --max-iterations 2")  # it is endolab's own
     assert code == 0
 
 

@@ -112,8 +112,8 @@ def test_the_light_falls_as_it_did_there(write):
     error = np.abs(np.sqrt(ratio) - 1)
     assert error.max() < 0.06
     assert error[:46].max() < 0.05
-    told = calibration.evidence["converted"]["lights"][0]["worst_distance_percent"]
-    assert told == pytest.approx(100 * error.max(), abs=0.5)
+    stated = calibration.evidence["converted"]["lights"][0]["worst_distance_percent"]
+    assert stated == pytest.approx(100 * error.max(), abs=0.5)
 
 
 def test_a_light_at_the_centre_becomes_k(write):

@@ -37,10 +37,10 @@ def worn(rng, kind, **options):
     """A frame with holes, cuts and evidence of all sorts, and a rough map about the truth."""
     problem, seen = posed("curved", 24, **options)
     mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
-    cuts = rng.random((2, *mask.shape)) > 0.95
+    discontinuities = rng.random((2, *mask.shape)) > 0.95
     evidence = rng.choice(KINDS[kind], mask.shape).astype(np.int8)
     v = np.log(seen.distance) + 0.05 * rng.normal(size=mask.shape)
-    return replace(problem, mask=mask, cuts=cuts, evidence=evidence), v
+    return replace(problem, mask=mask, discontinuities=discontinuities, evidence=evidence), v
 
 
 def test_the_data_term_is_the_sum_written_out(rng):

@@ -31,15 +31,17 @@ from tests.tools.adjoints import (
 
 
 def _without_rays(operator):
-    return lambda x, mask, cuts, _=None: operator(x, mask, cuts)
+    return lambda x, mask, discontinuities, _=None: operator(x, mask, discontinuities)
 
 
-def _second_form(xi, mask, cuts, field):
-    return second_form(xi, field, mask, cuts)
+def _second_form(xi, mask, discontinuities, field):
+    return second_form(xi, field, mask, discontinuities)
 
 
-def _second_form_adjoint(p, mask, cuts, field):
-    return second_form_adjoint(p, plane_shares(field, mask, cuts), whole(mask, cuts), mask, cuts)
+def _second_form_adjoint(p, mask, discontinuities, field):
+    return second_form_adjoint(
+        p, plane_shares(field, mask, discontinuities), whole(mask, discontinuities), mask, discontinuities
+    )
 
 
 OPERATORS = {  # and their adjoints: of a map, mask, cuts and the ray field, which two need not know
@@ -79,15 +81,20 @@ class GaussNewtonModel:
     @classmethod
     def at(cls, problem, log_distance):
         """Linearise around v = log d, (H, W)."""
-        mask, cuts, field, scale = problem.mask, problem.cuts, problem.field, problem.derivative_scale
+        mask, discontinuities, field, scale = (
+            problem.mask,
+            problem.discontinuities,
+            problem.field,
+            problem.derivative_scale,
+        )
         guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
-        f_u, f_v = gradient(log_distance, mask, cuts, edge_order=1)
+        f_u, f_v = gradient(log_distance, mask, discontinuities, edge_order=1)
         shade = problem.photometry.shade(log_distance, slant(f_u, f_v, field), field.cos_alpha)
         intensity, by_v, by_slant = shade
         residual = intensity - problem.image
         xi = to_xi(np.where(mask, log_distance, 0.0), problem.xi, field.cos_alpha) / problem.xi_median
         xi = np.where(mask, xi, 0.0)
-        derivative = OPERATORS[problem.regulariser][0](xi, mask, cuts, field)
+        derivative = OPERATORS[problem.regulariser][0](xi, mask, discontinuities, field)
         by_gradient = 2 * by_slant * (guu * f_u + guv * f_v), 2 * by_slant * (guv * f_u + gvv * f_v)
         weight = 1 / np.maximum(np.abs(residual) / problem.threshold, 1.0)
         if problem.regulariser == "curvature":
@@ -108,19 +115,21 @@ class GaussNewtonModel:
     def multiply(self, delta):
         """Matrix of the quadratic times a change of v, (H, W) to (H, W)."""
         mask = self.problem.mask
-        delta_u, delta_v = gradient(delta, mask, self.problem.cuts, edge_order=1)
+        delta_u, delta_v = gradient(delta, mask, self.problem.discontinuities, edge_order=1)
         change = self.by_v * delta + self.by_v_u * delta_u + self.by_v_v * delta_v
         data = self._data_adjoint(self.data_weight * np.where(mask, change, 0.0))
         return (data + self.xi_slope * self._smooth(self.xi_slope * delta)) / mask.sum()
 
     def _data_adjoint(self, residual):
         around = (self.by_v_u * residual, self.by_v_v * residual)
-        return self.by_v * residual + gradient_adjoint(around, self.problem.mask, self.problem.cuts)
+        return self.by_v * residual + gradient_adjoint(
+            around, self.problem.mask, self.problem.discontinuities
+        )
 
     @staticmethod
     def _bending_weights(problem, form):
         """Q: parabolas for both costs, of which κ₁κ₂/κ is linearised."""
-        known, metric = whole(problem.mask, problem.cuts), problem.field.inverse_metric
+        known, metric = whole(problem.mask, problem.discontinuities), problem.field.inverse_metric
         size, twofold = size_and_twofold(form, metric, known)
         inverse, flat = metric[..., [[0, 1], [1, 2]]], np.moveaxis(form, 0, -1)
         matrix, adjugate = flat[..., [[0, 1], [1, 2]]], flat[..., [[2, 1], [1, 0]]] * [[1, -1], [-1, 1]]
@@ -145,7 +154,7 @@ class GaussNewtonModel:
     def _smooth(self, xi):
         """Dᵀ (smoothness · D ξ)."""
         operator, adjoint = OPERATORS[self.problem.regulariser]
-        where = (self.problem.mask, self.problem.cuts, self.problem.field)
+        where = (self.problem.mask, self.problem.discontinuities, self.problem.field)
         derivative = operator(xi, *where)
         if self.problem.regulariser != "curvature":
             return adjoint(self.smoothness * derivative, *where)

@@ -24,7 +24,7 @@ def worn(rng, **options):
     """A tube with holes and cuts all over, and a map that is rough around the truth."""
     problem, truth = at_truth("tube", 40, lam=0.7, **options)
     mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
-    problem = replace(problem, mask=mask, cuts=rng.random((2, *mask.shape)) > 0.95)
+    problem = replace(problem, mask=mask, discontinuities=rng.random((2, *mask.shape)) > 0.95)
     return problem, truth + 0.02 * rng.normal(size=mask.shape)
 
 
@@ -98,9 +98,9 @@ def test_a_straight_map_and_a_step_over_a_cut_survive_the_way_down_and_up(step, 
     """
     problem, _ = at_truth("plane", 64)
     rows, columns = np.indices(problem.mask.shape)
-    cuts = np.zeros((2, *problem.mask.shape), dtype=bool)
-    cuts[0, :, last] = step > 0
-    fine = Grid.of(replace(problem, cuts=cuts))
+    discontinuities = np.zeros((2, *problem.mask.shape), dtype=bool)
+    discontinuities[0, :, last] = step > 0
+    fine = Grid.of(replace(problem, discontinuities=discontinuities))
     v = padded(2.0 + step * (columns > last) + 0.02 * columns - 0.01 * rows)
     back = inner(fine.coarser().finer(fine.restrict(v), fine) - v)
     np.testing.assert_allclose(back, 0, atol=off)
@@ -120,8 +120,8 @@ def around(shape, rows, columns, radius):
 def test_no_coarse_grid_mixes_the_sides_of_a_cut(centre):
     """A map of two levels has them on every grid, and a line of cuts is closed on all of them."""
     problem, _ = at_truth("plane", 80)
-    inside, cuts = around(problem.mask.shape, *centre, 14.3)
-    grid, v = Grid.of(replace(problem, cuts=cuts)), padded(np.where(inside, 1.0, 2.0))
+    inside, discontinuities = around(problem.mask.shape, *centre, 14.3)
+    grid, v = Grid.of(replace(problem, discontinuities=discontinuities)), padded(np.where(inside, 1.0, 2.0))
     for _ in range(3):
         fine, grid = grid, grid.coarser()
         v = fine.restrict(v)

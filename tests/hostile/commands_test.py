@@ -76,9 +76,9 @@ def test_a_killed_command_leaves_what_is_whole_and_no_process(name, seed, given,
     time.sleep(np.random.default_rng(seed).uniform(0, 0.8))
     with contextlib.suppress(ProcessLookupError):  # as a terminal does: to all of them
         os.killpg(process.pid, number) if number is signal.SIGINT else process.send_signal(number)
-    _, said = process.communicate(timeout=30)
-    assert "Traceback" not in said
-    assert len(sentences(said)) <= 1
+    _, output = process.communicate(timeout=30)
+    assert "Traceback" not in output
+    assert len(sentences(output)) <= 1
     until = time.monotonic() + PATIENCE
     while left(process.pid) and time.monotonic() < until:
         time.sleep(0.05)
@@ -105,9 +105,9 @@ def test_a_full_disk_is_one_sentence_and_nothing_half_written(name, given, disk,
     words, out, together = COMMANDS[name]
     with contextlib.chdir(given):
         status = run(*(str(word).format(given=given) for word in words), "--out", disk / out)
-    said = capfd.readouterr().err
-    assert (status, len(sentences(said))) in ((0, 0), (2, 1)), said
-    assert status == 0 or "No space left" in said or "disk may be full" in said
+    output = capfd.readouterr().err
+    assert (status, len(sentences(output))) in ((0, 0), (2, 1)), output
+    assert status == 0 or "No space left" in output or "disk may be full" in output
     check(disk, together)
     assert not list(disk.rglob(".endolab*"))
     assert status == 2 or (disk / ".full").stat().st_size < 2**16

@@ -80,9 +80,9 @@ def _make_pictures(frame):
         cv2.imwrite(f"pictures/{number}.png", np.round(frame * (1 - 0.01 * number)).astype(np.uint8))
 
 
-def sentences(said):
+def sentences(output):
     """Lines that were said, but for the one of a first run, whose loops are compiled."""
-    return [line for line in said.splitlines() if not line.startswith("Compiling ")]
+    return [line for line in output.splitlines() if not line.startswith("Compiling ")]
 
 
 def whole(path):

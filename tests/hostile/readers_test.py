@@ -104,8 +104,8 @@ def test_a_video_goes_on_from_damaged_results_or_refuses_them(name, given, tmp_p
         (tmp_path / "video" / name).write_bytes(content)
         with contextlib.chdir(given):
             status = run("reconstruct", "pictures", *known, "--out", tmp_path / "video")
-        said = capfd.readouterr().err
-        assert (status, len(sentences(said))) in ((0, 0), (2, 1)), said
+        output = capfd.readouterr().err
+        assert (status, len(sentences(output))) in ((0, 0), (2, 1)), output
         if status == 0:
             report = json.loads((tmp_path / "video/report.json").read_text())
             assert report["done"] == 6

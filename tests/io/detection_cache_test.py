@@ -47,14 +47,14 @@ def search(looked, tmp_path):
 
 
 def test_an_interrupted_search_goes_on_where_it_was(search, looked):
-    said = []
+    messages = []
     for _ in range(2):  # the second time there is nothing left to do
-        found, size = search(say=said.append)
+        found, size = search(say=messages.append)
         assert (list(found), size) == (["a.png", "b.png", "c.png"], (4, 4))
         np.testing.assert_array_equal(found["a.png"].ids, FOUND.ids)
         np.testing.assert_array_equal(found["a.png"].pixels, FOUND.pixels)
     assert len(looked) == 2 + 2
-    assert len(said) == 2
+    assert len(messages) == 2
 
 
 @pytest.mark.parametrize("line", ["", "null", "[" * 5000, '["a.png", [4, 4], [null], [], ""]', "\udcff"])

@@ -50,7 +50,7 @@ def test_the_light_is_believed():
 
 
 @pytest.mark.parametrize(
-    ("said", "named"),
+    ("text", "named"),
     [
         ("[1]", "object"),
         ("{}", "endolab_settings"),
@@ -67,8 +67,8 @@ def test_the_light_is_believed():
         ('{"endolab_settings": 1, "photometry": []}', "photometry"),
     ],
 )
-def test_what_is_wrong_is_said(said, named, tmp_path):
-    (tmp_path / "s.json").write_text(said)
+def test_what_is_wrong_is_said(text, named, tmp_path):
+    (tmp_path / "s.json").write_text(text)
     with pytest.raises(ValueError, match=rf"^[^\n]*s\.json: [^\n]*{named}[^\n]*$"):
         read_settings(tmp_path / "s.json")
 

@@ -151,7 +151,7 @@ def test_a_stream_comes_from_a_server(video, pictures):
             self.end_headers()
             self.wfile.write(content)
 
-        def log_message(self, *said):
+        def log_message(self, *message):
             pass
 
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Answer) as server:

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
-from endolab.metrics.depth_errors import angle_between, compare, occlusion_cuts, resampled_truth
+from endolab.metrics.depth_errors import angle_between, compare, depth_discontinuities, resampled_truth
 
 TRUTH = np.array([[10.0, 20.0, 40.0], [50.0, np.nan, 80.0]])
 ESTIMATE = np.array([[11.0, 18.0, 40.0], [54.0, 7.0, np.nan]])
@@ -79,30 +79,32 @@ def test_jumps_of_the_distance_are_cuts_to_the_right_and_downwards():
     right = np.array([[False, True, True, False], [False, True, True, False]])
     lower = np.array([[False, False, True, False], [False, False, False, False]])
     for scale in (1e-3, 1.0, 40.0):
-        cuts = occlusion_cuts(scale * np.exp(log_distance))
-        assert cuts.dtype == bool
-        assert_array_equal(cuts, [right, lower])
-    assert_array_equal(occlusion_cuts(np.exp(log_distance), 0.5)[0], right & [[False], [True]])
+        discontinuities = depth_discontinuities(scale * np.exp(log_distance))
+        assert discontinuities.dtype == bool
+        assert_array_equal(discontinuities, [right, lower])
+    assert_array_equal(depth_discontinuities(np.exp(log_distance), 0.5)[0], right & [[False], [True]])
 
 
 @pytest.mark.parametrize("unknown", [np.nan, 0.0, -1.0, np.inf])
 def test_what_is_unknown_is_no_contour(unknown):
-    cuts = occlusion_cuts(np.array([[1.0, unknown, 2.0], [1.0, 4.0, 2.0]]))
-    assert_array_equal(cuts[0], [[False, False, False], [True, True, False]])
-    assert not cuts[1].any()
-    assert occlusion_cuts(np.full((1, 1), unknown)).shape == (2, 1, 1)
+    discontinuities = depth_discontinuities(np.array([[1.0, unknown, 2.0], [1.0, 4.0, 2.0]]))
+    assert_array_equal(discontinuities[0], [[False, False, False], [True, True, False]])
+    assert not discontinuities[1].any()
+    assert depth_discontinuities(np.full((1, 1), unknown)).shape == (2, 1, 1)
 
 
 def test_turning_the_map_turns_its_contours(rng):
     distance = np.exp(rng.normal(scale=0.1, size=(6, 9)))
     distance[rng.random(distance.shape) < 0.1] = np.nan
-    assert_array_equal(occlusion_cuts(distance.T), occlusion_cuts(distance)[::-1].transpose(0, 2, 1))
+    assert_array_equal(
+        depth_discontinuities(distance.T), depth_discontinuities(distance)[::-1].transpose(0, 2, 1)
+    )
 
 
 @pytest.mark.parametrize("threshold", [0.0, -0.1, np.nan])
 def test_a_threshold_that_cuts_everything_is_refused(threshold):
     with pytest.raises(ValueError, match="threshold must be positive, got"):
-        occlusion_cuts(TRUTH, threshold)
+        depth_discontinuities(TRUTH, threshold)
 
 
 @pytest.mark.parametrize("width", [160, 100, 320, 480])

@@ -144,7 +144,7 @@ def test_a_misspelt_key_is_named_beside_the_one_that_is_missing(tmp_path, key, m
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
+    ("key", "value", "message"),
     [
         ("endolab", 2, "endolab: "),
         ("camera", [], "camera: "),
@@ -174,12 +174,12 @@ def test_a_misspelt_key_is_named_beside_the_one_that_is_missing(tmp_path, key, m
         ("evidence", [1], "evidence: "),
     ],
 )
-def test_a_bad_value(tmp_path, key, value, said):
-    assert complaint(tmp_path / "c.json", content(**{key: value})).startswith(said)
+def test_a_bad_value(tmp_path, key, value, message):
+    assert complaint(tmp_path / "c.json", content(**{key: value})).startswith(message)
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"a": [769.0, 1.0, 0, 0, 0]}, "camera: a[1] "),
         ({"a": [-769.0, 0, 0, 0, 0]}, "camera: a[0] "),
@@ -188,10 +188,10 @@ def test_a_bad_value(tmp_path, key, value, said):
         ({"fx": 1.0}, "camera.fx: unknown key"),
     ],
 )
-def test_a_bad_scaramuzza(tmp_path, change, said):
+def test_a_bad_scaramuzza(tmp_path, change, message):
     whole = el.Calibration(CAMERAS["scaramuzza"], el.Photometry()).to_dict()
     whole["camera"] |= change
-    assert complaint(tmp_path / "c.json", whole).startswith(said)
+    assert complaint(tmp_path / "c.json", whole).startswith(message)
 
 
 @pytest.mark.parametrize("text", ["", EXAMPLE + "}", "[1]", b'{"endolab": "\xe9"}', "[" * 100_000])

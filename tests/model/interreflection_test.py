@@ -104,8 +104,8 @@ def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(colo
     v, field = colon
     mask = np.isfinite(v)
     walls, larger = Walls.of(v, mask, field, 2.5), Walls.of(v + np.log(7.0), mask, field, 2.5)
-    green, red = walls.inflation(0.38), walls.inflation(0.75)
-    assert_allclose(larger.inflation(0.38), green, rtol=1e-9)
+    green, red = walls.indirect_ratio(0.38), walls.indirect_ratio(0.75)
+    assert_allclose(larger.indirect_ratio(0.38), green, rtol=1e-9)
     assert np.all(red[mask] > green[mask])
     assert np.all(green[mask] > 0)
     assert np.isfinite(red).all()
@@ -150,6 +150,6 @@ def test_another_lamps_spread_is_as_if_made_with_it(colon):
     turned = spot.under(0.0)
     assert_allclose(turned.direct, even.direct, rtol=1e-9)
     assert_allclose(turned.lit, even.lit, rtol=0.05)  # by the patches' centres
-    assert_allclose(turned.inflation(0.38)[mask], even.inflation(0.38)[mask], rtol=0.02)
+    assert_allclose(turned.indirect_ratio(0.38)[mask], even.indirect_ratio(0.38)[mask], rtol=0.02)
     # A lamp that shines evenly lights the walls beside the camera, too.
-    assert np.median(even.inflation(0.38)[mask] / spot.inflation(0.38)[mask]) > 1.3
+    assert np.median(even.indirect_ratio(0.38)[mask] / spot.indirect_ratio(0.38)[mask]) > 1.3

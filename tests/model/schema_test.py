@@ -14,5 +14,5 @@ def test_a_misspelt_name_has_a_nearest(found, meant):
 
 
 def test_all_there_is_to_choose_is_named():
-    said = str(unknown_name("calibration", "papr", ("paper", "simple"), "a JSON file"))
-    assert all(word in said for word in ("calibration", "papr", "paper", "simple", "JSON"))
+    message = str(unknown_name("calibration", "papr", ("paper", "simple"), "a JSON file"))
+    assert all(word in message for word in ("calibration", "papr", "paper", "simple", "JSON"))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from endolab.numerics.checks import mask_array, number, owned, real_array, told, whole
+from endolab.numerics.checks import excerpt, mask_array, number, owned, real_array, whole
 
 HUGE = 10**5000
 
@@ -16,7 +16,7 @@ def test_a_number_may_be_of_any_kind(value):
 
 
 @pytest.mark.parametrize(
-    "value", ["1", None, True, 1j, [[1], [2, 3]], np.ones(2), HUGE, np.nan, -1, np.float64(4)], ids=told
+    "value", ["1", None, True, 1j, [[1], [2, 3]], np.ones(2), HUGE, np.nan, -1, np.float64(4)], ids=excerpt
 )
 def test_what_is_no_number_between_two_others_is_said(value):
     with pytest.raises(ValueError, match="x must"):

@@ -46,6 +46,6 @@ def test_seconds_that_are_told_do_not_count_compiling():  # "98.45 s for 4 itera
             yield k
         return Status.CONVERGED
 
-    took, told = [], []
-    drive(steps(), [], lambda _, seconds: told.append(seconds))
-    assert told[-1] < 0.5 * sum(took)
+    took, reported = [], []
+    drive(steps(), [], lambda _, seconds: reported.append(seconds))
+    assert reported[-1] < 0.5 * sum(took)

@@ -28,7 +28,7 @@ def solved(start, rounds=7):
     return a
 
 
-def said(code, **environment):
+def printed(code, **environment):
     """What a fresh Python prints."""
     plain = {name: value for name, value in os.environ.items() if name not in (VARIABLE, "NUMBA_NUM_THREADS")}
     command = [sys.executable, "-W", "error", "-c", f"from endolab.numerics import threads\n{code}"]
@@ -107,7 +107,7 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), np.array_equal(solved(
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_child_goes_on_by_itself():
-    assert said(FORK) == "0 True"
+    assert printed(FORK) == "0 True"
 
 
 def test_a_worker_of_joblib_takes_its_share():

@@ -10,7 +10,7 @@ from skimage.segmentation import watershed
 
 import endolab as el
 from endolab import datasets
-from endolab.metrics.depth_errors import occlusion_cuts
+from endolab.metrics.depth_errors import depth_discontinuities
 from endolab.numerics.derivatives import links, shifted
 from endolab.preprocessing.contours import SHALLOW, basins, find_contours
 from endolab.reconstruction.contours import BARS
@@ -37,7 +37,7 @@ def test_folds_are_found_where_the_distance_jumps(width):
     """Precision and recall, of steep lines: measured 0.80 and 0.61 at 240 px, 0.63 and 0.76 at 480."""
     rendered, problem = seen("colon", width)
     edges = (find_contours(problem.log_facing, problem.mask) > BARS[0]).any(axis=0)
-    true, near = occlusion_cuts(rendered.distance).any(axis=0), round(2 * width / 320)
+    true, near = depth_discontinuities(rendered.distance).any(axis=0), round(2 * width / 320)
     assert within(edges, true, near) > 0.6
     assert within(true, edges, near) > 0.55
 
@@ -53,14 +53,16 @@ def test_a_step_is_one_closed_line_one_step_thin():
     rows, columns = np.indices((120, 160))
     inside = np.hypot(rows - 60, columns - 75) < 30
     steepness = find_contours(np.where(inside, 1.0, 0.5) + 0.001 * columns, np.ones(inside.shape, bool))
-    cuts = steepness > 0.1
+    discontinuities = steepness > 0.1
     apart = np.stack([inside ^ shifted(inside, 1, axis, False) for axis in (1, 0)])
     apart &= links(np.ones(inside.shape, bool))
-    assert (cuts & ~apart).sum() + (apart & ~cuts).sum() < 0.1 * apart.sum()  # at corners
+    assert (discontinuities & ~apart).sum() + (
+        apart & ~discontinuities
+    ).sum() < 0.1 * apart.sum()  # at corners
     # Grown to a grid of twice the size, with a wall at each cut: the disc is closed off from all else.
     fine = np.ones((240, 320), bool)
     fine[1::2, 1::2] = False
-    fine[::2, 1::2], fine[1::2, ::2] = ~cuts[0], ~cuts[1]
+    fine[::2, 1::2], fine[1::2, ::2] = ~discontinuities[0], ~discontinuities[1]
     region = ndimage.label(fine)[0][::2, ::2]
     assert np.abs((region == region[60, 75]) ^ inside).sum() < 30
     assert region[60, 75] == region[60, 60] != region[0, 0]
@@ -84,8 +86,8 @@ def test_a_limb_is_torn_on_its_far_side():
     log_facing[:, 96:100] = 1.6
     for flip in (False, True):
         picture = log_facing[:, ::-1].copy() if flip else log_facing
-        cuts = find_contours(picture, np.ones(picture.shape, bool)) > 0.05
-        torn = np.flatnonzero(cuts[0].mean(axis=0) > 0.5)
+        discontinuities = find_contours(picture, np.ones(picture.shape, bool)) > 0.05
+        torn = np.flatnonzero(discontinuities[0].mean(axis=0) > 0.5)
         assert torn.size == 1
         at = 319 - torn[0] - 1 if flip else torn[0]
         assert abs(at - 99) <= 1  # between the rim and the far wall, not at 95

@@ -8,7 +8,7 @@ from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.result import staged
 from endolab.reconstruction.contours import (
     OneChannel,
-    judged,
+    choose_bar,
     torn_at_contours,
     torn_where_it_pays,
 )
@@ -39,7 +39,7 @@ def test_what_is_torn_is_nearer_the_truth(name, most):
     problem, truth = direct(name)
     smooth = solved(problem)
     torn = finish(torn_where_it_pays(smooth, price=0.03))
-    assert torn.problem.cuts is not None
+    assert torn.problem.discontinuities is not None
     assert error(torn, truth) < min(most, error(smooth, truth) - 1.5)
     assert torn.energy < smooth.energy
 
@@ -49,7 +49,7 @@ def test_a_wall_without_folds_is_left_whole(scene):
     problem, _ = problem_of(scene, 160, noise=1, bits=8)
     smooth = solved(problem)
     assert finish(torn_where_it_pays(smooth)) is smooth
-    assert torn_at_contours(problem).cuts is None
+    assert torn_at_contours(problem).discontinuities is None
 
 
 def test_a_tube_loses_nothing():
@@ -63,15 +63,15 @@ def test_a_tube_loses_nothing():
 def test_what_was_torn_before_is_torn_again_without_asking():
     problem, _ = direct("matt")
     channel = OneChannel(problem, problem)
-    torn, near = finish(judged(channel, True))
-    assert torn.cuts is not None
+    torn, near = finish(choose_bar(channel, True))
+    assert torn.discontinuities is not None
     assert near.shape == problem.mask.shape
     before = el.run(gauss_newton(torn, start=near))
     with pytest.raises(StopIteration) as end:
-        next(judged(channel, None, before))  # nothing is solved
+        next(choose_bar(channel, None, before))  # nothing is solved
     again, begin = end.value.value
     assert begin is None
-    np.testing.assert_array_equal(again.cuts, torn.cuts)
+    np.testing.assert_array_equal(again.discontinuities, torn.discontinuities)
 
 
 def test_with_a_channel_of_its_own_and_without_contours():
@@ -82,4 +82,4 @@ def test_with_a_channel_of_its_own_and_without_contours():
         known = el.Calibration(seen.camera, seen.photometry)
         result = el.reconstruct(el.Frame(seen.image, seen.mask), known, contours=True)
         assert result.problem.settings["contours"] is expected
-        assert (result.problem.cuts is not None) is expected
+        assert (result.problem.discontinuities is not None) is expected

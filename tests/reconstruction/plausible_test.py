@@ -51,8 +51,8 @@ def test_a_picture_of_something_else_is_doubted(wet, change, named):
 )
 def test_a_light_of_something_else_is_doubted(wet, change, named):
     calibration = replace(wet.calibration, photometry=replace(wet.calibration.photometry, **change))
-    said = doubts_of(wet.frame.image, calibration, wet.frame.mask, channel="green")
-    assert named in " ".join(said)
+    doubts = doubts_of(wet.frame.image, calibration, wet.frame.mask, channel="green")
+    assert named in " ".join(doubts)
 
 
 def test_a_lost_decimal_point_is_doubted_and_needs_no_more_memory(wet):

@@ -224,7 +224,7 @@ def test_a_start_must_be_of_the_frames_size(small, ball):
         ({"solver": "magic"}, "unknown solver 'magic'; choose facing, .* or primal_dual$"),
         ({"snapshots": 3}, "'gauss_newton' has no option 'snapshots'"),
         ({"solver": "facing", "inflow": None}, "'facing' has no option 'inflow'"),
-        ({"cuts": np.zeros((2, 3, 3), bool)}, "cuts"),
+        ({"discontinuities": np.zeros((2, 3, 3), bool)}, "discontinuities"),
         ({"channel": "pink"}, "channel"),
         ({"highlights": "melt"}, "highlights"),
         ({"smooth": np.nan}, "smooth"),

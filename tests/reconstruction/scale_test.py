@@ -8,7 +8,7 @@ import pytest
 
 import endolab as el
 from endolab.depth.energy import energy_terms
-from endolab.depth.problem import AT_LEAST, NONE, Origin
+from endolab.depth.problem import AT_LEAST, NONE, Provenance
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.scale import check_scale, factor_of_diameter, factor_of_distance, scale_of
 from tests.tools.problems import Shot
@@ -42,7 +42,7 @@ def point(shot, pixel):
     return shot.truth.distance[pixel[::-1]] * CAMERA.field.rays[pixel[::-1]]
 
 
-def said(result, word):
+def note(result, word):
     """The one sentence with that word."""
     (sentence,) = [each for each in meaning(result) if word in each]
     return sentence
@@ -79,7 +79,7 @@ def test_a_length_that_is_known_solves_nothing_twice(shot, relative):
     np.testing.assert_allclose(whole.normals, relative.normals, atol=1e-9)
     terms = energy_terms(whole.problem, whole.iterate.log_distance)  # the same in every unit
     assert sum(terms.values()) == pytest.approx(relative.energy, rel=1e-9)
-    assert relative.problem.origin.scale is None
+    assert relative.problem.provenance.scale is None
 
 
 @pytest.mark.parametrize(
@@ -137,14 +137,14 @@ def test_how_the_scale_was_fixed_is_said(shot, relative):
     both = shot.reconstruct(known_diameter=(12.5, ONE, OTHER))
     assert "12.5 mm apart" in meaning(both)[0]
     true = float(np.linalg.norm(point(shot, ONE) - point(shot, OTHER)))
-    by_gain = float(re.search(r"would be ([\d.]+) mm", said(both, "By the gain"))[1])
+    by_gain = float(re.search(r"would be ([\d.]+) mm", note(both, "By the gain"))[1])
     assert by_gain == pytest.approx(true, rel=0.01)
 
 
 def test_what_gamma_does_is_what_it_does(shot, relative):
     """Solve with γ 0.1 larger: the ratio of the dark to the bright changes by what the sentence says."""
     words = r"γ were (\S+) and not (\S+),.* ([\d.]+) % or more nearer.* ([\d.]+) %"
-    more, gamma, nearer, farther = map(float, re.search(words, said(relative, "γ")).groups())
+    more, gamma, nearer, farther = map(float, re.search(words, note(relative, "γ")).groups())
     assert (more, gamma) == (pytest.approx(2.3), pytest.approx(2.2))
     wrong = el.Calibration(CAMERA, replace(shot.up_to_scale.photometry, gamma=2.3))
     other, plain = (el.reconstruct(shot.frame, each, solver="facing") for each in (wrong, shot.up_to_scale))
@@ -158,12 +158,12 @@ def test_what_gamma_does_is_what_it_does(shot, relative):
 
 def test_pixels_that_say_less_are_counted_and_notes_told(relative):
     assert not any("saturated" in each or "Highlights" in each for each in meaning(relative))
-    assert "counts as direct" in said(relative, "bounced")
+    assert "counts as direct" in note(relative, "bounced")
     evidence = np.zeros(relative.mask.shape, np.int8)
     evidence[:10, :30], evidence[20:22, :75] = AT_LEAST, NONE
-    origin = Origin(albedo=(0.75, 0.38, 0.3), notes=("The colours say little.",))
-    result = posed(relative, evidence=evidence, origin=origin)
-    assert "300 of 30000 pixels (1 %)" in said(result, "saturated")
-    assert "150 of 30000 pixels (0.5 %)" in said(result, "Highlights")
-    assert "0.75, 0.38, 0.3 (R, G, B)" in said(result, "bounced")
+    provenance = Provenance(albedo=(0.75, 0.38, 0.3), notes=("The colours say little.",))
+    result = posed(relative, evidence=evidence, provenance=provenance)
+    assert "300 of 30000 pixels (1 %)" in note(result, "saturated")
+    assert "150 of 30000 pixels (0.5 %)" in note(result, "Highlights")
+    assert "0.75, 0.38, 0.3 (R, G, B)" in note(result, "bounced")
     assert meaning(result)[-1] == "The colours say little."

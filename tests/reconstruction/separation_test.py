@@ -93,7 +93,7 @@ def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
 def test_the_computed_share_is_the_renderers(dry):
     found = finish(separate(colours(dry.frame, dry.calibration, 320), ALBEDO))
     true = np.log1p(dry.indirect / dry.direct)
-    made = np.log1p(found.inflation)
+    made = np.log1p(found.indirect_ratio)
     for index, tolerance in enumerate((0.2, 0.08, 0.06)):
         assert np.median(made[..., index]) == pytest.approx(np.median(true[..., index]), abs=tolerance)
 
@@ -135,10 +135,10 @@ def shown(colours, light):
 
 def test_merging_undoes_what_bounced(dry):
     three = colours(dry.frame, dry.calibration, smooth=0.0)
-    inflation = np.full((*three[1].mask.shape, 3), 0.5)
+    indirect_ratio = np.full((*three[1].mask.shape, 3), 0.5)
     direct = np.random.default_rng(0).uniform(0.1, 0.4, three[1].mask.shape)
     lit = shown(three, [direct * (1 + 0.5) * rho / ALBEDO[1] for rho in ALBEDO])
-    np.testing.assert_allclose(merged(lit, inflation, ALBEDO).image ** 2.2, direct, rtol=1e-9)
+    np.testing.assert_allclose(merged(lit, indirect_ratio, ALBEDO).image ** 2.2, direct, rtol=1e-9)
 
 
 def test_where_nothing_bounces_nothing_is_taken_out():

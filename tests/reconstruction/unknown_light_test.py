@@ -76,12 +76,12 @@ def scan_of(k, steep, spread, seed=0):
     return unknown_light._Scan(f"f{seed}", costs - costs.min(), spread, shape, True)
 
 
-def judged(*scans, otherwise=2.5):
+def estimate(*scans, otherwise=2.5):
     return unknown_light._judged(scans, {}, el.Photometry(otherwise), Status.CONVERGED)
 
 
 def test_what_is_found_roughly_is_averaged_with_what_is_usual():
-    sure, rough, none = (judged(scan_of(1.5, 0.3, spread)) for spread in (0.4, 0.12, 0.04))
+    sure, rough, none = (estimate(scan_of(1.5, 0.3, spread)) for spread in (0.4, 0.12, 0.04))
     assert [one.outcome for one in (sure, rough, none)] == ["found", "roughly", "not found"]
     assert sure.photometry.k == round(sure.k, 2)
     share = rough.standard_error**2 / (1 + rough.standard_error**2)
@@ -140,7 +140,7 @@ def test_observers_see_every_solve_and_may_stop_it(tube):
         return len(done) == 1
 
     found = estimate_light(
-        [other, tube], FISHEYE, observers=[stop_in_the_second], progress=lambda *said: done.append(said)
+        [other, tube], FISHEYE, observers=[stop_in_the_second], progress=lambda *state: done.append(state)
     )
     assert found.status is Status.STOPPED
     assert found.names == ("tube",)

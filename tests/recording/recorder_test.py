@@ -92,8 +92,8 @@ def test_the_viewer_sees_the_same(solved):
     error = 255 * (model_image(last.problem, last.log_distance) - last.problem.image)
     names = [float(name.removesuffix("/255")) for name in list(RESIDUAL)[1:]]
     assert np.array_equal(places > 0, last.mask)
-    told = np.array(names)[places[last.mask] - 1]
-    assert np.allclose(told, np.clip(error[last.mask], -10, 10), atol=0.25)
+    shown = np.array(names)[places[last.mask] - 1]
+    assert np.allclose(shown, np.clip(error[last.mask], -10, 10), atol=0.25)
 
 
 def test_a_long_run_keeps_all_scalars_and_some_pictures(tmp_path):
@@ -125,18 +125,18 @@ def in_stages():
 
 @pytest.fixture(scope="module")
 def trusted(in_stages, tmp_path_factory):
-    """A run in stages with its trust, recorded beside another run."""
-    trust = el.trust_of(in_stages[-1], draws=4)
-    path = tmp_path_factory.mktemp("trust") / "both.rrd"
+    """A run in stages with its uncertainty, recorded beside another run."""
+    uncertainty = el.uncertainty_of(in_stages[-1], draws=4)
+    path = tmp_path_factory.mktemp("uncertainty") / "both.rrd"
     with el.Comparison(path) as both:
         with both.run("one") as recorder:
             el.run(iter_of(in_stages), observers=[recorder])
-            recorder.add_trust(trust, in_stages[-1])
+            recorder.add_uncertainty(uncertainty, in_stages[-1])
         with pytest.raises(ValueError, match="'one'"):
             both.run("one")
         both.run("other")(in_stages[-1])
         assert not path.exists()  # not before it is whole
-    return trust, el.read_recording(path)
+    return uncertainty, el.read_recording(path)
 
 
 def test_stages_follow_each_other_on_one_timeline(trusted, in_stages):
@@ -151,11 +151,11 @@ def test_stages_follow_each_other_on_one_timeline(trusted, in_stages):
 
 
 def test_runs_are_read_each_by_its_name_with_what_is_known_of_it(trusted, in_stages):
-    trust, recording = trusted
+    uncertainty, recording = trusted
     assert list(recording.runs) == ["one", "other"]
     one, other = recording.runs.values()
-    assert np.allclose(one.sigma, trust.sigma, rtol=1e-6, equal_nan=True)
-    assert np.array_equal(one.decided_by, trust.decided_by)
+    assert np.allclose(one.sigma, uncertainty.sigma, rtol=1e-6, equal_nan=True)
+    assert np.array_equal(one.decided_by, uncertainty.decided_by)
     assert (other.sigma, other.decided_by, other.pictured) == (None, None, (3,))
     assert np.allclose(other.depth(), in_stages[-1].distance, rtol=1e-6, equal_nan=True)
     with pytest.raises(ValueError, match="several runs"):
@@ -165,11 +165,11 @@ def test_runs_are_read_each_by_its_name_with_what_is_known_of_it(trusted, in_sta
 def test_trust_is_of_what_was_recorded_before_it_is_closed(tmp_path, trusted, in_stages):
     with el.record(tmp_path / "run.rrd") as recorder:
         with pytest.raises(ValueError, match="nothing was recorded"):
-            recorder.add_trust(trusted[0], in_stages[-1])
+            recorder.add_uncertainty(trusted[0], in_stages[-1])
         recorder(in_stages[0])
-        with pytest.raises(ValueError, match=r"trust has shape \(60, 80\), .* recorded \(30, 40\)"):
-            recorder.add_trust(trusted[0], in_stages[-1])
-    for late in (lambda: recorder.add_trust(trusted[0], in_stages[-1]), lambda: recorder(in_stages[0])):
+        with pytest.raises(ValueError, match=r"uncertainty has shape \(60, 80\), .* recorded \(30, 40\)"):
+            recorder.add_uncertainty(trusted[0], in_stages[-1])
+    for late in (lambda: recorder.add_uncertainty(trusted[0], in_stages[-1]), lambda: recorder(in_stages[0])):
         with pytest.raises(ValueError, match="closed"):
             late()
 

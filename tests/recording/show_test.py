@@ -37,10 +37,10 @@ def test_without_a_front_end_there_is_a_sentence_and_a_picture(path, nobody, cap
     shown = []
     monkeypatch.setattr(embed, "_display", shown.append)
     embed.show(path)
-    said = capsys.readouterr().out
-    assert said.startswith("Nobody is there to show the viewer to: here is how the run ended.")
-    assert "`rerun both.rrd`" in said
-    assert said.count("\n") == 1
+    output = capsys.readouterr().out
+    assert output.startswith("Nobody is there to show the viewer to: here is how the run ended.")
+    assert "`rerun both.rrd`" in output
+    assert output.count("\n") == 1
     (figure,) = shown
     figure.savefig(content := io.BytesIO(), format="png")
     content.seek(0)

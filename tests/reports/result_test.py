@@ -52,23 +52,25 @@ def test_a_result_is_saved_whole(tmp_path, result):
 
 
 def test_how_far_a_result_can_be_trusted_is_saved_beside_it(tmp_path, result):
-    trust = el.trust_of(result, draws=4)
+    uncertainty = el.uncertainty_of(result, draws=4)
     el.save_result(result, tmp_path / "plain")
-    el.save_result(result, tmp_path / "out", trust=trust)
+    el.save_result(result, tmp_path / "out", uncertainty=uncertainty)
     depth = read_depth(tmp_path / "out/depth.npz")
     for name in ("sigma", "sigma_shape"):
-        np.testing.assert_allclose(depth[name], getattr(trust, name), rtol=1e-6)
+        np.testing.assert_allclose(depth[name], getattr(uncertainty, name), rtol=1e-6)
     assert depth["decided_by"].dtype == np.uint8
-    np.testing.assert_array_equal(depth["decided_by"], trust.decided_by)
-    told = json.loads((tmp_path / "out/report.json").read_text("utf-8"), parse_constant=pytest.fail)["trust"]
-    share = (trust.sigma / result.distance)[result.mask]
-    assert told["sigma_percent"]["median"] == pytest.approx(100 * np.median(share))
-    assert told["sigma_scale_percent"] == pytest.approx(100 * trust.sigma_scale)
-    assert list(told["decided_by"]) == ["data", "border or contour", "prior"]
-    assert sum(told["decided_by"].values()) == pytest.approx(1)
-    assert told["draws"] == 4
+    np.testing.assert_array_equal(depth["decided_by"], uncertainty.decided_by)
+    report = json.loads((tmp_path / "out/report.json").read_text("utf-8"), parse_constant=pytest.fail)[
+        "uncertainty"
+    ]
+    share = (uncertainty.sigma / result.distance)[result.mask]
+    assert report["sigma_percent"]["median"] == pytest.approx(100 * np.median(share))
+    assert report["sigma_scale_percent"] == pytest.approx(100 * uncertainty.sigma_scale)
+    assert list(report["decided_by"]) == ["data", "border or contour", "prior"]
+    assert sum(report["decided_by"].values()) == pytest.approx(1)
+    assert report["draws"] == 4
     plain = json.loads((tmp_path / "plain/report.json").read_text("utf-8"))
-    assert "trust" not in plain
+    assert "uncertainty" not in plain
     assert set(read_depth(tmp_path / "plain/depth.npz")) == {"distance", "z", "normals", "mask", "metric"}
     for name, width in (("plain", 1600), ("out", 2100)):
         with Image.open(tmp_path / name / "overview.png") as page:

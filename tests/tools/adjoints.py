@@ -5,22 +5,22 @@ import numpy as np
 from endolab.numerics.derivatives import hessian_stencils, links, shifted
 
 
-def _links(shape, mask, cuts):
-    return links(np.ones(shape, dtype=bool) if mask is None else mask, cuts)
+def _links(shape, mask, discontinuities):
+    return links(np.ones(shape, dtype=bool) if mask is None else mask, discontinuities)
 
 
 def between(labels):
     """Cuts wherever the labels of neighbours differ."""
-    cuts = np.zeros((2, *labels.shape), dtype=bool)
-    cuts[0, :, :-1] = labels[:, 1:] != labels[:, :-1]
-    cuts[1, :-1] = labels[1:] != labels[:-1]
-    return cuts
+    discontinuities = np.zeros((2, *labels.shape), dtype=bool)
+    discontinuities[0, :, :-1] = labels[:, 1:] != labels[:, :-1]
+    discontinuities[1, :-1] = labels[1:] != labels[:-1]
+    return discontinuities
 
 
-def gradient_adjoint(both, mask=None, cuts=None):
+def gradient_adjoint(both, mask=None, discontinuities=None):
     """Of `gradient` with ``edge_order=1``."""
     out = np.zeros(both[0].shape)
-    for p, joined, axis in zip(both, _links(out.shape, mask, cuts), (1, 0), strict=True):
+    for p, joined, axis in zip(both, _links(out.shape, mask, discontinuities), (1, 0), strict=True):
         before = shifted(joined, -1, axis, False)
         # The derivative is the mean of the differences that there are: each has its share of p.
         share = np.where(joined | before, p, 0.0) / np.maximum(1.0 * joined + before, 1.0)
@@ -29,24 +29,24 @@ def gradient_adjoint(both, mask=None, cuts=None):
     return out
 
 
-def forward_gradient_adjoint(p, mask=None, cuts=None):
+def forward_gradient_adjoint(p, mask=None, discontinuities=None):
     """Of `forward_gradient`, minus the divergence."""
-    steps = np.where(_links(p[0].shape, mask, cuts), p, 0.0)
+    steps = np.where(_links(p[0].shape, mask, discontinuities), p, 0.0)
     return sum(shifted(steps[i], -1, axis, 0.0) - steps[i] for i, axis in ((0, 1), (1, 0)))
 
 
-def hessian_adjoint(p, mask=None, cuts=None):
+def hessian_adjoint(p, mask=None, discontinuities=None):
     """Of `hessian`."""
-    stencils = hessian_stencils(_links(p[0].shape, mask, cuts))
+    stencils = hessian_stencils(_links(p[0].shape, mask, discontinuities))
     uu, uv, vv = (np.where(whole, q, 0.0) for whole, q in zip(stencils, p, strict=True))
     out = sum(shifted(q, 1, a, 0.0) - 2 * q + shifted(q, -1, a, 0.0) for q, a in ((uu, 1), (vv, 0)))
     lower = shifted(uv, -1, 0, 0.0) - uv
     return out + np.sqrt(2) * (shifted(lower, -1, 1, 0.0) - lower)
 
 
-def second_form_adjoint(p, shares, known, mask=None, cuts=None):
+def second_form_adjoint(p, shares, known, mask=None, discontinuities=None):
     """Of `second_form`, whose `plane_shares` and `whole` are given."""
     p = np.where(known, p, 0.0)
     a, b, c = np.einsum("klij,kij->lij", shares, p)
-    straight = hessian_adjoint(p / np.array([1.0, np.sqrt(2), 1.0])[:, None, None], mask, cuts)
-    return straight - gradient_adjoint((a, b), mask, cuts) - c
+    straight = hessian_adjoint(p / np.array([1.0, np.sqrt(2), 1.0])[:, None, None], mask, discontinuities)
+    return straight - gradient_adjoint((a, b), mask, discontinuities) - c

@@ -22,7 +22,7 @@ from endolab.datasets.sample import Sample
 from endolab.datasets.traced import LAYERS
 from endolab.io.atomic import PathLike, write_atomically
 from endolab.io.descriptions import Calibration
-from endolab.metrics.depth_errors import occlusion_cuts
+from endolab.metrics.depth_errors import depth_discontinuities
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
 from endolab.model.lights import SpotLight
@@ -170,7 +170,7 @@ def _is_a_view(kind: str, cavity: Cavity, camera: Camera) -> bool:
     seen = distance[np.isfinite(distance) & (glance.field.cos_alpha > 0)]
     if seen.min() < NEAREST or seen.max() > FARTHEST or not MEDIAN[0] < np.median(seen) < MEDIAN[1]:
         return False
-    jumps = occlusion_cuts(distance, 0.08 * camera.width / LOOK_WIDTH).mean()
+    jumps = depth_discontinuities(distance, 0.08 * camera.width / LOOK_WIDTH).mean()
     return kind != "colon" or bool(jumps > FOLDED)
 
 

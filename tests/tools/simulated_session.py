@@ -55,5 +55,5 @@ def simulated(name="vicalib_small", **light):
 
 def refused(session):
     """Return the session as if the light could not be told."""
-    said = "γ cannot be told from <one> flat sheet & free gains"
-    return replace(session, light=None, scores=None, refused=said)
+    reason = "γ cannot be told from <one> flat sheet & free gains"
+    return replace(session, light=None, scores=None, refused=reason)

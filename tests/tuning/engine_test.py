@@ -22,9 +22,9 @@ def start():
     started = []
 
     def start(calibration=PAPER, **given):
-        told, refused = [], []
-        started.append(Tuner(calibration, told.append, refused.append, **given))
-        return started[-1], told, refused
+        answers, refused = [], []
+        started.append(Tuner(calibration, answers.append, refused.append, **given))
+        return started[-1], answers, refused
 
     yield start
     for tuner in started:
@@ -33,36 +33,36 @@ def start():
 
 
 def test_a_first_look_comes_before_the_final_answer_which_is_the_cold_one(start):
-    tuner, told, _ = start()
+    tuner, answers, _ = start()
     tuner.ask(SMALL)
     final = tuner.wait(60)
-    assert [one.stage for one in told] == [FIRST, FINAL]
-    assert told[0].result.mask.shape == (60, 80)
-    assert told[-1] is final
+    assert [one.stage for one in answers] == [FIRST, FINAL]
+    assert answers[0].result.mask.shape == (60, 80)
+    assert answers[-1] is final
     for lam in (0.1, 3.0):  # the first look follows from the answer before, at its size
         tuner.ask(replace(SMALL, lam=lam))
         moved = tuner.wait(60)
-        assert told[-2].result.mask.shape == (120, 160)
-        assert moved.followed is told[-2].result
+        assert answers[-2].result.mask.shape == (120, 160)
+        assert moved.followed is answers[-2].result
         assert np.abs(np.nanmedian(moved.change)) < 1
         cold = tuner.cold(replace(SMALL, lam=lam)).result
         assert np.array_equal(moved.result.distance, cold.distance, equal_nan=True)
 
 
 def test_of_many_wishes_the_last_is_answered_and_no_other_to_its_end(start):
-    tuner, told, _ = start()
+    tuner, answers, _ = start()
     for lam in np.geomspace(0.01, 1, 30):
         tuner.ask(replace(SMALL, lam=float(lam), width=320, channel="auto", scene="colon"))
         time.sleep(0.01)
     tuner.ask(SMALL)
     assert tuner.wait(60).settings == SMALL
-    assert [one.settings for one in told if one.stage == FINAL] == [SMALL]
+    assert [one.settings for one in answers if one.stage == FINAL] == [SMALL]
 
 
 def test_a_stale_solve_is_stopped_within_a_step_or_two(start):
-    tuner, told, _ = start()
+    tuner, answers, _ = start()
     tuner.ask(replace(SMALL, solver="primal_dual", max_iterations=10**6, lam=1e-3))
-    until(lambda: any(one.stage != FIRST for one in told))  # what it has so far
+    until(lambda: any(one.stage != FIRST for one in answers))  # what it has so far
     started = time.monotonic()
     tuner.ask(replace(SMALL, solver="facing"))
     assert tuner.wait(60).settings.solver == "facing"
@@ -98,20 +98,20 @@ def until(condition, seconds=60):
 
 
 def test_trust_is_found_when_it_is_asked_for_and_a_wish_stops_the_search(start):
-    tuner, told, refused = start()
+    tuner, answers, refused = start()
     tuner.ask(SMALL)
     final = tuner.wait(60)
-    assert final.trust is None
-    tuner.find_trust(final)
+    assert final.uncertainty is None
+    tuner.find_uncertainty(final)
     trusted = tuner.wait(60)
     assert trusted.result is final.result
-    expected = el.trust_of(final.result, final.subject.calibration, draws=trusted.trust.draws)
-    assert np.array_equal(trusted.trust.sigma, expected.sigma, equal_nan=True)
-    count = len(told)
-    tuner.find_trust(final)
+    expected = el.uncertainty_of(final.result, final.subject.calibration, draws=trusted.uncertainty.draws)
+    assert np.array_equal(trusted.uncertainty.sigma, expected.sigma, equal_nan=True)
+    count = len(answers)
+    tuner.find_uncertainty(final)
     tuner.ask(replace(SMALL, lam=0.5))
-    assert tuner.wait(60).trust is None
-    assert all(one.trust is None for one in told[count:])
+    assert tuner.wait(60).uncertainty is None
+    assert all(one.uncertainty is None for one in answers[count:])
     assert refused == []
 
 
@@ -125,7 +125,7 @@ def test_what_is_compared_is_torn_as_the_answer_is(start):
     until(lambda: len(found) == 2)
     for number, one in found.items():
         assert one.settings == several[number]
-        assert np.array_equal(one.result.problem.cuts, torn.result.problem.cuts)
+        assert np.array_equal(one.result.problem.discontinuities, torn.result.problem.discontinuities)
     assert found[0].data < found[1].data
     assert found[0].roughness > found[1].roughness
 

@@ -15,7 +15,7 @@ from endolab.tuning.panels import BELOW_NOISE, PANELS, SILENT, TORN, USUAL, Dot,
 from endolab.tuning.pictures import Chart, Map, coloured, log_ticks, ticks
 from endolab.tuning.sentences import summary, warnings
 from endolab.tuning.source import Settings
-from endolab.uncertainty.trust import noise_left
+from endolab.uncertainty.estimate import noise_left
 
 ROOM = (1200, 640)
 
@@ -45,19 +45,19 @@ def changed(answer, **problem):
 
 
 def test_every_panel_fills_its_cell_and_reads_its_pixels(answer):
-    trusted = replace(answer, trust=el.trust_of(answer.result, draws=4))
+    trusted = replace(answer, uncertainty=el.uncertainty_of(answer.result, draws=4))
     for name, panel in PANELS.items():
         drawn = panel(trusted, View())
         drawn.draw(np.full((300, 400, 3), 255, np.uint8), 12)
         if isinstance(drawn, Map) and name != "3D":
             assert drawn.picture.shape[:2] == answer.result.mask.shape
             assert isinstance(drawn.says(60, 80), str)
-    sigma = 100 * trusted.trust.sigma / answer.result.distance
+    sigma = 100 * trusted.uncertainty.sigma / answer.result.distance
     shown = PANELS["σ"](trusted, View())
     assert np.array_equal(shown.picture, coloured(sigma, shown.limits, "magma"))
     decided = PANELS["who decided"](trusted, View()).picture
     for k, colour in enumerate(DECIDERS.values(), 1):
-        assert np.array_equal((decided == colour).all(axis=-1), trusted.trust.decided_by == k)
+        assert np.array_equal((decided == colour).all(axis=-1), trusted.uncertainty.decided_by == k)
     assert "find σ" in PANELS["σ"](answer, View()).title
 
 
@@ -65,10 +65,10 @@ def test_a_residual_below_noise_is_no_news_and_contours_are_seen(answer):
     residual = PANELS["model - frame"](answer, View()).picture
     quiet = np.abs(answer.residual) <= 2 * 255 * noise_left(answer.result.problem)[0]
     assert np.array_equal((residual == BELOW_NOISE).all(axis=-1), quiet)
-    cuts, evidence = np.zeros((2, 120, 160), bool), np.zeros((120, 160), np.int8)
-    cuts[0, 40:80, 80] = True
+    discontinuities, evidence = np.zeros((2, 120, 160), bool), np.zeros((120, 160), np.int8)
+    discontinuities[0, 40:80, 80] = True
     evidence[50:60, 20:30] = NONE
-    torn = changed(answer, cuts=cuts, evidence=evidence)
+    torn = changed(answer, discontinuities=discontinuities, evidence=evidence)
     shown = PANELS["contours"](torn, View())
     assert (shown.picture[40:80, 80] == TORN).all()
     assert (shown.picture[50:60, 20:30] == SILENT).all()
@@ -129,9 +129,11 @@ def test_what_should_be_known_is_a_sentence(engine, answer, smoother):
     assert warnings(answer, None) == []
     sphere = engine.cold(replace(answer.settings, regulariser="first", lam=1e4))
     assert "sphere" in warnings(sphere, None)[0]
-    cuts = np.zeros((2, 120, 160), bool)
-    cuts[0, 40:80, 80] = True
-    assert "Contours changed with λ" in warnings(smoother, changed(answer, cuts=cuts))[0]
+    discontinuities = np.zeros((2, 120, 160), bool)
+    discontinuities[0, 40:80, 80] = True
+    assert (
+        "Contours changed with λ" in warnings(smoother, changed(answer, discontinuities=discontinuities))[0]
+    )
     elsewhere = replace(answer, followed=smoother.result)
     assert "ends elsewhere" in warnings(elsewhere, None)[0]
     assert summary(answer).startswith("λ 1 · curvature (auto) · converged")

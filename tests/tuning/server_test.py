@@ -161,9 +161,9 @@ def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve
 
     asyncio.run(talk())
     assert seen == [5, 7, 5]
-    said = capfd.readouterr().err
-    assert len(said.splitlines()) == 10  # one for each nonsense
-    assert page.link[-49:-1] not in said
+    output = capfd.readouterr().err
+    assert len(output.splitlines()) == 10  # one for each nonsense
+    assert page.link[-49:-1] not in output
 
 
 def test_it_ends_when_the_last_page_is_left_and_not_when_one_is_loaded_again(serve, monkeypatch):

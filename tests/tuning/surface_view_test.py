@@ -64,9 +64,9 @@ def test_no_triangle_bridges_a_cut_or_leaves_the_mask(view):
     distance, rays, picture = wall(6, 8)
     distance[:, 4:] *= 2
     distance[2, 1] = np.nan
-    cuts = np.zeros((2, 6, 8), bool)
-    cuts[0, :, 3] = True
-    view.show(distance, rays, picture, cuts=cuts)
+    discontinuities = np.zeros((2, 6, 8), bool)
+    discontinuities[0, :, 3] = True
+    view.show(distance, rays, picture, discontinuities=discontinuities)
     columns = triangles_of(view) % 8
     assert np.all((columns <= 3).all(axis=1) | (columns >= 4).all(axis=1))
     assert {*range(8)} == {*columns.ravel().tolist()}

@@ -176,10 +176,10 @@ def test_the_section_follows_the_pointer_and_the_cursor_reads_all_maps(make):
     assert box.picture != before
     assert box.engine.wait(1) is answer
     box.hover = [0.5, 0.25]
-    assert box.said[1] == f"{answer.result.distance[30, 80]:.4g} mm"
-    assert "grey levels" in box.said[2]
+    assert box.cursor_texts[1] == f"{answer.result.distance[30, 80]:.4g} mm"
+    assert "grey levels" in box.cursor_texts[2]
     box.hover = []
-    assert box.said == []
+    assert box.cursor_texts == []
 
 
 def test_panels_are_chosen_from_a_list_and_ask_for_no_solve(make, seen):
@@ -191,7 +191,7 @@ def test_panels_are_chosen_from_a_list_and_ask_for_no_solve(make, seen):
         box.engine.wait(60)
         assert box.names[0] == name
         assert box.answer.result is result
-    assert box.answer.trust is not None  # σ was asked for by its panel
+    assert box.answer.uncertainty is not None  # σ was asked for by its panel
     assert "error" in box.choices
     turn(box, texture="normals")
     assert box.answer.result is result

@@ -8,8 +8,8 @@ import pytest
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import NONE
 from endolab.depth.result import run
+from endolab.uncertainty.estimate import uncertainty_of
 from endolab.uncertainty.fewer_pixels import ENOUGH, enlarged, thinned
-from endolab.uncertainty.trust import trust_of
 from tests.tools.problems import problem_of
 
 
@@ -34,32 +34,40 @@ def test_a_frame_is_halved_until_it_is_small(large):
 
 
 def test_sigma_is_that_of_the_frame_taken_smaller(large):
-    trust, small = trust_of(large), thinned(large.iterate)
-    other = trust_of(small)
-    for share, shape in ((trust.sigma / large.distance, large.mask), (trust.shares[0], large.mask)):
+    uncertainty, small = uncertainty_of(large), thinned(large.iterate)
+    other = uncertainty_of(small)
+    for share, shape in (
+        (uncertainty.sigma / large.distance, large.mask),
+        (uncertainty.shares[0], large.mask),
+    ):
         assert np.isfinite(share[shape]).all()
         assert np.isnan(share[~shape]).all()
-    np.testing.assert_allclose(trust.shares.sum(axis=0)[large.mask], 1)
-    assert trust.sigma_scale == other.sigma_scale
-    ratio = np.median((trust.sigma / large.distance)[large.mask]) / np.median(
+    np.testing.assert_allclose(uncertainty.shares.sum(axis=0)[large.mask], 1)
+    assert uncertainty.sigma_scale == other.sigma_scale
+    ratio = np.median((uncertainty.sigma / large.distance)[large.mask]) / np.median(
         (other.sigma / small.distance)[small.mask]
     )
     assert ratio == pytest.approx(1, abs=0.02)
-    assert set(np.unique(trust.decided_by[large.mask])) <= {1, 2, 3}
-    assert not trust.decided_by[~large.mask].any()
+    assert set(np.unique(uncertainty.decided_by[large.mask])) <= {1, 2, 3}
+    assert not uncertainty.decided_by[~large.mask].any()
 
 
 def test_cuts_evidence_and_blur_go_along(large):
     problem = large.problem
     evidence = np.zeros(problem.mask.shape, np.int8)
     evidence[200:300, 300:500] = NONE
-    cuts = np.zeros((2, *problem.mask.shape), bool)
-    cuts[0, :, 399] = True
-    torn = replace(problem, evidence=evidence, cuts=cuts, origin=replace(problem.origin, smooth=2.0))
+    discontinuities = np.zeros((2, *problem.mask.shape), bool)
+    discontinuities[0, :, 399] = True
+    torn = replace(
+        problem,
+        evidence=evidence,
+        discontinuities=discontinuities,
+        provenance=replace(problem.provenance, smooth=2.0),
+    )
     small = thinned(replace(large.iterate, problem=torn)).problem
-    assert small.origin.smooth == 0.5
+    assert small.provenance.smooth == 0.5
     assert small.evidence is not None
     assert (small.evidence[52:73, 77:123] == NONE).all()
-    assert small.cuts is not None
-    assert small.cuts[0][small.mask[:, :]].any()
-    assert np.flatnonzero(small.cuts[0].any(axis=0)).size == 1
+    assert small.discontinuities is not None
+    assert small.discontinuities[0][small.mask[:, :]].any()
+    assert np.flatnonzero(small.discontinuities[0].any(axis=0)).size == 1

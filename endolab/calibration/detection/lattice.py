@@ -195,8 +195,8 @@ def _local_fit(grid: FloatArray, panel: IntArray, least: int) -> tuple[FloatArra
     nearness = known / (1 + 0.5 * (i * i + j * j))
     miss = np.zeros(panel.shape)
     for _ in range(4):
-        trust = 1 / (1 + (np.where(np.isfinite(miss), miss, 0) / 0.05) ** 2)
-        weight = nearness * np.nan_to_num(_nearby(trust[..., None])[..., 0])
+        nearby_weight = 1 / (1 + (np.where(np.isfinite(miss), miss, 0) / 0.05) ** 2)
+        weight = nearness * np.nan_to_num(_nearby(nearby_weight[..., None])[..., 0])
         normal = np.tensordot(weight, products, 1) + np.diag([1e-9] * 3 + [1e-3] * 3)
         fit = np.linalg.solve(normal, design.T @ (weight[..., None] * spots))
         fit = fit.reshape(*panel.shape, 6, 2)

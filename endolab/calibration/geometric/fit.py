@@ -221,7 +221,7 @@ def _result(
 ) -> GeometricFit:
     geometry: Geometry = found.iterate.unknowns
     used, residual = found.iterate.used, found.iterate.residual
-    cuts = np.cumsum([len(view.ids) for view in views])[:-1]
+    discontinuities = np.cumsum([len(view.ids) for view in views])[:-1]
     covariance = found.covariance.common
     errors = np.sqrt(np.diag(covariance)).tolist()
     angles = Reprojection(views, target, np.zeros((8, 0)), np.zeros(4)).angles(geometry)
@@ -230,8 +230,8 @@ def _result(
         views=tuple(views),
         poses=tuple(geometry.poses),
         dropped=dropped,
-        residuals=tuple(np.split(residual, cuts)),
-        inliers=tuple(np.split(used, cuts)),
+        residuals=tuple(np.split(residual, discontinuities)),
+        inliers=tuple(np.split(used, discontinuities)),
         sigma=found.iterate.sigma,
         rmse=float(np.sqrt(np.mean(np.sum(residual[used] ** 2, axis=1)))),
         standard_errors=dict(zip(NAMES, errors, strict=True)),

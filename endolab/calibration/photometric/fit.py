@@ -38,7 +38,7 @@ from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.numerics.checks import told, whole
+from endolab.numerics.checks import excerpt, whole
 from endolab.numerics.iteration import Status
 
 GAMMA_BOUNDS = (0.5, 5.0)
@@ -61,13 +61,13 @@ def checked_gamma(gamma: float | tuple[float, float] | str) -> Known:
     if isinstance(gamma, str):
         if gamma != "free":
             raise ValueError(
-                f'gamma must be a number, (mean, standard deviation) or "free", got {told(gamma)}'
+                f'gamma must be a number, (mean, standard deviation) or "free", got {excerpt(gamma)}'
             )
         return None
     known, (low, high) = _number_or_pair(gamma), GAMMA_BOUNDS
     if known is None or not low < np.ravel(known)[0] < high:
         how = "alone or with a positive standard deviation"
-        raise ValueError(f"gamma must lie between {low:g} and {high:g}, {how}, got {told(gamma)}")
+        raise ValueError(f"gamma must lie between {low:g} and {high:g}, {how}, got {excerpt(gamma)}")
     return known
 
 
@@ -178,7 +178,7 @@ def calibrate_light(
         ("light", light, ("centred", "free")),
     ):
         if value not in choices:
-            raise ValueError(f'{name} must be "{choices[0]}" or "{choices[1]}", got {told(value)}')
+            raise ValueError(f'{name} must be "{choices[0]}" or "{choices[1]}", got {excerpt(value)}')
     whole("nodes", nodes, 2)
     if not 0 <= levels[0] < levels[1]:
         raise ValueError(f"levels must ascend from 0 or above, got {levels}")

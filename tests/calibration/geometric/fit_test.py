@@ -141,13 +141,13 @@ def test_views_that_are_too_few_or_the_same_or_mirrored_are_refused(twenty):
     short = [View(f"f{i}", 0, view.ids[:6], view.pixels[:6]) for i, view in enumerate(views[:4])]
     still = [replace(views[0], name=f"f{i}") for i in range(5)]
     mirrored = [replace(view, ids=view.ids // 19 * 19 + 18 - view.ids % 19) for view in views[:4]]
-    for wrong, said in (
+    for wrong, message in (
         (views[:1], "3 views"),
         (short, "8 points"),
         (still, "hardly moves"),
         (mirrored, "mirrored"),
     ):
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             el.calibrate_camera(wrong, SHEET, *SIZE)
 
 

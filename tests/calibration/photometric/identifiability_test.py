@@ -56,9 +56,9 @@ def test_a_folded_sheet_gives_gamma(fold, seed):
     assert "measured, by the distance within each frame" in fit.verdict[0]
     # Disturbed places raise γ, about as the verdict says for 0.1 %.
     wrong = el.calibrate_light(disturbed(samples, seed, 0.001, 0.0), gamma="free")
-    said = float(fit.verdict[1].split("raise γ by ")[1].split(",")[0])
+    stated = float(fit.verdict[1].split("raise γ by ")[1].split(",")[0])
     rise = wrong.photometry.gamma - fit.photometry.gamma
-    assert abs(rise - said) < said + 0.5 * fit.standard_errors["gamma"]
+    assert abs(rise - stated) < stated + 0.5 * fit.standard_errors["gamma"]
 
 
 def test_patches_of_unknown_ratio_do_not_give_gamma():

@@ -20,7 +20,7 @@ NOMINAL = {"k": 1.0, "gamma": 0.2}  # of a light that was taken from another end
 
 
 @dataclass(frozen=True)
-class Doubts:
+class PriorSigma:
     """Standard deviations of what a reconstruction takes for granted; 0 is certainty.
 
     Those by default are of an endoscope that was calibrated with care, by somebody who did not say how well;
@@ -47,7 +47,7 @@ class Doubts:
                 number(f"the doubt about {one.name}", getattr(self, one.name), 0)
 
     @classmethod
-    def of(cls, calibration: Endoscope | None = None) -> Doubts:
+    def of(cls, calibration: Endoscope | None = None) -> PriorSigma:
         """Standard errors of a calibration's evidence, as far as it has them, or that nobody measured it."""
         evidence, stated = getattr(calibration, "evidence", None) or {}, cls()
         found, nominal = _standard_errors(evidence), _is_nominal(evidence)
@@ -55,14 +55,14 @@ class Doubts:
             stated = replace(stated, k=NOMINAL["k"], gamma=NOMINAL["gamma"])
         notes = []
         if found:
-            told = ", ".join(f"{name} ± {value:.2g}" for name, value in found.items())
-            notes.append(f"The calibration's standard errors are used: {told}.")
+            listed = ", ".join(f"{name} ± {value:.2g}" for name, value in found.items())
+            notes.append(f"The calibration's standard errors are used: {listed}.")
         if len(found) < 2:
-            told = ", ".join(f"{n} ± {getattr(stated, n):g}" for n in ("k", "gamma") if n not in found)
+            listed = ", ".join(f"{n} ± {getattr(stated, n):g}" for n in ("k", "gamma") if n not in found)
             why = "No standard errors of the calibration are known"
             if nominal:
                 why = "Nobody measured " + ("the rest of the light" if found else "the light")
-            notes.append(f"{why}: taken are {told}.")
+            notes.append(f"{why}: taken are {listed}.")
         k, gamma = (found.get(name, getattr(stated, name)) for name in ("k", "gamma"))
         return replace(stated, k=k, gamma=gamma, notes=tuple(notes))
 
@@ -74,10 +74,10 @@ def _is_nominal(evidence: Mapping[str, Any]) -> bool:
 
 def _standard_errors(evidence: Mapping[str, Any]) -> dict[str, float]:
     """Those of k and γ that are there and are numbers; a fixed γ's 0 says nothing."""
-    told = {name: _at(evidence, "photometry", "standard_errors", name) for name in ("k", "gamma")}
-    if not _is_positive(told["k"]):
-        told["k"] = _at(evidence, "unknown_light", "standard_error")
-    return {name: float(value) for name, value in told.items() if _is_positive(value)}
+    errors = {name: _at(evidence, "photometry", "standard_errors", name) for name in ("k", "gamma")}
+    if not _is_positive(errors["k"]):
+        errors["k"] = _at(evidence, "unknown_light", "standard_error")
+    return {name: float(value) for name, value in errors.items() if _is_positive(value)}
 
 
 def _at(value: Any, *keys: str) -> Any:

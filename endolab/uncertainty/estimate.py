@@ -5,7 +5,7 @@ one solve for a cause with a name, some dozen for random fields, whose mean squa
 which are choices, are made otherwise, and the frame solved anew (`anew`). Variances add up. What all pixels
 share is a scale, and told apart from the shape.
 
-Which causes there are, the length of the texture and what `Doubts` takes by default were chosen with
+Which causes there are, the length of the texture and what `PriorSigma` takes by default were chosen with
 path-traced and real frames and their truth in view.
 """
 
@@ -22,7 +22,7 @@ from endolab.depth.result import Iterate, Result
 from endolab.model.endoscope import Endoscope
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
-from endolab.numerics.checks import told, whole
+from endolab.numerics.checks import excerpt, whole
 from endolab.numerics.derivatives import fineness, links
 from endolab.numerics.iteration import Status, checked_observers, closing, drive
 from endolab.numerics.threads import limited_threads
@@ -30,9 +30,9 @@ from endolab.preprocessing.frame import QUIET, noise_level
 from endolab.reconstruction.scale import Pixel, own_pixel
 from endolab.uncertainty.anew import LONGEST, solved_anew
 from endolab.uncertainty.causes import Texture, correlated, named, perhaps_torn
-from endolab.uncertainty.doubts import Doubts
 from endolab.uncertainty.fewer_pixels import enlarged, thinned
 from endolab.uncertainty.linearised import Linearised
+from endolab.uncertainty.prior_sigma import PriorSigma
 from endolab.uncertainty.shares import DATA, OUTSIDE, Bumps, Rim
 
 DRAWS, LEAST = 24, 4  # of each random field: by default, below which nothing is told
@@ -45,7 +45,7 @@ WITHOUT = ("facing", "fast_marching")  # solvers that do not minimise the energy
 
 
 @dataclass(frozen=True)
-class Trust:
+class Uncertainty:
     """How far a result can be trusted; maps are (H, W), nan outside the mask."""
 
     sigma: FloatArray  # standard deviation of `distance`, in its unit, of all that is uncertain
@@ -77,15 +77,15 @@ def check_solver(solver: object) -> None:
         )
 
 
-def trust_of(
+def uncertainty_of(
     result: Result | Iterate,
     calibration: Endoscope | None = None,
     *,
-    doubts: Doubts | None = None,
+    prior_sigma: PriorSigma | None = None,
     draws: int = DRAWS,
     observers: Iterable[Callable[[Progress], bool | None]] = (),
     threads: int | None = None,
-) -> Trust:
+) -> Uncertainty:
     """Find how far each pixel of a result can be trusted.
 
     Parameters
@@ -94,7 +94,7 @@ def trust_of(
         Of a solver that minimises the energy.
     calibration : Endoscope, optional
         Its evidence tells how well k and γ are known.
-    doubts : Doubts, optional
+    prior_sigma : PriorSigma, optional
         What is uncertain and how much, in place of that.
     draws : int
         Of each random field. Their σ is off by a share of 1/√(2 draws), at random, the same in every run.
@@ -112,29 +112,29 @@ def trust_of(
         small, and nothing is told.
     """
     if not isinstance(result, Result | Iterate):
-        raise ValueError(f"result must be a Result, got {told(result)}")
-    if not isinstance(doubts, Doubts | None):
-        raise ValueError(f"doubts must be Doubts, got {told(doubts)}")
+        raise ValueError(f"result must be a Result, got {excerpt(result)}")
+    if not isinstance(prior_sigma, PriorSigma | None):
+        raise ValueError(f"prior_sigma must be a PriorSigma, got {excerpt(prior_sigma)}")
     draws = whole("draws", draws, LEAST)
     check_solver(result.problem.settings.get("solver"))
     iterate = result.iterate if isinstance(result, Result) else result
-    doubts = Doubts.of(calibration) if doubts is None else doubts
+    prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
     watching = checked_observers(observers)
     with limited_threads(threads), closing(watching):
-        estimate = _Estimate(thinned(iterate), doubts, draws)
+        estimate = _Estimate(thinned(iterate), prior_sigma, draws)
         status = drive(estimate.steps(), watching, lambda step, seconds: None)
     if estimate.done < LEAST:
         raise KeyboardInterrupt(
             "how far the result can be trusted: stopped before there was anything to tell"
         )
-    return estimate.trust(status, iterate)
+    return estimate.uncertainty(status, iterate)
 
 
 class _Estimate:
     """What is known so far."""
 
-    def __init__(self, iterate: Iterate, doubts: Doubts, draws: int) -> None:
-        self._iterate, self._doubts, self._asked, self.done = iterate, doubts, draws, 0
+    def __init__(self, iterate: Iterate, prior_sigma: PriorSigma, draws: int) -> None:
+        self._iterate, self._prior_sigma, self._asked, self.done = iterate, prior_sigma, draws, 0
         self._answers: dict[str, list[FloatArray]] = {}  # of log d, to each cause or draw of it
         self._shares: FloatArray = np.zeros((3, *iterate.mask.shape))
 
@@ -148,27 +148,27 @@ class _Estimate:
 
     def _found(self) -> Generator[tuple[str, FloatArray] | None, None, None]:
         """What each cause does, or a draw of it; None while what that takes is made ready."""
-        problem, doubts, mask = self._iterate.problem, self._doubts, self._iterate.mask
+        problem, prior_sigma, mask = self._iterate.problem, self._prior_sigma, self._iterate.mask
         v = np.where(mask, self._iterate.log_distance, 0.0)
         surface, rng = Linearised.at(problem, v), np.random.default_rng(0)
         yield None
         bumps = Bumps(surface, rng)
         for _ in range(TRIES):
-            yield "bumps", doubts.bumps * bumps.try_one()
+            yield "bumps", prior_sigma.bumps * bumps.try_one()
         self._shares = bumps.shares(v)
         yield None
-        for cause, light in named(problem, v, doubts):
+        for cause, light in named(problem, v, prior_sigma):
             yield cause, surface.to_light(light)
         for cause in ("gain", "albedo"):  # they move all pixels alike
-            yield cause, 0.5 * getattr(doubts, cause) * mask
+            yield cause, 0.5 * getattr(prior_sigma, cause) * mask
         choices: dict[str, tuple[float, Problem]] = {}
         loose = surface
-        if doubts.lam:
-            lam = min(problem.lam * float(np.exp(doubts.lam)), RANGES["lam"][1])
+        if prior_sigma.lam:
+            lam = min(problem.lam * float(np.exp(prior_sigma.lam)), RANGES["lam"][1])
             choices["lambda"] = 1.0, replace(problem, lam=lam)
-        cuts = perhaps_torn(problem)
-        if cuts is not None and cuts is not problem.cuts:
-            choices["contours"] = doubts.contours, replace(problem, cuts=cuts)
+        discontinuities = perhaps_torn(problem)
+        if discontinuities is not None and discontinuities is not problem.discontinuities:
+            choices["contours"] = prior_sigma.contours, replace(problem, discontinuities=discontinuities)
             loose = Linearised.at(choices["contours"][1], v)
             yield None
         still = (yield from solved_anew(problem, v)) if choices else v
@@ -176,7 +176,7 @@ class _Estimate:
             moved = (yield from solved_anew(other, v)) - still
             yield cause, share * np.clip(moved, -LONGEST, LONGEST)
         entering = Rim(loose, v)
-        texture = Texture(surface, rng, doubts.texture)
+        texture = Texture(surface, rng, prior_sigma.texture)
         for _ in range(TRIES):
             texture.try_one()
             yield None
@@ -186,13 +186,13 @@ class _Estimate:
             yield "texture", surface.to_light(strength * texture.field())
             if draw < FEW:
                 along = correlated(rng, mask.shape, ALONG * fineness(mask.shape))
-                yield "border", entering.moved(doubts.border * along)
+                yield "border", entering.moved(prior_sigma.border * along)
                 white = correlated(rng, mask.shape, blur)
                 yield "noise", surface.to_picture(noise * white)
             self.done = draw + 1
             yield None
 
-    def trust(self, status: Status, whole: Iterate) -> Trust:
+    def uncertainty(self, status: Status, whole: Iterate) -> Uncertainty:
         """Sum up, on the pixels of the whole frame."""
         mask, lost = self._iterate.mask, _undetermined(self._iterate.problem)
         parts = enlarged(self._shares, mask, whole.mask)
@@ -204,7 +204,7 @@ class _Estimate:
 
         decided = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
         scales = {cause: float(np.sqrt(scale)) for cause, (_, _, scale) in squares.items()}
-        return Trust(
+        return Uncertainty(
             sigma=frozen(whole.distance * sigma(together for together, _, _ in squares.values())),
             sigma_shape=frozen(whole.distance * sigma(shape for _, shape, _ in squares.values())),
             sigma_scale=float(np.linalg.norm([*scales.values()])),
@@ -214,7 +214,7 @@ class _Estimate:
             scales=scales,
             draws=self.done,
             status=status,
-            notes=self._doubts.notes,
+            notes=self._prior_sigma.notes,
         )
 
     def _squares(self, maps: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -231,7 +231,7 @@ class _Estimate:
 
 def _held(problem: Problem) -> list[tuple[int, int]] | None:
     """Pixels (row, column) whose distance fixes the unit; [] if all do together, None if the gain does."""
-    scale = problem.origin.scale
+    scale = problem.provenance.scale
     if scale is None:
         return None if problem.metric else []
     pixels: list[Pixel] = []
@@ -246,7 +246,7 @@ def _held(problem: Problem) -> list[tuple[int, int]] | None:
 
 def noise_left(problem: Problem) -> tuple[float, float]:
     """Standard deviation of the picture's noise, and the blur, px, that it was given since."""
-    shown, blur = problem.shown, problem.origin.smooth
+    shown, blur = problem.shown, problem.provenance.smooth
     level = max(noise_level(shown if shown.ndim == 2 else shown[..., 1], problem.mask), QUIET)
     # The mean of a Gaussian's weights, squared; they fall short of it for less than half a pixel.
     return (level / (2 * np.sqrt(np.pi) * blur), blur) if blur >= SHARP else (level, 0.0)
@@ -257,7 +257,7 @@ def _undetermined(problem: Problem) -> BoolArray:
     mask = problem.mask
     if problem.evidence is None:
         return np.zeros_like(mask)
-    across, down = links(mask, problem.cuts)
+    across, down = links(mask, problem.discontinuities)
     steps = np.zeros((2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool)  # pixels, and what is between them
     steps[::2, ::2], steps[::2, 1::2], steps[1::2, ::2] = mask, across, down
     island = scipy.ndimage.label(steps)[0][::2, ::2]

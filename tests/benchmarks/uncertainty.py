@@ -1,6 +1,6 @@
 """How far the stated σ of a surface can be trusted: how often the truth lies within it, by who decided.
 
-    python -m tests.benchmarks.trust [open | sealed | shipped | real | FOLDER]...
+    python -m tests.benchmarks.uncertainty [open | sealed | shipped | real | FOLDER]...
 
 `shipped` is the default. Errors and σ are shares of the distance. *Whole* is the error at true scale with all
 that is uncertain, `sigma`; *shape* the error once the median of d*/d is taken out, with `sigma_shape`: real
@@ -57,14 +57,17 @@ def cases_of(wanted: str) -> Iterator[tuple]:
 def judge(frame, calibration, truth, most) -> dict[tuple[str, str], Coverage]:
     """Reconstruct a frame, ask how far that can be trusted, and see: by whole or shape, and kind of pixel."""
     result = el.reconstruct(frame, calibration)
-    trust = el.trust_of(result, calibration)
+    uncertainty = el.uncertainty_of(result, calibration)
     cosine = np.nan_to_num(result.problem.field.cos_alpha, nan=-1.0)
     seen = result.mask & np.isfinite(truth) & (cosine > np.cos(np.deg2rad(most)))
-    factor = coverage_of(result.distance, trust.sigma_shape, truth, seen, scale="median").scale
-    maps = {"shape": (factor * result.distance, factor * trust.sigma_shape, truth)}
+    factor = coverage_of(result.distance, uncertainty.sigma_shape, truth, seen, scale="median").scale
+    maps = {"shape": (factor * result.distance, factor * uncertainty.sigma_shape, truth)}
     if result.metric:
-        maps["whole"] = result.distance, trust.sigma, truth
-    kinds = {"all": seen, **{kind: seen & (trust.decided_by == number) for kind, number in KINDS.items()}}
+        maps["whole"] = result.distance, uncertainty.sigma, truth
+    kinds = {
+        "all": seen,
+        **{kind: seen & (uncertainty.decided_by == number) for kind, number in KINDS.items()},
+    }
     found = ((error, kind) for error in maps for kind, where in kinds.items() if where.sum() >= FEW)
     return {(error, kind): coverage_of(*maps[error], kinds[kind]) for error, kind in found}
 
@@ -82,17 +85,17 @@ def cells(every: Sequence[Coverage]) -> list[str]:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Judge sets or folders: ``python -m tests.benchmarks.trust shipped real``."""
+    """Judge sets or folders: ``python -m tests.benchmarks.uncertainty shipped real``."""
     for wanted in arguments or ["shipped"]:
-        judged = {name: judge(*case) for name, *case in cases_of(wanted)}
+        scores = {name: judge(*case) for name, *case in cases_of(wanted)}
         for error in ("whole", "shape"):
             rows = [
-                [name, *cells([one[error, "all"]])] for name, one in judged.items() if (error, "all") in one
+                [name, *cells([one[error, "all"]])] for name, one in scores.items() if (error, "all") in one
             ]
             for kind in ("all", *KINDS):
-                every = [one[error, kind] for one in judged.values() if (error, kind) in one]
+                every = [one[error, kind] for one in scores.values() if (error, kind) in one]
                 rows += [[f"mean, {kind}", *cells(every)]] if every else []
-            table(f"Trust, {wanted}, {error} error", ["frame", *HEADS], rows)
+            table(f"Uncertainty, {wanted}, {error} error", ["frame", *HEADS], rows)
 
 
 if __name__ == "__main__":

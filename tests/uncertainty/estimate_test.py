@@ -13,13 +13,13 @@ from endolab.numerics.iteration import Status
 from endolab.reconstruction.contours import torn_at_contours
 from endolab.reconstruction.unknown_light import USUAL_ERROR
 from endolab.uncertainty.causes import LENGTH, correlated
-from endolab.uncertainty.doubts import NOMINAL, Doubts
+from endolab.uncertainty.estimate import LARGEST, LEAST, uncertainty_of
 from endolab.uncertainty.linearised import Linearised
+from endolab.uncertainty.prior_sigma import NOMINAL, PriorSigma
 from endolab.uncertainty.shares import BORDER, DATA, OUTSIDE, PRIOR
-from endolab.uncertainty.trust import LARGEST, LEAST, trust_of
 from tests.tools.problems import problem_of
 
-CERTAIN = Doubts(**{one.name: 0.0 for one in fields(Doubts) if one.name != "notes"})
+CERTAIN = PriorSigma(**{one.name: 0.0 for one in fields(PriorSigma) if one.name != "notes"})
 
 
 def solved(problem):
@@ -27,9 +27,9 @@ def solved(problem):
     return run(gauss_newton(problem))
 
 
-def relative(trust, result, which="sigma"):
+def relative(uncertainty, result, which="sigma"):
     """σ as a share of the distance, of the mask's pixels."""
-    return (getattr(trust, which) / result.distance)[result.mask]
+    return (getattr(uncertainty, which) / result.distance)[result.mask]
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def curved():
     """A curved wall with a grey level of noise, its truth, its result and how far that is trusted."""
     problem, seen = problem_of("curved", 80, noise=1.0)
     result = solved(problem)
-    return problem, seen, result, trust_of(result)
+    return problem, seen, result, uncertainty_of(result)
 
 
 def test_noise_alone_is_what_solving_again_with_other_noise_finds():
@@ -57,8 +57,8 @@ def test_noise_alone_is_what_solving_again_with_other_noise_finds():
     how = {"start": first.iterate.log_distance, "tolerance": 1e-6, "max_iterations": 100}
     maps = [run(gauss_newton(noisy(), **how)).iterate.log_distance[clean.mask] for _ in range(24)]
     found = np.sqrt(np.mean(np.var(maps, axis=0, ddof=1)))
-    trust = trust_of(first, doubts=CERTAIN)
-    noise = np.hypot(trust.causes["noise"][clean.mask], trust.scales["noise"])
+    uncertainty = uncertainty_of(first, prior_sigma=CERTAIN)
+    noise = np.hypot(uncertainty.causes["noise"][clean.mask], uncertainty.scales["noise"])
     assert np.sqrt(np.mean(noise**2)) == pytest.approx(found, rel=0.2)
 
 
@@ -67,7 +67,7 @@ def test_a_noise_that_is_known_is_covered():
     problem, seen = problem_of("curved", 80, noise=1.0)
     result = run(gauss_newton(problem, tolerance=1e-4))
     off = np.abs(np.log(result.distance / seen.distance))[result.mask]
-    sigma = relative(trust_of(result, doubts=CERTAIN), result)
+    sigma = relative(uncertainty_of(result, prior_sigma=CERTAIN), result)
     assert 0.55 < np.mean(off < sigma) < 0.85
     assert np.mean(off < 2 * sigma) > 0.85
     assert np.median(sigma) < 0.01
@@ -84,8 +84,11 @@ def test_texture_does_what_it_is_said_to_do_and_is_seen_in_what_is_left():
     off, answer = np.log(result.distance / seen.distance)[mask], surface.to_light(0.1 * field)[mask]
     assert np.corrcoef(off, answer)[0, 1] > 0.9
     assert np.std(answer) == pytest.approx(np.std(off), rel=0.2)
-    trust, even = trust_of(result, doubts=CERTAIN), trust_of(solved(clean), doubts=CERTAIN)
-    strong = np.median(trust.causes["texture"][mask])
+    uncertainty, even = (
+        uncertainty_of(result, prior_sigma=CERTAIN),
+        uncertainty_of(solved(clean), prior_sigma=CERTAIN),
+    )
+    strong = np.median(uncertainty.causes["texture"][mask])
     assert 0.3 < strong / np.std(off) < 1.5
     assert strong > 10 * np.median(even.causes["texture"][mask])
 
@@ -94,66 +97,68 @@ def test_the_unit_does_not_matter(curved):
     problem, _, result, _ = curved
     gain = 9 * problem.photometry.gain
     far = replace(problem, photometry=replace(problem.photometry, gain=gain))
-    doubts = replace(Doubts(), lamp=0.0)
-    one = trust_of(result, doubts=doubts)
-    other = trust_of(Iterate.of(far, result.iterate.log_distance + np.log(3)), doubts=doubts)
+    prior_sigma = replace(PriorSigma(), lamp=0.0)
+    one = uncertainty_of(result, prior_sigma=prior_sigma)
+    other = uncertainty_of(Iterate.of(far, result.iterate.log_distance + np.log(3)), prior_sigma=prior_sigma)
     assert other.sigma[result.mask] == pytest.approx(3 * one.sigma[result.mask], rel=1e-3)
     assert other.sigma_scale == pytest.approx(one.sigma_scale, rel=1e-3)
 
 
 def test_gain_and_albedo_move_all_pixels_alike(curved):
     _, _, result, _ = curved
-    trust = trust_of(result, doubts=replace(CERTAIN, gain=0.3, albedo=0.4))
-    assert trust.scales["gain"] == pytest.approx(0.15)
-    assert np.nanmax(trust.causes["albedo"]) == 0
-    assert relative(trust, result).min() >= 0.25  # 0.15 and 0.2 in squares
-    assert relative(trust, result, "sigma_shape").max() < 0.1
+    uncertainty = uncertainty_of(result, prior_sigma=replace(CERTAIN, gain=0.3, albedo=0.4))
+    assert uncertainty.scales["gain"] == pytest.approx(0.15)
+    assert np.nanmax(uncertainty.causes["albedo"]) == 0
+    assert relative(uncertainty, result).min() >= 0.25  # 0.15 and 0.2 in squares
+    assert relative(uncertainty, result, "sigma_shape").max() < 0.1
 
 
 def test_a_known_length_takes_the_scale_away(curved):
     problem, _, result, _ = curved
-    doubts = replace(CERTAIN, gain=0.3, k=0.2)
+    prior_sigma = replace(CERTAIN, gain=0.3, k=0.2)
     for scale in (Scale("median distance", 40.0), Scale("known distance", (40.0, 30, 20))):
-        told = replace(problem, origin=replace(problem.origin, scale=scale))
-        trust = trust_of(Iterate.of(told, result.iterate.log_distance), doubts=doubts)
-        assert trust.scales["gain"] < 1e-12
-    here = trust.sigma[20, 30] / result.distance[20, 30]
+        known = replace(problem, provenance=replace(problem.provenance, scale=scale))
+        uncertainty = uncertainty_of(Iterate.of(known, result.iterate.log_distance), prior_sigma=prior_sigma)
+        assert uncertainty.scales["gain"] < 1e-12
+    here = uncertainty.sigma[20, 30] / result.distance[20, 30]
     assert here < 1e-12
     relative_unit = replace(problem, metric=False)
-    trust = trust_of(Iterate.of(relative_unit, result.iterate.log_distance), doubts=doubts)
-    assert trust.sigma_scale < 1e-12
+    uncertainty = uncertainty_of(
+        Iterate.of(relative_unit, result.iterate.log_distance), prior_sigma=prior_sigma
+    )
+    assert uncertainty.sigma_scale < 1e-12
 
 
 def test_the_causes_add_up(curved):
-    _, _, result, trust = curved
-    total = sum(one[result.mask] ** 2 for one in trust.causes.values())
-    assert relative(trust, result, "sigma_shape") ** 2 == pytest.approx(total, rel=1e-9)
-    assert trust.sigma_scale**2 == pytest.approx(sum(one**2 for one in trust.scales.values()))
-    assert np.isnan(trust.sigma[~result.mask]).all()
+    _, _, result, uncertainty = curved
+    total = sum(one[result.mask] ** 2 for one in uncertainty.causes.values())
+    assert relative(uncertainty, result, "sigma_shape") ** 2 == pytest.approx(total, rel=1e-9)
+    assert uncertainty.sigma_scale**2 == pytest.approx(sum(one**2 for one in uncertainty.scales.values()))
+    assert np.isnan(uncertainty.sigma[~result.mask]).all()
 
 
 def test_a_tube_is_trusted_less_towards_where_it_enters_the_picture():
     """Its border is free: σ rises towards it as the true error does, within a factor of two."""
     problem, seen = problem_of("tube", 120)
     result = solved(problem)
-    trust = trust_of(result)
-    sigma, off = trust.sigma_shape / result.distance, np.abs(np.log(result.distance / seen.distance))
+    uncertainty = uncertainty_of(result)
+    sigma, off = uncertainty.sigma_shape / result.distance, np.abs(np.log(result.distance / seen.distance))
     above = [np.s_[row : row + 4, 40:80] for row in (0, 8, 16)]
     assert sigma[above[0]].mean() > 1.3 * sigma[above[1]].mean() > 1.6 * sigma[above[2]].mean()
     for rows in above:
         assert 0.5 < sigma[rows].mean() / off[rows].mean() < 2
-    assert np.all(trust.decided_by[above[0]] == BORDER)
-    assert np.mean(trust.decided_by[20:30, 40:80] == DATA) > 0.9
+    assert np.all(uncertainty.decided_by[above[0]] == BORDER)
+    assert np.mean(uncertainty.decided_by[20:30, 40:80] == DATA) > 0.9
 
 
 def test_light_that_bounced_and_was_left_in_counts_whole(curved):
     """In a single colour nobody knows how much there is; where the colours were asked, they do."""
-    problem, _, result, trust = curved
+    problem, _, result, uncertainty = curved
     here = problem.mask
-    half = trust_of(result, doubts=Doubts(left_in=0.5), draws=LEAST).causes["bounced light"]
-    assert trust.causes["bounced light"][here] == pytest.approx(2 * half[here])
+    half = uncertainty_of(result, prior_sigma=PriorSigma(left_in=0.5), draws=LEAST).causes["bounced light"]
+    assert uncertainty.causes["bounced light"][here] == pytest.approx(2 * half[here])
     asked = replace(problem, settings={**problem.settings, "channel": "separated"})
-    assert "bounced light" not in trust_of(solved(asked), draws=LEAST).causes
+    assert "bounced light" not in uncertainty_of(solved(asked), draws=LEAST).causes
 
 
 def test_what_a_picture_does_not_say_is_the_priors():
@@ -162,76 +167,76 @@ def test_what_a_picture_does_not_say_is_the_priors():
     evidence = np.zeros(problem.mask.shape, np.int8)
     evidence[:, 45:75] = NONE
     result = solved(replace(problem, evidence=evidence))
-    trust = trust_of(result, doubts=Doubts(left_in=0.0))
+    uncertainty = uncertainty_of(result, prior_sigma=PriorSigma(left_in=0.0))
     here, beside = np.s_[30:60, 56:64], np.s_[30:60, 20:35]
-    assert np.mean(trust.decided_by[here] == PRIOR) > 0.7
-    assert np.mean(trust.decided_by[beside] == DATA) > 0.9
-    sigma = trust.sigma_shape / result.distance
+    assert np.mean(uncertainty.decided_by[here] == PRIOR) > 0.7
+    assert np.mean(uncertainty.decided_by[beside] == DATA) > 0.9
+    sigma = uncertainty.sigma_shape / result.distance
     assert np.median(sigma[here]) > 1.5 * np.median(sigma[beside])
-    assert trust.shares.sum(axis=0)[result.mask] == pytest.approx(1)
-    assert np.all(trust.decided_by[~result.mask] == OUTSIDE)
+    assert uncertainty.shares.sum(axis=0)[result.mask] == pytest.approx(1)
+    assert np.all(uncertainty.decided_by[~result.mask] == OUTSIDE)
 
 
-@pytest.mark.parametrize("apart", ["hole", "cuts"])
+@pytest.mark.parametrize("apart", ["hole", "discontinuities"])
 def test_an_island_of_which_nothing_is_said_is_not_known_at_all(apart):
     problem, _ = problem_of("curved", 80)
     lost, mask = np.indices(problem.mask.shape)[1] >= 42, problem.mask.copy()
     mask[:, 38:42] = apart != "hole"
-    cuts = np.zeros((2, *mask.shape), bool)
-    cuts[0, :, 41] = apart == "cuts"
+    discontinuities = np.zeros((2, *mask.shape), bool)
+    discontinuities[0, :, 41] = apart == "discontinuities"
     evidence = np.where(lost, NONE, 0).astype(np.int8)
-    result = solved(replace(problem, mask=mask, evidence=evidence, cuts=cuts))
-    share, lost = trust_of(result).sigma / result.distance, lost & mask
+    result = solved(replace(problem, mask=mask, evidence=evidence, discontinuities=discontinuities))
+    share, lost = uncertainty_of(result).sigma / result.distance, lost & mask
     assert share[lost] == pytest.approx(LARGEST)
     assert np.median(share[mask & ~lost]) < 0.2
 
 
 def test_it_is_the_same_every_time_and_stops_when_asked(curved):
-    _, _, result, trust = curved
-    assert np.array_equal(trust_of(result, threads=1).sigma, trust.sigma, equal_nan=True)
-    assert trust.status is Status.CONVERGED
-    early = trust_of(result, observers=[lambda progress: progress.done == 6])
+    _, _, result, uncertainty = curved
+    assert np.array_equal(uncertainty_of(result, threads=1).sigma, uncertainty.sigma, equal_nan=True)
+    assert uncertainty.status is Status.CONVERGED
+    early = uncertainty_of(result, observers=[lambda progress: progress.done == 6])
     assert (early.draws, early.status) == (6, Status.STOPPED)
-    assert np.nanmedian(early.sigma / trust.sigma) == pytest.approx(1, abs=0.3)
+    assert np.nanmedian(early.sigma / uncertainty.sigma) == pytest.approx(1, abs=0.3)
 
     def interrupt(progress):
         if progress.done == LEAST:
             raise KeyboardInterrupt
 
-    assert trust_of(result, observers=[interrupt]).draws == LEAST
+    assert uncertainty_of(result, observers=[interrupt]).draws == LEAST
 
 
 def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
     """σ of the named causes alone would be too small."""
     with pytest.raises(KeyboardInterrupt, match="before there was anything"):
-        trust_of(curved[2], observers=[lambda progress: progress.done == LEAST - 1])
+        uncertainty_of(curved[2], observers=[lambda progress: progress.done == LEAST - 1])
 
 
 def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():
     problem, _ = problem_of("colon", 120)
     torn = torn_at_contours(problem)
-    assert torn.cuts is not None
+    assert torn.discontinuities is not None
     result = solved(torn)
-    trust = trust_of(result)
-    assert np.all(np.isfinite(trust.sigma[result.mask]))
-    assert trust.causes["contours"][result.mask].max() > 0.05
+    uncertainty = uncertainty_of(result)
+    assert np.all(np.isfinite(uncertainty.sigma[result.mask]))
+    assert uncertainty.causes["contours"][result.mask].max() > 0.05
 
 
 @pytest.mark.parametrize(
     ("evidence", "k", "gamma"),
     [
-        ({}, Doubts.k, Doubts.gamma),
-        ({"photometry": {"standard_errors": {"k": 0.011, "gamma": 0.0}}}, 0.011, Doubts.gamma),
+        ({}, PriorSigma.k, PriorSigma.gamma),
+        ({"photometry": {"standard_errors": {"k": 0.011, "gamma": 0.0}}}, 0.011, PriorSigma.gamma),
         ({"photometry": {"nominal": True}}, USUAL_ERROR, NOMINAL["gamma"]),
         ({"photometry": {"nominal": True, "standard_errors": {"k": 0.02}}}, 0.02, NOMINAL["gamma"]),
         ({"photometry": [1], "unknown_light": {"standard_error": 0.4}}, 0.4, NOMINAL["gamma"]),
-        ({"photometry": {"nominal": "no", "standard_errors": 3}}, Doubts.k, Doubts.gamma),
+        ({"photometry": {"nominal": "no", "standard_errors": 3}}, PriorSigma.k, PriorSigma.gamma),
     ],
 )
 def test_doubts_are_the_standard_errors_of_the_calibration(evidence, k, gamma):
-    doubts = Doubts.of(replace(el.load_calibration("paper", width=80), evidence=evidence))
-    assert (doubts.k, doubts.gamma) == (k, gamma)
-    assert f"± {k:.2g}" in " ".join(doubts.notes)
+    prior_sigma = PriorSigma.of(replace(el.load_calibration("paper", width=80), evidence=evidence))
+    assert (prior_sigma.k, prior_sigma.gamma) == (k, gamma)
+    assert f"± {k:.2g}" in " ".join(prior_sigma.notes)
 
 
 def test_what_cannot_be_asked_is_refused(curved):
@@ -241,10 +246,10 @@ def test_what_cannot_be_asked_is_refused(curved):
         (marched, {}, "'fast_marching' minimises no energy"),
         (3, {}, "result must be"),
         (result, {"draws": 1}, "draws"),
-        (result, {"doubts": 0.1}, "doubts must be"),
+        (result, {"prior_sigma": 0.1}, "prior_sigma must be"),
         (result, {"observers": [3]}, "observers"),
     ):
         with pytest.raises(ValueError, match=named):
-            trust_of(given, **options)
+            uncertainty_of(given, **options)
     with pytest.raises(ValueError, match="the doubt about k"):
-        Doubts(k=-1)
+        PriorSigma(k=-1)
