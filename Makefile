@@ -48,9 +48,10 @@ html: $(READY) ## render notebooks and a reference to build/html; with SOLUTIONS
 	@unset MPLBACKEND; $(BIN)/python -m tests.tools.render_pages notebooks build/html $(if $(SOLUTIONS),--solutions)
 	@echo 'Look at build/html/index.html'
 
-lint: $(READY) ## check style, format and types
+lint: $(READY) ## check style, format, spelling and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/codespell
 	$(BIN)/mypy
 
 bench: $(READY) ## measure speed

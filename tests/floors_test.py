@@ -13,7 +13,7 @@ from tests.tools import structure
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "endolab"
 
-# From the bottom up: a folder imports only folders that stand before it. README.md shows the same list.
+# From the bottom up: a folder imports only folders that stand before it. CONTRIBUTING.md shows the same list.
 ORDER = [
     *("numerics", "model", "preprocessing", "synthetic", "depth", "calibration", "metrics"),
     *("reconstruction", "uncertainty"),
@@ -118,8 +118,8 @@ def test_circles_and_levels_are_found(house):
     assert structure.levels(graph) == {"numerics.low": 1, "model.middle": 1, "cli.high": 2}
 
 
-def test_the_readme_shows_the_same_order_and_every_file():
-    text = (ROOT / "README.md").read_text(encoding="utf-8").split("## The house")[1]
+def test_the_map_of_the_house_shows_the_same_order_and_every_file():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## The house")[1]
     rows = re.findall(r"^\| `(\w+)/` \|[^|]*\|(.*)\|$", text, re.MULTILINE)
     assert [folder for folder, _ in rows] == ORDER
     named = {f"{folder}.{name}" for folder, files in rows for name in re.findall(r"`(\w+)/?`", files)}

@@ -11,7 +11,8 @@ from tests.tools.notebook_solutions import solutions
 
 ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-PAGES = [*NOTEBOOKS, *(ROOT / name for name in ("notebooks/README.md", "README.md", "CONTRIBUTING.md"))]
+TEXTS = [*sorted((ROOT / "notebooks").rglob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+PAGES = [*NOTEBOOKS, *TEXTS]
 LINK = re.compile(r"\]\(([^)\s]+)\)")  # its target
 CHECK = re.compile(r"^check\.(\w+)\(", re.MULTILINE)  # of an answer, in a cell; of a solution
 CHECKED = re.compile(r"^assert check\.(\w+)\(", re.MULTILINE)

@@ -4,7 +4,7 @@
 
 ρ is Huber's penalty, D the gradient or the Hessian, ξ̃ the median of ξ at the start d₀, and
 derivatives are per 1/320 of the picture's width, so that one λ serves all ξ, units and sizes
-(paper, Section V; conventions in README.md).
+(paper, Section V; symbols in `notebooks/guides/symbols.md`).
 
 Where the picture leaves a surface free, as at the border of a tube, the regulariser chooses it, and a
 norm of all second derivatives chooses wrongly: a tube, too, has one that is not 0. With

@@ -1,6 +1,6 @@
 """The surface behind a depth map: v = log d, the maps ξ that a regulariser sees, normals, points.
 
-For the ray field r(u) with metric G and v = log d (`../README.md` has the symbol table):
+For the ray field r(u) with metric G and v = log d (the symbols are in `notebooks/guides/symbols.md`):
 
     P = ∇vᵀ G⁻¹ ∇v = tan²θ,    n = -(r - Σ g^ij v_j r_i) / √(1 + P)
 

@@ -77,7 +77,7 @@ def scan_of(k, steep, spread, seed=0):
 
 
 def estimate(*scans, otherwise=2.5):
-    return unknown_light._judged(scans, {}, el.Photometry(otherwise), Status.CONVERGED)
+    return unknown_light._estimate(scans, {}, el.Photometry(otherwise), Status.CONVERGED)
 
 
 def test_what_is_found_roughly_is_averaged_with_what_is_usual():

@@ -51,17 +51,16 @@ class PageExporter(HTMLExporter):
         return MarkdownWithMath(Renderer(escape=False, embed_images=True, path=path)).render(source)
 
 
-def with_links(text, source, out, pages):
-    """Text whose links lead to pages, and to the files that are not copied."""
+def with_links(text, path, out, names):
+    """A file's text with links to pages, which are named by their sources, and to files that are not copied."""
 
     def moved(match):
         before, target, after = match.groups()
-        name, _, suffix = target.rpartition(".")
-        if re.match(r"[a-z]+:", target) or target.startswith("images/"):
+        if re.match(r"[a-z]+:", target) or "images/" in target:
             return match[0]
-        if suffix in ("ipynb", "md") and name in pages:
-            return f"{before}{'index' if name == 'README' else name}.html{after}"
-        return f"{before}{Path(os.path.relpath(source / target, out)).as_posix()}{after}"
+        source = Path(os.path.normpath(path.parent / target))
+        page = f"{names[source]}.html" if source in names else Path(os.path.relpath(source, out)).as_posix()
+        return f"{before}{page}{after}"
 
     return LINK.sub(moved, text)
 
@@ -114,12 +113,12 @@ def render_pages(notebooks, out, solutions=False):
     paths = sorted(source.glob("*.ipynb"))
     if not paths:
         raise ValueError(f"{source}: there are no notebooks")
-    texts = [one for one in sorted(source.glob("*.md")) if solutions or one.stem not in LECTURERS]
-    pages = [one.stem for one in (*paths, *texts)]
+    texts = [one for one in sorted(source.rglob("*.md")) if solutions or one.stem not in LECTURERS]
+    names = {path: "index" if path.stem == "README" else path.stem for path in (*paths, *texts)}
     exporter = PageExporter()
     with staged_folder(target, overwrite=True) as folder:
         write_formulas(folder)
-        for path in (*paths, *texts):
+        for path, name in names.items():
             if path.suffix == ".md":
                 text = path.read_text(encoding="utf-8")
                 notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_markdown_cell(text)])
@@ -127,10 +126,9 @@ def render_pages(notebooks, out, solutions=False):
                 notebook = executed(path)
             for cell in notebook.cells:
                 if cell.cell_type == "markdown":
-                    text = with_links(cell.source, source, target, pages)
+                    text = with_links(cell.source, path, target, names)
                     cell.source = SOLUTION.sub("<details open>", text) if solutions else text
-            name = "index" if path.stem == "README" else path.stem
-            where = {"metadata": {"name": name, "path": str(source)}}
+            where = {"metadata": {"name": name, "path": str(path.parent)}}
             page = exporter.from_notebook_node(notebook, resources=where)[0]
             (folder / f"{name}.html").write_text(page, encoding="utf-8")
     write_reference(target / "api")
