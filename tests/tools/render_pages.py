@@ -52,7 +52,7 @@ class PageExporter(HTMLExporter):
 
 
 def with_links(text, path, out, names):
-    """A file's text with links to pages, which are named by their sources, and to files that are not copied."""
+    """A file's text with links to pages, named by their sources, and to files that are not copied."""
 
     def moved(match):
         before, target, after = match.groups()
