@@ -346,9 +346,17 @@ def small_epsilon(error, costs, smoothest, family):
     yield Part("smoothest", smoothest, min(charged, key=charged.get))
 
 
-convergence = SimpleNamespace(
-    gauss_newton_step=gauss_newton_step, exercise_1=heavy_lam, exercise_2=small_epsilon
-)
+@exercise("The slope of d over its median, halved; Huber of ε over ε; times w; its mean, times λ.")
+def first_order(data_term, regulariser):
+    _, frame, known, _ = posed("tube", 160)
+    problem = make_problem(frame, known, smooth=0, xi="d", regulariser="first", lam=0.03)
+    terms = energy_terms(problem, problem.log_facing)
+    yield Part("data term", data_term, terms["data"], 1e-3 * terms["data"])
+    yield Part("regulariser", regulariser, terms["regulariser"], 1e-3 * terms["regulariser"])
+
+
+convergence = SimpleNamespace(gauss_newton_step=gauss_newton_step, exercise_2=first_order)
+regulariser = SimpleNamespace(exercise_1=heavy_lam, exercise_2=small_epsilon)
 
 
 # 06 ---------------------------------------------------------------------------------------

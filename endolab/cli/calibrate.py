@@ -195,7 +195,7 @@ def add_calibration_commands(commands: Any) -> None:
     names = "vicalib_big, vicalib_small, vicalib_folded, vicalib_grey, charuco, chessboard, circles"
     option("name", metavar="NAME", help=f"{names}, or TARGET.json")
     option("--out", required=True, metavar="SHEET.pdf", help="a PDF or SVG")
-    add_overwrite(command)
+    add_overwrite(command.add_argument)
 
     command = add_command(
         commands,
@@ -210,7 +210,7 @@ def add_calibration_commands(commands: Any) -> None:
     option("source", nargs="+", metavar="SOURCE", help="a video, a folder of pictures, or pictures")
     option("--target", required=True, help="its name, as for target, or TARGET.json")
     option("--out", required=True, metavar="CAL.json", help="the report goes into CAL_report beside it")
-    add_overwrite(command)
+    add_overwrite(command.add_argument)
     option("--camera", metavar="CAL.json", help="calibrate the light only, with the camera of this file")
     how = "one frame of a video in N goes into the geometry (default 20)"
     option("--every", type=count, default=20, metavar="N", help=how)
@@ -243,7 +243,7 @@ def add_calibration_commands(commands: Any) -> None:
     how = "endoscope.json, of which the camera is taken; or a known endoscope's name"
     option("--camera", required=True, metavar="CAL", help=how)
     option("--out", required=True, metavar="CAL.json")
-    add_overwrite(command)
+    add_overwrite(command.add_argument)
     how = f"so many, spread evenly (default {LIGHT_FRAMES}); each takes some seconds"
     option("--frames", type=count, default=LIGHT_FRAMES, metavar="N", help=how)
     option("--gamma", type=number, default=2.2, metavar="γ", help="which frames don't tell (default 2.2)")
@@ -264,4 +264,4 @@ def add_calibration_commands(commands: Any) -> None:
     how = "without it, the camera alone is written"
     option("photometry", nargs="?", metavar="PHOTOMETRY.xml", help=how)
     option("--out", required=True, metavar="CAL.json")
-    add_overwrite(command)
+    add_overwrite(command.add_argument)

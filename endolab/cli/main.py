@@ -174,7 +174,7 @@ def _parser() -> argparse.ArgumentParser:
     option = command.add_argument
     option("scene", metavar="SCENE", help="plane, curved, tube or colon; sheet: a calibration video")
     option("--out", required=True, metavar="DIR", help="folder for the results")
-    add_overwrite(command)
+    add_overwrite(command.add_argument)
     option("--calibration", default="paper", metavar="CAL", help="endoscope.json, or a name (default paper)")
     option("--width", type=wide, default=640, metavar="PX", help="of the frame (default 640)")
     option("--noise", type=number, default=1.0, metavar="GREY", help="standard deviation (default 1 of 255)")

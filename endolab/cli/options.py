@@ -102,58 +102,66 @@ def add_command(
     return parser
 
 
-def add_overwrite(parser: argparse.ArgumentParser) -> None:
+def add_overwrite(option: Callable[..., Any]) -> None:
     """Add the option of every command that writes results."""
-    how = "write where there are files of others, too, and replace them"
-    parser.add_argument("--overwrite", action="store_true", help=how)
+    option("--overwrite", action="store_true", help="write even where there are files of others")
 
 
-def add_solving_options(parser: argparse.ArgumentParser, swept: bool = False) -> None:
-    """Add what `solving` reads; λ, ξ and order are lists if `swept`."""
-    add = parser.add_argument
+def add_threads(option: Callable[..., Any]) -> None:
+    """Add the option of every command that solves."""
+    how = "cores at most (default: ENDOLAB_THREADS, or all)"
+    option("--threads", type=count, metavar="N", help=how)
+
+
+def add_solving_options(
+    parser: argparse.ArgumentParser, most_used: Callable[..., Any], swept: bool = False
+) -> None:
+    """Add what `solving` reads, in groups; λ, ξ and order are lists if `swept`."""
     more, orders, weights = (
         f"; several as {example}" if swept else "" for example in ("d,1/d", "first,curvature", "0.1,1,10")
     )
     kinds: list[Any] = [several(str), several(number)] if swept else [str, number]
+
+    add = most_used
     add("--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name")
-    add("--solver", metavar="NAME", help="facing, fast_marching, gauss_newton (default) or primal_dual")
-    how = f"what the regulariser sees: 1/z, d or 1/d (default){more}"
-    add("--xi", type=kinds[0], metavar="ξ", help=how)
+    add("--width", type=count, metavar="PX", help="shrink the frame to this width first")
+    how = f"weight of the regulariser; larger is smoother (default 1){weights}"
+    add("--lam", type=kinds[1], metavar="λ", help=how)
+    how = "auto (default): all three colours, indirect light removed, if the frame allows it; separated: "
+    how += "always; red, green, blue or grey: this channel as it is (green with the paper's solvers)"
+    add("--channel", choices=CHANNELS, metavar="NAME", help=how)
+
+    add = parser.add_argument_group("surface").add_argument
     how = f"first, second, curvature or auto (default): curvature, or second if light bounced{orders}"
     add("--regulariser", type=kinds[0], metavar="ORDER", help=how)
-    how = f"its weight; larger is smoother (default 1){weights}"
-    add("--lam", type=kinds[1], metavar="λ", help=how)
-    how = "derivative of ξ above which the regulariser charges its size, not its square (default 1e-3)"
-    add("--epsilon", type=number, metavar="ε", help=how)
-    how = "error of a stored value above which the picture is charged so (default 0.05)"
-    add("--threshold", type=number, metavar="ρ", help=how)
-    add("--max-iterations", type=count, metavar="N", help="steps of the solver at most")
-    how = (
-        "auto (default): what the frame's evidence allows; separated: all colours, bounced light taken out; "
-    )
-    how += "red, green, blue or grey: this alone (green with the solvers of the paper)"
-    add("--channel", choices=CHANNELS, metavar="NAME", help=how)
-    add(
-        "--albedo",
-        type=albedo,
-        metavar="A",
-        help="of a matt wall, or R,G,B, in place of the calibration's BRDF",
-    )
-    how = "whether folds may hide what is behind them; auto: if that explains the picture better"
+    how = "whether folds may hide what is behind them; auto (default): if that explains the picture better"
     add("--contours", choices=tuple(CONTOURS), help=how)
-    how = "what to do with mirrored light (default: ignore it with auto and separated, else keep)"
-    add("--highlights", choices=("keep", "ignore", "inpaint"), help=how)
-    add("--median-distance", type=number, metavar="MM", help="fix the scale of the result")
+    how = f"the map that is made smooth: 1/z, d or 1/d (default){more}"
+    add("--xi", type=kinds[0], metavar="ξ", help=how)
+    add("--solver", metavar="NAME", help="facing, fast_marching, gauss_newton (default) or primal_dual")
+    add("--max-iterations", type=count, metavar="N", help="steps of the solver at most")
+    how = "derivative of ξ above which the penalty grows linearly (default 1e-3)"
+    add("--epsilon", type=number, metavar="ε", help=how)
+    how = "error of a stored value above which the penalty grows linearly (default 0.05)"
+    add("--threshold", type=number, metavar="ρ", help=how)
+
+    add = parser.add_argument_group("frame and light").add_argument
     if not swept:
-        how = "fix it by the distance at a pixel"
-        add("--known-distance", type=_distance, metavar="MM,COLUMN,ROW", help=how)
-        how = "fix it by the length between the surface at two pixels: a polyp, the lumen"
-        add("--known-diameter", type=_diameter, metavar="MM,COLUMN1,ROW1,COLUMN2,ROW2", help=how)
-        how = "how to solve, as the tuner saved it; options given here win"
+        add("--mask", metavar="M.png", help="bright where the frame is to be used")
+        how = "settings that the tuner exported; options given here win"
         add("--settings", metavar="FILE.json", help=how)
-    add("--width", type=count, metavar="PX", help="shrink the frame to this width first")
+    how = "of a matt wall, or R,G,B, in place of the calibration's BRDF"
+    add("--albedo", type=albedo, metavar="A", help=how)
+    how = "mirrored light (default: ignore with auto and separated, else keep)"
+    add("--highlights", choices=("keep", "ignore", "inpaint"), help=how)
     add("--smooth", type=number, metavar="PX", help="blur the light first (default: by the noise)")
-    add("--threads", type=count, metavar="N", help="cores at most (default: ENDOLAB_THREADS, or all)")
+
+    add = parser.add_argument_group("scale, where the gain is unknown").add_argument
+    add("--median-distance", type=number, metavar="MM", help="of the result")
+    if not swept:
+        add("--known-distance", type=_distance, metavar="MM,COLUMN,ROW", help="of the surface at a pixel")
+        how = "between the surface at two pixels: a polyp, the lumen"
+        add("--known-diameter", type=_diameter, metavar="MM,COLUMN1,ROW1,COLUMN2,ROW2", help=how)
 
 
 # What they stand for --------------------------------------------------------------------

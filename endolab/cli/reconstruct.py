@@ -11,6 +11,7 @@ from endolab.cli.options import (
     add_command,
     add_overwrite,
     add_solving_options,
+    add_threads,
     announce_compiling,
     count,
     progress_bar,
@@ -161,12 +162,13 @@ def _tell(result: Any, solver: str, prepared: Any, uncertainty: Any) -> None:
     if uncertainty is not None:
         numbers = trusted(result, uncertainty)
         sigma, scale = numbers["sigma_percent"], numbers["sigma_scale_percent"]
+        shared = f" An error of the scale, common to all, makes {scale:.2g} %." if result.metric else ""
         print(
             f"σ of the distance: {sigma['median']:.2g} % for the median pixel, {sigma['10th']:.2g} to "
-            f"{sigma['90th']:.2g} % for four in five; {scale:.2g} % is a scale that all share."
+            f"{sigma['90th']:.2g} % for four in five.{shared}"
         )
         shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in numbers["decided_by"].items())
-        print("\n".join([f"Who decided the pixels: {shares}.", *numbers["notes"]]))
+        print("\n".join([f"Pixels decided by: {shares}.", *numbers["notes"]]))
         if numbers["status"] == "STOPPED":
             print(f"σ was stopped after {numbers['draws']} draws.")
 
@@ -333,40 +335,43 @@ def add_reconstruct_commands(commands: Any) -> None:
         "endolab reconstruct video.mp4 --calibration paper --every 5 --out video",
         "endolab reconstruct 0 --calibration endoscope.json --live",
     )
-    option = command.add_argument
     how = "PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video; or a camera's number or URL"
-    option("frame", nargs="+", metavar="FRAME", help=how)
-    add_solving_options(command)
-    option("--out", metavar="DIR", help="folder for the results; --live does without")
-    add_overwrite(command)
-    option("--mask", metavar="M.png", help="bright where the frame is to be used")
-    how = f"of fast_marching in the recording (default {SNAPSHOTS})"
-    option("--snapshots", type=whole, metavar="N", help=how)
+    command.add_argument("frame", nargs="+", metavar="FRAME", help=how)
+    most_used = command.add_argument_group("most used").add_argument
+    most_used("--out", metavar="DIR", help="folder for the results; --live does without")
+    add_solving_options(command, most_used)
+    option = command.add_argument_group("output").add_argument
+    add_overwrite(option)
+    how = "add σ, the standard deviation of every pixel's distance; takes one to three times as long"
+    option("--uncertainty", action="store_true", help=how)
+    option("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
     how = "leave out text and dark lumen, undo interlacing, and draw it all: preparation.png"
     option("--prepare", action="store_true", help=how)
-    option("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
-    how = "tell how far each pixel can be trusted: sigma in depth.npz; takes a few solves' time"
-    option("--uncertainty", action="store_true", help=how)
-    option("--every", type=count, metavar="N", help="of a video, every N-th frame only")
-    option("--limit", type=count, metavar="N", help="of a video, N frames at most")
-    how = "show a camera's surfaces, or a video's at its own rate: always the newest frame's, by default "
-    how += "320 px wide and from green alone"
+    how = f"of fast_marching in the recording (default {SNAPSHOTS})"
+    option("--snapshots", type=whole, metavar="N", help=how)
+    add_threads(option)
+    option = command.add_argument_group("a video or a camera").add_argument
+    option("--every", type=count, metavar="N", help="every N-th frame only")
+    option("--limit", type=count, metavar="N", help="N frames at most")
+    how = "show the newest frame's surface as it comes; by default 320 px wide and from green alone"
     option("--live", action="store_true", help=how)
 
     command = add_command(
         commands,
         "sweep",
         _sweep,
-        "frames × λ × ξ × order: one table, which can be gone on with",
+        "many frames and settings in, one table of errors and energies out",
         "endolab sweep frame.png --calibration endoscope.json --lam 0.1,1,10 --xi d,1/d",
         "endolab sweep *.png --calibration endoscope.json --jobs -1 --out sweep.csv",
         "endolab sweep a.png b.png --calibration endoscope.json --truth a.npz b.npz",
     )
-    option = command.add_argument
-    option("frames", nargs="+", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits")
-    option("--out", default="sweep.csv", metavar="T.csv", help="the table (default sweep.csv)")
-    add_solving_options(command, swept=True)
+    command.add_argument("frames", nargs="+", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits")
+    most_used = command.add_argument_group("most used").add_argument
+    most_used("--out", default="sweep.csv", metavar="T.csv", help="the table (default sweep.csv)")
+    add_solving_options(command, most_used, swept=True)
+    option = command.add_argument_group("output").add_argument
     option("--truth", nargs="+", metavar="T.npz", help="truth.npz of each frame")
     option("--jobs", type=whole, default=1, metavar="N", help="at once; -1: as many as cores")
     how = "loky (processes, the default), threading or dask"
     option("--backend", choices=("loky", "threading", "dask"), default="loky", metavar="NAME", help=how)
+    add_threads(option)

@@ -137,8 +137,8 @@ class Walls:
     ) -> Walls:
         """Cut a depth map, v = log d in any unit, (H, W), into patches.
 
-        k is the exponent of the lamp's spread; `discontinuities` (2, H, W) are steps over which the surface is
-        torn, see `Problem`.
+        k is the exponent of the lamp's spread; `discontinuities` (2, H, W) are steps over which the
+        surface is torn, see `Problem`.
         """
         v = np.where(mask, log_distance, 0.0)
         f_u, f_v = gradient(v, mask, discontinuities)

@@ -3,8 +3,8 @@
 A map is an array of shape (H, W) whose values outside the mask are never read: a hole, whatever
 it holds, does not reach its neighbours; the mask is everywhere by default. A cut is a step between
 neighbouring pixels that no derivative takes, as at an occluding contour: `discontinuities`, (2, H, W),
-holds those from each pixel to its right (first) and lower (second) neighbour. Both come down to `links`: which
-steps there are.
+holds those from each pixel to its right (first) and lower (second) neighbour. Both come down to
+`links`: which steps there are.
 """
 
 import numpy as np

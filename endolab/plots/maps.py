@@ -284,7 +284,13 @@ def overview(
     if truth is not None:
         scale = 1.0 if problem.metric else np.nanmedian((iterate.distance / truth)[problem.mask])
         curves = {"truth": np.where(problem.mask, scale * truth, np.nan), **curves}
-    words = [f"iteration {iterate.k}", f"energy {iterate.energy:.4g}"]
+    words = [
+        f"λ {problem.lam:g}, {problem.regulariser}",
+        f"iteration {iterate.k}",
+        f"energy {iterate.energy:.4g}",
+    ]
+    if channel := problem.settings.get("channel"):
+        words.insert(0, f"channel {channel}")
     if isinstance(shown, Result):
         words.insert(0, shown.status.value.rstrip("."))
     if not problem.metric:

@@ -37,15 +37,15 @@ def _of_scale(result: Result | Iterate) -> Iterator[str]:
     if how == "gain":
         yield "Distances are in mm, because the gain of the endoscope is known."
     elif how == "median distance" and scale:
-        yield f"Distances are in mm, because their median was said to be {scale.length:g} mm."
+        yield f"Distances are in mm, because their median was given as {scale.length:g} mm."
     elif how == "known distance" and scale:
         mm, *pixel = scale.length
         where = pixel_name((pixel[0], pixel[1]))
-        yield f"Distances are in mm, because the surface at {where} was said to be {mm:g} mm away."
+        yield f"Distances are in mm, because the surface at {where} was given as {mm:g} mm away."
     elif how == "known diameter" and scale:
         mm, one, other = scale.length
         where = f"{pixel_name(one)} and {pixel_name(other)}"
-        yield f"Distances are in mm, because the points at {where} were said to be {mm:g} mm apart."
+        yield f"Distances are in mm, because the points at {where} were given as {mm:g} mm apart."
     elif result.problem.metric:
         yield "Distances are in mm, and the scale is carried over from the frame before."
     elif how == "none":
@@ -58,12 +58,13 @@ def _of_scale(result: Result | Iterate) -> Iterator[str]:
 
 def _of_albedo(result: Result | Iterate) -> Iterator[str]:
     yield (
-        "The wall is taken to reflect alike all over; a patch that reflects 10 % more comes out 5 % too near."
+        "The wall is assumed to reflect the same everywhere; a patch that reflects 10 % more comes out "
+        "5 % too near."
     )
     if scale_of(result) == "gain":  # else the value cancels
         yield (
             "Distances go with the square root of albedo times gain: "
-            "if that product is 10 % higher than taken, every distance is 5 % too short."
+            "if that product is really 10 % higher, every distance is 5 % too short."
         )
 
 
@@ -71,11 +72,11 @@ def _of_bounces(result: Result | Iterate) -> str:
     albedo = result.problem.provenance.albedo
     if albedo is None:
         return (
-            "Light that bounced from wall to wall counts as direct; in simulated colons it adds about "
-            "120 % to red, 30 % to green and 20 % to blue."
+            "Indirect light, which bounced from wall to wall, counts as direct; in simulated colons it adds "
+            "about 120 % to red, 30 % to green and 20 % to blue."
         )
     values = ", ".join(f"{one:.2g}" for one in albedo)
-    return f"Light that bounced was estimated, with albedos of {values} (R, G, B), and taken out."
+    return f"Indirect light was computed with albedos {values} (R, G, B) and removed."
 
 
 def _of_gamma(result: Result | Iterate) -> str:
@@ -87,9 +88,9 @@ def _of_gamma(result: Result | Iterate) -> str:
     dark, bright = (abs(GAMMA_STEP / 2 * np.log(one / middle)) for one in (low, high))
     gamma = problem.photometry.gamma
     return (
-        f"If γ were {gamma + GAMMA_STEP:.4g} and not {gamma:.4g}, the brightest twentieth of the pixels "
-        f"would come out {-100 * np.expm1(-bright):.2g} % or more nearer and the darkest "
-        f"{100 * np.expm1(dark):.2g} % or more farther, the median held."
+        f"If γ were {gamma + GAMMA_STEP:.4g} instead of {gamma:.4g}, the brightest twentieth of the pixels "
+        f"would come out at least {-100 * np.expm1(-bright):.2g} % nearer and the darkest at least "
+        f"{100 * np.expm1(dark):.2g} % farther, with the same median."
     )
 
 
@@ -105,9 +106,6 @@ def of_evidence(result: Result | Iterate) -> Iterator[str]:
         return
     saturated, silent = (int((problem.evidence[problem.mask] == what).sum()) for what in (AT_LEAST, NONE))
     if saturated:
-        yield f"The sensor is saturated in {share(saturated)}, which only say 'at least this bright'."
+        yield f"The sensor is saturated in {share(saturated)}, which count as 'at least this bright'."
     if silent:
-        yield (
-            f"Highlights and overlays hide {share(silent)}, "
-            "where the surface is what its neighbours make of it."
-        )
+        yield f"Highlights and overlays hide {share(silent)}, where the surface is interpolated."

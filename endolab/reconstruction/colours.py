@@ -98,21 +98,18 @@ class Light:
         """Say what was found; `medians` are those of the direct light's shares that bounced, in per cent."""
         albedos = ", ".join(f"{one:.2f}" for one in self.albedo)
         red, green, blue = medians
-        taken = (
-            f"Bounced light was taken out: {red:.0f} % of the direct light in red, {green:.0f} % in green, "
-            f"{blue:.0f} % in blue (medians)"
-        )
+        shares = f"red {red:.0f} %, green {green:.0f} %, blue {blue:.0f} % of the direct light"
         if self.refused:
             whose = "given albedos" if given else "albedos of tissue"
-            why = f"The colours do not tell how much it was ({self.refused})"
-            return f"{taken}. {why}: it was computed, for {whose} of {albedos}."
+            why = f"The colours do not tell how much there is ({self.refused})"
+            return f"Indirect light removed: {shares}. {why}, so it was computed with {whose}: {albedos}."
         if self.factor == self.film == 0:
-            return "The colours show no light that bounced, and none was taken out."
-        film = ", and a rough film's sheen with it" if self.film > SEEN else ""
-        asked = f"the colours ask for {self.factor:.2f} of what the surface would make"
+            return "The colours show no indirect light, and none was removed."
+        film = " and a wet film's sheen" if self.film > SEEN else ""
         return (
-            f"{taken}{film}, for {'given' if given else 'estimated'} albedos of {albedos}; {asked}, and take "
-            f"{100 * self.lamp:.0f} % of the light's fall to the side for the lamp's."
+            f"Indirect light removed: {shares} (medians){film}. By the colours it is {self.factor:.2f} times "
+            f"what the surface predicts with {'given' if given else 'estimated'} albedos {albedos}; "
+            f"{100 * self.lamp:.0f} % of k is the lamp's."
         )
 
     def indirect_ratio(self, walls: Walls, k: float) -> FloatArray:

@@ -32,7 +32,7 @@ from endolab.reconstruction.problem_setup import make_problem, noted, on_grid, r
 STEPS = 30  # of the solver at most, once the surface is torn
 SMOOTH, CONTOURS = "smooth", "contours"  # stages
 BARS = (0.07, 0.05, 0.035, 0.025)  # how steep lines must be to be opened: log d₀ per 1/320 of the longer side
-ENERGY, THE_COLOURS = "the energy", "the colours"  # cues that decide on contours
+ENERGY, THE_COLOURS = "energy", "colour evidence"  # cues that decide on contours
 # Share of the smooth surface's energy that a cut as long as the picture's height must save if only the energy
 # speaks for it, so that gentle folds of a real phantom stay whole.
 PRICE = 0.1
@@ -134,9 +134,8 @@ def choose_bar(
 def remarked_on_contours(problem: Problem, cue: str = ENERGY) -> Problem:
     """Say whether contours were found, what became of them, and what decided that."""
     if problem.discontinuities is None:
-        sentence = "No contour was torn: nothing in the picture speaks clearly for one."
+        sentence = "Contours: none torn, as no line of the picture gives clear evidence."
     else:
         count = int(problem.discontinuities.sum())
-        sentence = f"Contours: {count:,} px are torn, where folds seem to hide what is behind them"
-        sentence += f" ({cue or 'those of before'} decided)."
+        sentence = f"Contours: {count:,} px torn ({cue or 'as before'})."
     return noted(remarked(problem, sentence), contours=problem.discontinuities is not None)

@@ -1,4 +1,4 @@
-"""What makes a result doubtful, in a sentence each; nothing is refused, for a frame may be a rare one."""
+"""What makes a result doubtful, a sentence each. Nothing is refused: a frame may be a rare one."""
 
 from collections.abc import Iterator
 
@@ -16,7 +16,7 @@ BLACKEST = 0.05  # albedo of tissue and of phantoms
 
 
 def doubts(result: Result) -> tuple[str, ...]:
-    """Say what about a result hardly can be true, in a sentence each; usually there is nothing to be said."""
+    """List what can hardly be true of a result, a sentence each; usually nothing."""
     return tuple(_doubts(result))
 
 
@@ -39,19 +39,19 @@ def _doubts(result: Result) -> Iterator[str]:
     explained = 1 - (float(np.var(left[compared])) + noise**2) / spread if spread > 0 else 1.0
     if explained < EXPLAINED:
         yield (
-            f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast, and of a usual "
-            "frame 99 %: this may be no endoscope's frame, or λ too large."
+            f"The surface explains {100 * max(explained, 0):.0f} % of the picture's contrast; 99 % is usual. "
+            "This may not be an endoscope's frame, or λ is too large."
         )
     if picture.ndim == 3:
         red, _, blue = (float(np.median(picture[..., channel][mask])) for channel in range(3))
         if blue > red:
-            yield "Blue is brighter than red, as in no tissue: they may be swapped, or the picture inverted."
+            yield "Blue is brighter than red, unlike tissue: they may be swapped, or the picture inverted."
     brightest = float(picture[mask].max())
     if brightest < DIM:
         yield (
-            f"The brightest pixel has {100 * brightest:.2g} % of what the file can hold: it may be of fewer "
-            "bits than its file, such as 12 in 16."
+            f"The brightest pixel has {100 * brightest:.2g} % of what the file can hold: it may use fewer "
+            "bits than the file, such as 12 of 16."
         )
     albedo = float(np.min(getattr(problem.photometry.brdf, "albedo", BLACKEST)))
     if albedo < BLACKEST:
-        yield f"An albedo of {albedo:.2g} is no tissue's, which has 0.1 to 0.8."
+        yield f"An albedo of {albedo:.2g} is too dark for tissue, which has 0.1 to 0.8."

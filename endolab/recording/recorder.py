@@ -208,9 +208,7 @@ class Recorder:
             If the recording is closed, nothing was recorded, or what was is not of the same size.
         """
         if not self._open:
-            raise ValueError(
-                "the recording is closed: use it as a context manager, or add it before"
-            )
+            raise ValueError("the recording is closed: use it as a context manager, or add it before")
         if self._last is None or self.shown is None:
             raise ValueError("nothing was recorded that could be trusted")
         shapes = uncertainty.sigma.shape, result.mask.shape, self._last.mask.shape

@@ -1,9 +1,9 @@
 """What may be wrong, as changes of the picture: of the logarithm of its light, (H, W).
 
 Most of it has a name and a number (`prior_sigma`). What has none is what the model leaves unexplained: the
-wall's own texture, folds that are no contours, light that it does not know. It shows in the residual, of which a fit
-takes most: a random field of the texture's length, fitted like the picture, tells how much it leaves. The
-residual around a pixel over that share is how strong such a field must be there.
+wall's own texture, folds that are no contours, light that it does not know. It shows in the residual, of
+which a fit takes most: a random field of the texture's length, fitted like the picture, tells how much it
+leaves. The residual around a pixel over that share is how strong such a field must be there.
 """
 
 from __future__ import annotations

@@ -56,13 +56,13 @@ class PriorSigma:
         notes = []
         if found:
             listed = ", ".join(f"{name} ± {value:.2g}" for name, value in found.items())
-            notes.append(f"The calibration's standard errors are used: {listed}.")
+            notes.append(f"Standard errors of the calibration: {listed}.")
         if len(found) < 2:
             listed = ", ".join(f"{n} ± {getattr(stated, n):g}" for n in ("k", "gamma") if n not in found)
-            why = "No standard errors of the calibration are known"
+            why = "The calibration states no standard errors"
             if nominal:
-                why = "Nobody measured " + ("the rest of the light" if found else "the light")
-            notes.append(f"{why}: taken are {listed}.")
+                why = "Light partly uncalibrated" if found else "Light uncalibrated"
+            notes.append(f"{why}; assuming {listed}.")
         k, gamma = (found.get(name, getattr(stated, name)) for name in ("k", "gamma"))
         return replace(stated, k=k, gamma=gamma, notes=tuple(notes))
 

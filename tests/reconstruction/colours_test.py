@@ -52,7 +52,7 @@ def test_factor_and_lamp_are_found(known, lamp):
 def test_no_bounces_are_found_where_there_are_none(known, given):
     found = found_light(shown(known, Light(ALBEDO, 0.0, 1.0, 0.0)), Belief.of(given))
     assert found.factor < 0.03
-    assert "no light that bounced" in found.describe(True, np.zeros(3))
+    assert "no indirect light" in found.describe(True, np.zeros(3))
 
 
 def test_a_rough_film_is_found_and_none_where_there_is_none(known):
@@ -61,7 +61,7 @@ def test_a_rough_film_is_found_and_none_where_there_is_none(known):
     )
     assert dry.film < 0.1
     assert wet.film > 0.5
-    assert "a rough film's sheen" in wet.describe(True, np.zeros(3))
+    assert "film's sheen" in wet.describe(True, np.zeros(3))
     assert "sheen" not in dry.describe(True, np.zeros(3))
 
 
@@ -72,7 +72,7 @@ def test_what_ends_at_a_bound_is_refused_and_the_fallback_named(known):
     before = Belief.of(ALBEDO).light
     assert (found.factor, found.lamp, found.film) == (before.factor, before.lamp, before.film)
     sentence = found.describe(True, np.array([90.0, 30.0, 20.0]))
-    assert "do not tell how much it was" in sentence
+    assert "do not tell how much there is" in sentence
     assert "computed, for given albedos of 0.62, 0.30, 0.22" in sentence
 
 

@@ -143,7 +143,7 @@ def test_how_the_scale_was_fixed_is_said(shot, relative):
 
 def test_what_gamma_does_is_what_it_does(shot, relative):
     """Solve with γ 0.1 larger: the ratio of the dark to the bright changes by what the sentence says."""
-    words = r"γ were (\S+) and not (\S+),.* ([\d.]+) % or more nearer.* ([\d.]+) %"
+    words = r"γ were (\S+) instead of (\S+),.* ([\d.]+) % nearer.* ([\d.]+) % farther"
     more, gamma, nearer, farther = map(float, re.search(words, note(relative, "γ")).groups())
     assert (more, gamma) == (pytest.approx(2.3), pytest.approx(2.2))
     wrong = el.Calibration(CAMERA, replace(shot.up_to_scale.photometry, gamma=2.3))
@@ -165,5 +165,5 @@ def test_pixels_that_say_less_are_counted_and_notes_told(relative):
     result = posed(relative, evidence=evidence, provenance=provenance)
     assert "300 of 30000 pixels (1 %)" in note(result, "saturated")
     assert "150 of 30000 pixels (0.5 %)" in note(result, "Highlights")
-    assert "0.75, 0.38, 0.3 (R, G, B)" in note(result, "bounced")
+    assert "0.75, 0.38, 0.3 (R, G, B)" in note(result, "removed")
     assert meaning(result)[-1] == "The colours say little."

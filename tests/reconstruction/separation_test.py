@@ -58,7 +58,7 @@ def test_a_third_of_the_error_is_left(dry, separated):
     assert settings["channel"] == "separated"
     np.testing.assert_allclose(settings["albedo"], ALBEDO, rtol=0.1)  # given ones are believed nearly
     assert settings["contours"] is True
-    assert "Bounced light was taken out" in note(separated)
+    assert "Indirect light removed" in note(separated)
     assert separated.metric
 
 
@@ -156,7 +156,7 @@ def test_where_nothing_bounces_nothing_is_taken_out():
         for one in (green, result)
     ]
     assert errors[1] < errors[0] + 0.5
-    assert "The colours show no light that bounced" in note(result)
+    assert "The colours show no indirect light" in note(result)
 
 
 def test_colours_that_contradict_each_other_are_not_believed(dry):
@@ -164,7 +164,7 @@ def test_colours_that_contradict_each_other_are_not_believed(dry):
     image = dry.frame.image.copy()
     image[..., 0], image[..., 2] = image[::-1, :, 0], image[:, ::-1, 2]
     result = solved(el.Frame(image, dry.frame.mask, "odd"), dry.calibration, width=160, contours=False)
-    assert "The colours do not tell how much it was (no one direct light)" in note(result)
+    assert "The colours do not tell how much there is (no one direct light)" in note(result)
     assert result.problem.settings["albedo"] == ALBEDO.tolist()
 
 

@@ -216,7 +216,7 @@ def _nodes(samples: Samples, count: int, levels: tuple[float, float]) -> tuple[F
     if count > 1:
         if np.ptp(theta) < 1e-3:
             why = "the BRDF cannot be told from samples that all lie at one incidence angle"
-            ways = 'tilt the sheet, or assume that it is matt (brdf="lambertian")'
+            ways = "tilt the sheet, or assume a matt sheet (lambertian BRDF)"
             raise NotIdentifiableError("brdf", f"{why}, {np.rad2deg(theta[0]):.1f}°; {ways}")
         chosen = place_nodes(theta, count)
     light = samples.level[good] ** 2

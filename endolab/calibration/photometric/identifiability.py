@@ -133,12 +133,12 @@ def refuse(model: LightModel, found: dict[str, Strength]) -> None:
             "k",
             "k cannot be told from these samples: in all frames the incidence angle goes with the angle off "
             "the axis, as on a sheet that faces the camera, and a free BRDF explains whatever k does; "
-            'tilt the sheet, or assume that it is matt (brdf="lambertian")',
+            "tilt the sheet, or assume a matt sheet (lambertian BRDF)",
         )
     if tabulated and frames == 1 and np.all(np.std(normals, axis=0) < 1e-3):
         why = "k cannot be told from a single frame of a flat sheet"
         error = "an error of its one pose would pass for fall-off"
-        ways = 'take more frames, or assume that the sheet is matt (brdf="lambertian")'
+        ways = "take more frames, or assume a matt sheet (lambertian BRDF)"
         raise NotIdentifiableError("k", f"{why}: {error}; {ways}")
     if k.sd > LARGEST_ERROR["k"]:
         have = f"{len(normals)} samples of {frames} frame{'' if frames == 1 else 's'}"
