@@ -347,7 +347,7 @@ def small_epsilon(error, costs, smoothest, family):
 
 
 @exercise("The slope of d over its median, halved; Huber of ε over ε; times w; its mean, times λ.")
-def first_order(data_term, regulariser):
+def first_order_energy(data_term, regulariser):
     _, frame, known, _ = posed("tube", 160)
     problem = make_problem(frame, known, smooth=0, xi="d", regulariser="first", lam=0.03)
     terms = energy_terms(problem, problem.log_facing)
@@ -355,7 +355,7 @@ def first_order(data_term, regulariser):
     yield Part("regulariser", regulariser, terms["regulariser"], 1e-3 * terms["regulariser"])
 
 
-convergence = SimpleNamespace(gauss_newton_step=gauss_newton_step, exercise_2=first_order)
+convergence = SimpleNamespace(gauss_newton_step=gauss_newton_step, exercise_2=first_order_energy)
 regulariser = SimpleNamespace(exercise_1=heavy_lam, exercise_2=small_epsilon)
 
 
