@@ -16,7 +16,9 @@ PAGES = [*NOTEBOOKS, *TEXTS]
 LINK = re.compile(r"\]\(([^)\s]+)\)")  # its target
 CHECK = re.compile(r"^check\.(\w+)\(", re.MULTILINE)  # of an answer, in a cell; of a solution
 CHECKED = re.compile(r"^assert check\.(\w+)\(", re.MULTILINE)
-MOST_CELLS, MOST_LINES, MOST_COLUMNS, MOST_BYTES = 60, 15, 110, 100_000
+MOST_CELLS, MOST_WORDS, MOST_CODE = 40, 1800, 220  # of a notebook
+MOST_LINES, MOST_COLUMNS = 15, 110  # of a cell
+NO_PROSE = re.compile(r"```.*?```|\$\$.*?\$\$|\$[^$]*\$", re.DOTALL)  # code and formulas
 
 
 @pytest.fixture(params=NOTEBOOKS, ids=lambda path: path.stem)
@@ -76,9 +78,11 @@ def test_it_opens_by_saying_what_one_will_do_learn_and_need(cells):
     assert all(f"**{words}**" in cells[0]["text"] for words in ("You will", "You will learn", "You need"))
 
 
-def test_it_keeps_to_its_budget(path, cells):
+def test_it_keeps_to_its_budget(cells):
     assert len(cells) <= MOST_CELLS
-    assert path.stat().st_size < MOST_BYTES
+    prose = " ".join(NO_PROSE.sub(" ", cell["text"]) for cell in cells if cell["cell_type"] == "markdown")
+    assert sum(any(map(str.isalpha, word)) for word in prose.split()) <= MOST_WORDS
+    assert sum(bool(line.strip()) for text in code_of(cells) for line in text.splitlines()) <= MOST_CODE
     for text in code_of(cells):
         assert len(text.splitlines()) <= MOST_LINES, text
         assert max(map(len, text.splitlines())) <= MOST_COLUMNS, text
