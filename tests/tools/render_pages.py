@@ -56,8 +56,10 @@ def with_links(text, path, out, names):
 
     def moved(match):
         before, target, after = match.groups()
-        if re.match(r"[a-z]+:", target) or "images/" in target:
+        if re.match(r"[a-z]+:", target):
             return match[0]
+        if "images/" in target:  # which the page holds, found from the folder of notebooks
+            return f"{before}images/{Path(target).name}{after}"
         source = Path(os.path.normpath(path.parent / target))
         page = f"{names[source]}.html" if source in names else Path(os.path.relpath(source, out)).as_posix()
         return f"{before}{page}{after}"
@@ -72,7 +74,7 @@ def executed(path):
     client = NotebookClient(
         notebook,
         timeout=120,
-        resources={"metadata": {"path": str(path.parent)}},
+        resources={"metadata": {"path": str(source)}},
         extra_arguments=[f"--IPKernelApp.code_to_run={STILLS}", "--IPKernelApp.log_level=ERROR"],
         store_widget_state=False,  # its script would come from the network
     )
@@ -128,7 +130,7 @@ def render_pages(notebooks, out, solutions=False):
                 if cell.cell_type == "markdown":
                     text = with_links(cell.source, path, target, names)
                     cell.source = SOLUTION.sub("<details open>", text) if solutions else text
-            where = {"metadata": {"name": name, "path": str(path.parent)}}
+            where = {"metadata": {"name": name, "path": str(source)}}
             page = exporter.from_notebook_node(notebook, resources=where)[0]
             (folder / f"{name}.html").write_text(page, encoding="utf-8")
     write_reference(target / "api")
