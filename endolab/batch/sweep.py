@@ -97,6 +97,17 @@ def sweep(
     ValueError, OSError
         In one sentence, if the table is none of ours or cannot be written, if frames share a name,
         or if there is nothing to do. What is in the table stays.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> known = el.load_calibration("paper", width=96)
+    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
+    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
+    >>> frame = el.Frame(seen.image, seen.mask, "colon")
+    >>> rows = el.sweep([frame], known, lam=[0.1, 1], channel="green", table="sweep.csv")
+    >>> [(row["lam"], row["status"]) for row in rows]
+    [(0.1, 'CONVERGED'), (1.0, 'CONVERGED')]
     """
     checked_solver(solver, {})
     if backend not in BACKENDS:

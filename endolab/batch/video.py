@@ -84,6 +84,11 @@ def reconstruct_video(
     **options
         Those of `endolab.reconstruct_sequence`, such as JSON can hold.
 
+    Returns
+    -------
+    VideoSummary
+        A row for each frame, and the files that were written.
+
     Raises
     ------
     ValueError, OSError

@@ -66,10 +66,22 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
     width : int, optional
         For pictures of this many columns and the same shape, px.
 
+    Returns
+    -------
+    Calibration
+        Camera and light, of `width` columns if that is given.
+
     Raises
     ------
     OSError, ValueError
         In one sentence, if there is none of that name, or as `Calibration.load`.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> known = el.load_calibration("paper", width=480)
+    >>> known.camera.width, known.camera.height, known.photometry.k
+    (480, 360, 2.5)
     """
     name = str(name_or_path)
     if name in CALIBRATIONS and not os.path.exists(name):

@@ -92,10 +92,22 @@ def load_traced(name: str = "diffuse-1") -> TracedSample:
         noise; `wet-1`, `wet-2` and `foggy` three lights, a wet film and three grey levels. The second
         and the last two are of a fisheye.
 
+    Returns
+    -------
+    TracedSample
+        Frame, calibration, true distance and normals, and the layers of light.
+
     Raises
     ------
     OSError, ValueError
         In one sentence, if there is none of that name or it cannot be read.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> sample = el.load_traced("wet-1")
+    >>> sample.frame.image.shape, sample.mirrored.any()
+    ((240, 320, 3), np.True_)
     """
     if name not in TRACED:
         raise unknown_name("traced frame", name, TRACED)

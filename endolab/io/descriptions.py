@@ -56,6 +56,11 @@ def make_calibration(session: Session, source: str = "", channel: str = "grey") 
 
     Parameters as of `evidence`. The BRDF is that of the sheet; the gain is None unless one was fitted to
     all frames. If the light was refused, it is `NOMINAL`, and the evidence says so.
+
+    Returns
+    -------
+    Calibration
+        What a session found, with its evidence.
     """
     # Here, for whoever reads a calibration need not be able to calibrate.
     from endolab.calibration.summary import evidence

@@ -132,12 +132,27 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     mask : path, optional
         A picture of the frame's size, bright where the frame is to be used.
 
+    Returns
+    -------
+    Frame
+        Stored values in [0, 1] and the pixels that are to be used.
+
     Raises
     ------
     OSError, ValueError
         In one sentence, if a file cannot be used.
     MemoryError
         If it is too large for this machine, before it is decoded.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> from matplotlib.pyplot import imsave
+    >>> sample = el.load_traced("matt")
+    >>> imsave("frame.png", sample.frame.image)
+    >>> frame = el.read_frame("frame.png", sample.calibration)
+    >>> frame.image.shape, frame.mask.dtype
+    ((240, 320, 3), dtype('bool'))
     """
     # Here, for who only writes pictures needs no compiled loops.
     from endolab.preprocessing.frame import Frame, check_size

@@ -145,6 +145,11 @@ def open_frames(*paths: PathLike) -> Frames:
         A folder with PNG, JPEG, TIFF or BMP files; or a video that OpenCV can read; or such files,
         wherever they are. Files are taken in the order of the numbers in their names.
 
+    Returns
+    -------
+    Frames
+        Names of the frames, which are read when they are needed.
+
     Raises
     ------
     FileNotFoundError, ValueError
@@ -224,6 +229,11 @@ def open_stream(source: int | PathLike) -> Stream:
     ----------
     source : int, str or path
         The number of a camera of this machine, as OpenCV counts them; a URL (rtsp, http, …); or a video.
+
+    Returns
+    -------
+    Stream
+        Gives names and pictures as they come; close it when done.
 
     Raises
     ------

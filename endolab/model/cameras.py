@@ -224,6 +224,13 @@ class Pinhole(_FocalCamera):
         Size of the picture, px.
     fx, fy, cx, cy : float
         Focal lengths and principal point, px.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> camera = el.Pinhole(320, 240, fx=160, fy=160, cx=159.5, cy=119.5)
+    >>> camera.project([10.0, 0.0, 20.0])  # a point, mm, to a pixel
+    array([239.5, 119.5])
     """
 
     model: ClassVar[str] = "pinhole"
@@ -260,6 +267,14 @@ class KannalaBrandt(_FocalCamera):
     -----
     The polynomial is used as far as it grows, at most to π: beyond that a pixel has no ray
     and a point no pixel. Agrees with ``cv2.fisheye`` below 90°, and goes on where that ends.
+
+    Examples
+    --------
+    >>> import endolab as el, numpy as np
+    >>> camera = el.load_calibration("paper", width=320).camera
+    >>> ray = camera.unproject([100.0, 50.0])
+    >>> np.allclose(camera.project(ray), [100, 50])
+    True
     """
 
     k: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)

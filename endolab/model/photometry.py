@@ -50,6 +50,14 @@ class Photometry:
         Of the surface.
     lights : tuple of SpotLight
         The real lights; empty means one at the optical centre.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> light = el.Photometry(k=0, gamma=1, gain=1)
+    >>> near, far = (light.intensity([0, 0, d], [0, 0, -1]) for d in (50.0, 100.0))
+    >>> round(float(near / far), 6)  # twice as far away, four times as dark
+    4.0
     """
 
     k: float = 2.5

@@ -46,6 +46,13 @@ class Frame:
     ValueError
         If the image has a value that is not finite or outside [0, 1], if its shape is not that of a
         picture, if the mask has another size or is empty.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> frame = el.load_traced("matt").frame
+    >>> frame.resize(160, 120, 2.2).image.shape
+    (120, 160, 3)
     """
 
     image: FloatArray

@@ -225,10 +225,23 @@ def prepare(
         What `endolab.reconstruct` means by it: take them as they are, which is the default; as no
         evidence (`Frame.silent`: the surface goes on beneath them); or filled in from around.
 
+    Returns
+    -------
+    Prepared
+        The frame to be solved, its masks, and notes on what was done.
+
     Raises
     ------
     ValueError
         If an option is unknown, sizes differ, or nothing is left to be solved.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> sample = el.load_traced("wet-1")
+    >>> prepared = el.prepare(sample.frame, sample.calibration, highlights="inpaint")
+    >>> prepared.highlights.shape
+    (240, 320)
     """
     highlights = check_highlights(highlights)
     camera, gamma = calibration.camera, calibration.photometry.gamma

@@ -56,6 +56,16 @@ def make_mesh(
     ------
     ValueError
         If arrays do not fit or a threshold is out of range.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> known = el.load_calibration("paper", width=96)
+    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
+    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
+    >>> mesh = el.make_mesh(el.reconstruct(el.Frame(seen.image, seen.mask), known, channel="green"))
+    >>> mesh.unit, mesh.triangles.shape[1]
+    ('mm', 3)
     """
     legend = ""
     if sigma is not None:

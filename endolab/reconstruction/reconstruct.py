@@ -47,6 +47,16 @@ def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVE
     """Iterates of all stages up to the solver's: ``for step in iterate(frame, calibration): ...``.
 
     Takes the keywords of `reconstruct` but for those that fix the scale.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> known = el.load_calibration("paper", width=96)
+    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
+    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
+    >>> frame = el.Frame(seen.image, seen.mask)
+    >>> [step.k for step in el.iterate(frame, known, channel="green", max_iterations=2)]
+    [0, 1, 2]
     """
     return _begun(frame, calibration, solver, options)[1]
 
@@ -225,6 +235,16 @@ def reconstruct(
         In one sentence, if frame, calibration or an option cannot be used.
     MemoryError
         If the problem is too large for this machine, before anything is computed.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> known = el.load_calibration("paper", width=96)
+    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
+    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
+    >>> result = el.reconstruct(el.Frame(seen.image, seen.mask), known)
+    >>> result.status.name, result.metric, result.distance.shape
+    ('CONVERGED', True, (72, 96))
     """
     lengths: dict[str, Any] = {"median_distance": median_distance, "known_distance": known_distance}
     lengths["known_diameter"] = known_diameter

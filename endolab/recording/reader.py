@@ -34,6 +34,11 @@ def read_recording(path: PathLike) -> Recording:
     path : path
         The ``.rrd`` file.
 
+    Returns
+    -------
+    Recording
+        Curves, depth maps and normals by iteration; of several runs, `runs` has each.
+
     Raises
     ------
     OSError, ValueError
@@ -41,6 +46,18 @@ def read_recording(path: PathLike) -> Recording:
         Rerun.
     MemoryError
         If it is too large for this machine.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> known = el.load_calibration("paper", width=96)
+    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
+    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
+    >>> with el.record("run.rrd") as recorder:
+    ...     result = el.reconstruct(el.Frame(seen.image, seen.mask), known, observers=[recorder])
+    >>> recording = el.read_recording("run.rrd")
+    >>> recording.unit, recording.depth().shape
+    ('mm', (72, 96))
     """
     batches = list(_batches(Path(path)))
     entities: dict[str, dict[str, Rows]] = {}

@@ -108,6 +108,16 @@ def save_result(
     ------
     OSError
         In one sentence, if they cannot be written or the folder holds files of others.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> known = el.load_calibration("paper", width=96)
+    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
+    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
+    >>> el.save_result(el.reconstruct(el.Frame(seen.image, seen.mask), known, channel="green"), "out")
+    >>> sorted(path.name for path in Path("out").iterdir())
+    ['cloud.ply', 'depth.npz', 'overview.png', 'report.json']
     """
     with staged_folder(folder, overwrite=overwrite) as staging:
         write_files(result, staging, mesh=mesh, prepared=prepared, uncertainty=uncertainty)

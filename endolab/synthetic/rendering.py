@@ -133,6 +133,14 @@ def render(
     ------
     ValueError
         If an option is negative or not finite, or if the camera sees nothing lit.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> known = el.load_calibration("simple", width=80)
+    >>> seen = el.render(el.SCENES["tube"], known.camera, known.photometry, noise=1, bits=8)
+    >>> seen.image.shape, seen.distance.shape
+    ((60, 80, 3), (60, 80))
     """
     check_amounts(noise=noise, texture=texture, fog=fog, highlights=highlights)
     if bits is not None and not 1 <= bits <= 16:

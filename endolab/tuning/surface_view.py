@@ -190,6 +190,11 @@ def show_surface(shown: Result | Iterate, picture: np.ndarray | None = None) -> 
     picture : (h, w, 3) or (h, w) array, optional
         What lies on it: bytes, or numbers in [0, 1]; by default the frame.
 
+    Returns
+    -------
+    SurfaceView
+        The widget, which is shown already.
+
     Raises
     ------
     ValueError

@@ -77,6 +77,11 @@ def tune(
     width : int
         Columns to begin with, px.
 
+    Returns
+    -------
+    TunerBox
+        The widget; `box.answer` is what is on the screen.
+
     Raises
     ------
     ValueError

@@ -103,6 +103,11 @@ def uncertainty_of(
     threads : int, optional
         The most cores to use, as of `reconstruct`.
 
+    Returns
+    -------
+    Uncertainty
+        Standard deviations of each pixel's distance, by cause too, and what decided it.
+
     Raises
     ------
     ValueError
@@ -110,6 +115,17 @@ def uncertainty_of(
     KeyboardInterrupt
         If it is stopped before the fourth draw: σ without the random fields, the most of it, would be too
         small, and nothing is told.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> known = el.load_calibration("paper", width=96)
+    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
+    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
+    >>> result = el.reconstruct(el.Frame(seen.image, seen.mask), known, channel="green")
+    >>> uncertainty = el.uncertainty_of(result, known)
+    >>> uncertainty.sigma.shape, sorted(uncertainty.causes)[:3]
+    ((72, 96), ['albedo', 'border', 'bounced light'])
     """
     if not isinstance(result, Result | Iterate):
         raise ValueError(f"result must be a Result, got {excerpt(result)}")

@@ -74,7 +74,7 @@ def executed(path):
     client = NotebookClient(
         notebook,
         timeout=120,
-        resources={"metadata": {"path": str(source)}},
+        resources={"metadata": {"path": str(path.parent)}},
         extra_arguments=[f"--IPKernelApp.code_to_run={STILLS}", "--IPKernelApp.log_level=ERROR"],
         store_widget_state=False,  # its script would come from the network
     )

@@ -185,6 +185,11 @@ def calibrate_camera(
     observers : iterable of callables
         Each is shown every iterate of the last fit; True stops it.
 
+    Returns
+    -------
+    CameraFit
+        Camera, poses, residuals and standard errors.
+
     Raises
     ------
     ValueError

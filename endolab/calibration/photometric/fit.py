@@ -165,12 +165,27 @@ def calibrate_light(
     observers : iterable of callables
         Each is shown every iterate, a `FitIterate` of `LightUnknowns`; True stops the fit.
 
+    Returns
+    -------
+    LightFit
+        Light, gains, residuals and standard errors; `verdict` says what they are worth.
+
     Raises
     ------
     NotIdentifiableError
         If the samples cannot tell what is asked, naming it and the reason.
     ValueError
         If an argument has a wrong value or there are too few samples.
+
+    Examples
+    --------
+    >>> import endolab as el
+    >>> from endolab.calibration.simulation.video import simulate_samples
+    >>> paper = el.load_calibration("paper", width=320)
+    >>> samples, _ = simulate_samples(el.TARGETS["vicalib_small"], paper.camera, el.Photometry(k=2.5), 60)
+    >>> fit = el.calibrate_light(samples)
+    >>> abs(fit.k - 2.5) < 3 * fit.standard_errors["k"]
+    True
     """
     for name, value, choices in (
         ("brdf", brdf, ("tabulated", "lambertian")),
