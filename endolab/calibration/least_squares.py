@@ -28,7 +28,7 @@ from endolab.numerics.penalties import huber
 HUBER = 1.5  # standard deviations where the parabola becomes a line
 CUT = 3.5  # standard deviations beyond which a residual is an outlier
 TOLERANCE = 1e-4  # a step is the last if it moves no unknown by more of its standard error
-NEAR = 1.0  # the same for the first stage, which only has to come near
+ROUGH_TOLERANCE = 1.0  # the same for the first stage, which only has to come near
 ROUNDS = 20  # of freezing σ and the outliers, at most
 SMALLEST = 1e-4  # σ is never less, be it of pixels or stored values: rounding would count
 GONE = 1e-13  # eigenvalue, relative to the diagonal, of a direction that the data do not tell
@@ -257,7 +257,7 @@ def _descend(
     model: Model, last: FitIterate, choice: _Round, max_iterations: int
 ) -> Generator[FitIterate, None, tuple[FitIterate, Status]]:
     """Minimise the cost of one round by Levenberg-Marquardt steps."""
-    damping, tolerance = 1e-10, TOLERANCE if choice.stage == "final" else NEAR
+    damping, tolerance = 1e-10, TOLERANCE if choice.stage == "final" else ROUGH_TOLERANCE
     while last.k < max_iterations:
         lin = model.linearise(last.unknowns)
         arrow = Arrow(lin, choice.weight(lin.residual), model.group)

@@ -27,7 +27,7 @@ from endolab.cli.tune import add_tune_command
 
 UNREAD = 141  # the exit status, as shells know it
 _ended: list[int] = []  # the signals that asked for an end
-LONGEST = 600  # characters of a complaint; what was typed may be as long as it likes
+LONGEST_COMPLAINT = 600  # characters of a complaint; what was typed may be as long as it likes
 FRAME_OPTIONS = ("texture", "fog", "highlights")  # of `simulate`, but for its calibration video
 
 
@@ -226,8 +226,8 @@ def in_one_line(error: object) -> str:
     if isinstance(error, OSError) and error.strerror:  # the system's own words
         text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     text = text.replace("overwrite=True", "--overwrite")  # as one says it here
-    if len(text) > LONGEST:
-        text = f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}"
+    if len(text) > LONGEST_COMPLAINT:
+        text = f"{text[: LONGEST_COMPLAINT // 2]} … {text[-LONGEST_COMPLAINT // 2 :]}"
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 CHANNELS = ("auto", "separated", "red", "green", "blue", "grey")
-MOST = 2**31 - 1  # that a whole number may be; no count is larger
+LARGEST_COUNT = 2**31 - 1  # that a whole number may be; no count is larger
 CONTOURS = {"auto": None, "yes": True, "no": False}
 LENGTHS = ("median_distance", "known_distance", "known_diameter")  # one of which may fix the scale
 SOLVING = (
@@ -25,8 +25,8 @@ def whole(text: str) -> int:
     try:
         value = int(text)
     except ValueError:
-        value = MOST + 1
-    if abs(value) > MOST:
+        value = LARGEST_COUNT + 1
+    if abs(value) > LARGEST_COUNT:
         raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}")
     return value
 

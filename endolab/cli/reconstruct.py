@@ -20,7 +20,7 @@ from endolab.cli.options import (
 )
 
 SNAPSHOTS = 12  # of a march, in its recording
-LARGE = 4_000_000  # px of a frame that takes long
+LARGE_FRAME = 4_000_000  # px of a frame that takes long
 OF_ONE = ("mesh", "prepare", "uncertainty", "snapshots")  # options that are of one frame
 
 
@@ -57,7 +57,7 @@ def _say_if_large(arguments: argparse.Namespace, calibration: Any) -> None:
     camera = calibration.camera
     wide = arguments.width or camera.width
     pixels = wide**2 * camera.height / camera.width
-    if pixels > LARGE:
+    if pixels > LARGE_FRAME:
         print(f"{pixels / 1e6:.0f} megapixels take their time; --width 1000 is quicker.", flush=True)
 
 

@@ -41,19 +41,19 @@ from endolab.numerics.checks import number, whole
 from endolab.numerics.compiled import inner, padded
 from endolab.numerics.iteration import Status
 
-LONGEST = 0.5  # of a step, in log d: a factor of 1.65 in distance
+LONGEST_STEP = 0.5  # of a step, in log d: a factor of 1.65 in distance
 RELIEF = 0.25  # of what is charged for slopes beforehand, after a step that was taken whole
 SHORTEST = 2.0**-6  # share of a step below which the search along it gives up
 ROUNDING = 1e-24  # an energy as small as that of residuals of 1e-12
 DAMPING = 1e-3  # added to the diagonal, as a share of what the data put there without slant
 HELD = 1.0  # the same where no share of a step lowers the energy
-PRECISION, MOST = 0.1, 20  # of the inner solver: residual left, steps
+PRECISION, MOST_INNER_STEPS = 0.1, 20  # of the inner solver: residual left, steps
 RATE, SLOWEST = 0.65, 0.95  # of a fall, how much is taken to follow: at first, at most
 COARSEST = 24  # rows and columns of the coarsest grid, at least
 CONTINUATION = (10.0, 3.0, 1.0)  # multiples of λ on the coarsest grid
-STEPS = 4  # on each of the coarser grids
+COARSE_STEPS = 4  # on each of the coarser grids
 LOOK = 2  # times the grid is halved to see whether a start is near
-NEAR = 1.2  # it is if its energy there is at most this many times what a step leaves
+NEARLY_BEST = 1.2  # it is if its energy there is at most this many times what a step leaves
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class _State:
         multigrid = self.multigrid
         for damping in (DAMPING, HELD):
             multigrid = Multigrid(coefficients, damping, multigrid)
-            delta, steps, unsolved = multigrid.solve(descent, PRECISION, MOST)
+            delta, steps, unsolved = multigrid.solve(descent, PRECISION, MOST_INNER_STEPS)
             promise = max(0.5 * dot(descent, delta) / self.grid.count, 0.0)
             slants = self.grid.slants(delta)
             best = self._along(delta, promise)
@@ -132,7 +132,7 @@ class _State:
         """
         best, share, there = self, 1.0, np.empty_like(self.v)
         while share >= SHORTEST:
-            advance(self.v, delta, share, LONGEST, self.grid.ceiling, there)
+            advance(self.v, delta, share, LONGEST_STEP, self.grid.ceiling, there)
             tried = replace(self, v=there, terms=self.grid.terms(there, self.lam), share=share)
             if tried.energy < best.energy:
                 best, there = tried, np.empty_like(self.v)
@@ -144,9 +144,9 @@ class _State:
         return best
 
     def descended(self, tolerance: float) -> _State:
-        """Take up to `STEPS` steps."""
+        """Take up to `COARSE_STEPS` steps."""
         state = self
-        for _ in range(STEPS):
+        for _ in range(COARSE_STEPS):
             state = state.stepped()
             if state.share == 0 or state.has_converged(tolerance):
                 break
@@ -202,7 +202,7 @@ def _adapted(finest: Grid, start: FloatArray, tolerance: float) -> FloatArray:
         starts.append(grid.restrict(starts[-1]))
     begun = _State.at(grids[-1], starts[-1], lam)
     state = begun.stepped()
-    if begun.energy <= NEAR * state.energy:
+    if begun.energy <= NEARLY_BEST * state.energy:
         return start
     state = state.descended(tolerance)
     for level in range(len(grids) - 2, -1, -1):

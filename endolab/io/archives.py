@@ -9,7 +9,7 @@ import numpy as np
 from endolab.io.atomic import PathLike, damage_named, read_bytes
 from endolab.numerics.memory import check_memory
 
-MOST = 2_000_000_000  # bytes of arrays; the maps of a frame of 10 megapixels take a sixth
+MOST_BYTES = 2_000_000_000  # bytes of arrays; the maps of a frame of 10 megapixels take a sixth
 
 
 def read_arrays(path: PathLike, what: str, names: Collection[str]) -> dict[str, np.ndarray]:
@@ -22,7 +22,7 @@ def read_arrays(path: PathLike, what: str, names: Collection[str]) -> dict[str, 
     with damage_named(path, what), zipfile.ZipFile(io.BytesIO(content)) as archive:
         sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
     needed = sum(sizes.get(name, 0) for name in names)
-    if needed > MOST:
+    if needed > MOST_BYTES:
         raise ValueError(f"{path}: not {what}: it would take {needed / 1e9:.1f} GB")
     check_memory(2 * needed, f"{path}: what it holds")
     with damage_named(path, what), np.load(io.BytesIO(content), allow_pickle=False) as archive:

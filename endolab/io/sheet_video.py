@@ -17,7 +17,7 @@ from endolab.model.brdf import TabulatedBRDF
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 
-MOST = 1_000_000  # frames, whose names have six digits
+MOST_FRAMES = 1_000_000  # frames, whose names have six digits
 
 
 def save_sheet_video(
@@ -39,8 +39,8 @@ def save_sheet_video(
     `PAPER_SHEET`; `how` are options of `simulate_video`. What is there already is replaced as by
     `staged_folder`. ValueError, if other pictures are there: they would be taken for more of these frames.
     """
-    if not 1 <= count <= MOST:
-        raise ValueError(f"count must be from 1 to {MOST}, got {count}")
+    if not 1 <= count <= MOST_FRAMES:
+        raise ValueError(f"count must be from 1 to {MOST_FRAMES}, got {count}")
     files = ["sheet.mkv"] if video else [f"{number:06d}.png" for number in range(count)]
     others = set() if video else {path.name for path in Path(folder).glob("[!.]*") if path.suffix in PICTURES}
     if others.difference(files):

@@ -21,9 +21,9 @@ from endolab.numerics.memory import check_memory
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv")
-PATIENCE = 5000  # ms after which a stream that does not answer is given up
+STREAM_TIMEOUT = 5000  # ms after which a stream that does not answer is given up
 USUAL_RATE = 25.0  # frames per second of a video that does not tell its own
-LEAST = 64  # bytes of a video for each frame that it may promise; others are counted
+LEAST_BYTES = 64  # bytes of a video for each frame that it may promise; others are counted
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what FFmpeg would print is said in one sentence
 
 
@@ -165,7 +165,7 @@ def open_frames(*paths: PathLike) -> Frames:
             raise FileNotFoundError(f"{source}: there is no such folder or video")
         files = list(source.iterdir()) if source.is_dir() else None
     if files is None:
-        count = _count(_open(source), source.stat().st_size // LEAST)
+        count = _count(_open(source), source.stat().st_size // LEAST_BYTES)
         if count == 0:
             raise ValueError(f"{source}: a video without a frame that can be decoded")
         return Frames(source, tuple(f"{number:06d}" for number in range(count)))
@@ -248,7 +248,7 @@ def open_stream(source: int | PathLike) -> Stream:
         rate = capture.get(cv2.CAP_PROP_FPS)
         return Stream(capture, str(path), rate if 1 <= rate <= 1000 else USUAL_RATE)
     text = str(source)
-    limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, PATIENCE, cv2.CAP_PROP_READ_TIMEOUT_MSEC, PATIENCE]
+    limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, STREAM_TIMEOUT, cv2.CAP_PROP_READ_TIMEOUT_MSEC, STREAM_TIMEOUT]
     is_url = "://" in text
     capture = cv2.VideoCapture(text, cv2.CAP_FFMPEG, limits) if is_url else cv2.VideoCapture(int(text))
     name = text if is_url else f"camera {text}"

@@ -46,7 +46,7 @@ HIDDEN = 0.75  # of what a patch does not see, how much is a wall; so red and gr
 BOUNCES = 16  # counted one by one; those after them fall by a constant share
 LASTING = 0.98  # share that a further bounce may leave
 GRAZING = 1e-3  # cos α below which a lamp's light no longer falls
-MOST = 20.0  # ι, beyond which it says that the lamp hardly reaches the wall
+MOST_INDIRECT = 20.0  # ι, beyond which it says that the lamp hardly reaches the wall
 
 
 @on_cores(cost=9)
@@ -224,7 +224,7 @@ class Walls:
         fine = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
         lit = self.direct > 0
         share = fine.reshape(height, width, -1) / np.where(lit, self.direct, 1.0)[..., None]
-        found = np.where(lit[..., None], np.minimum(share, MOST), 0.0)
+        found = np.where(lit[..., None], np.minimum(share, MOST_INDIRECT), 0.0)
         return found if np.ndim(albedo) else found[..., 0]
 
 

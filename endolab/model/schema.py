@@ -8,14 +8,14 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-MOST = 2**53  # of whole numbers; beyond, a float holds them no more
-LONGEST = 80  # characters of a value of a file in a sentence
+LARGEST_WHOLE = 2**53  # of whole numbers; beyond, a float holds them no more
+LONGEST_VALUE = 80  # characters of a value of a file in a sentence
 
 
 def nearest(found: object, choices: Iterable[str]) -> str:
     """The one of some names that a misspelt one is like, whatever its case; "" if there is none."""
     plain = {name.lower(): name for name in choices}
-    if len(str(found)) > LONGEST:
+    if len(str(found)) > LONGEST_VALUE:
         return ""
     return next((plain[name] for name in difflib.get_close_matches(str(found).lower(), plain, 1)), "")
 
@@ -37,7 +37,7 @@ def quoted(value: object) -> str:
     return shortened(json.dumps(value))
 
 
-def shortened(text: str, most: int = LONGEST) -> str:
+def shortened(text: str, most: int = LONGEST_VALUE) -> str:
     """Leave out the middle of what is too long, and what cannot be printed in one line."""
     if len(text) > most:
         text = f"{text[: most // 2]} … {text[-most // 2 :]}"
@@ -67,7 +67,7 @@ class Section:
     def error(self, key: str, what: str) -> ValueError:
         """Make the error that says what is wrong with a key; "" means this part as a whole."""
         name = shortened(".".join(part for part in (self.where, key) if part))
-        return ValueError(f"{self.file}: {name or 'the file'}: {shortened(what, 5 * LONGEST)}")
+        return ValueError(f"{self.file}: {name or 'the file'}: {shortened(what, 5 * LONGEST_VALUE)}")
 
     def take(self, key: str, default: Any = ...) -> Any:
         """Take out a value of any kind; it must be there unless a default is given."""
@@ -100,7 +100,7 @@ class Section:
     def whole(self, key: str, default: Any = ..., low: int = 0) -> int:
         """Take out a whole number of at least `low`."""
         value = self.number(key, default, low)
-        if value != int(value) or value > MOST:
+        if value != int(value) or value > LARGEST_WHOLE:
             raise self.error(key, f"expected a whole number, found {value:g}")
         return int(value)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 
-LONGEST = 60  # characters of a value that a sentence repeats
+LONGEST_EXCERPT = 60  # characters of a value that a sentence repeats
 
 
 def excerpt(value: object) -> str:
@@ -18,7 +18,7 @@ def excerpt(value: object) -> str:
         text = repr(value.item() if isinstance(value, np.ndarray | np.generic) else value)
     except (ValueError, RecursionError):  # a whole number of thousands of digits
         text = type(value).__name__
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
+    return text if len(text) <= LONGEST_EXCERPT else f"{text[:LONGEST_EXCERPT]}…"
 
 
 def number(name: str, value: Any, least: float = -math.inf, most: float = math.inf) -> float:

@@ -10,7 +10,7 @@ from endolab.numerics.arrays import FloatArray
 
 NEGLIGIBLE = 1e-20  # share of the largest term below which a polynomial's highest terms are none
 TABLE = 4096  # places at which an increasing function is looked up
-STEPS = 12  # of Newton: two are enough where the slope is not 0
+NEWTON_STEPS = 12  # of Newton: two are enough where the slope is not 0
 
 
 def smallest_positive_root(coefficients: ArrayLike, limit: float) -> float:
@@ -38,7 +38,7 @@ def invert_increasing(
     values = function(places)[0]
     cell = np.clip(np.searchsorted(values, target), 1, TABLE - 1)
     x = np.interp(target, values, places)
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         value, slope = function(x)
         step = (value - target) / np.where(slope > 0, slope, np.inf)
         x = np.clip(x - step, places[cell - 1], places[cell])

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from endolab.numerics.threads import threads
 
-LARGE = 300_000  # pixels; with fewer, threads cost more than they bring
+WORTH_THREADS = 300_000  # pixels; with fewer, threads cost more than they bring
 BAND = 30_000  # pixels of a band, at least; a map of 8 bytes each and a few more like it fit the cache
 
 Item = TypeVar("Item")
@@ -22,7 +22,7 @@ def side_by_side(function: Callable[[Item], Found], items: Iterable[Item], pixel
     """Map a function, on threads if it is about so many pixels that it pays; the first error is raised."""
     wanted = list(items)
     count = min(threads(), len(wanted))
-    if pixels < LARGE or count <= 1:
+    if pixels < WORTH_THREADS or count <= 1:
         return [function(one) for one in wanted]
     contexts = [copy_context() for _ in wanted]
     with ThreadPoolExecutor(count) as pool:
@@ -35,7 +35,7 @@ def by_rows(function: Callable[[slice], object], shape: tuple[int, ...]) -> None
     What it writes to a band must not depend on others.
     """
     rows, columns = shape[:2]
-    if rows * columns < LARGE:
+    if rows * columns < WORTH_THREADS:
         function(slice(0, rows))
         return
     step = max(1, BAND // columns)

@@ -26,8 +26,8 @@ from endolab.plots.uncertainty import ring
 
 ROWS = (SKY, VERMILION, *OTHERS)  # of the target, over and over
 MOST_ARROWS = 800  # more hide each other
-FEW = 40  # frames whose names fit below their bars
-LONGEST = 4.0  # standard deviations that an arrow shows
+FEW_FRAMES = 40  # frames whose names fit below their bars
+LONGEST_ARROW = 4.0  # standard deviations that an arrow shows
 
 
 def _picture_axes(ax: Axes | None, title: str, camera: KannalaBrandt) -> Axes:
@@ -99,7 +99,7 @@ def show_reprojection(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     for which, colour, what, order in ((inliers, BLUE, "inlier", 3), (~inliers, VERMILION, "outlier", 2)):
         drawn = np.random.default_rng(0).permutation(np.flatnonzero(which))[:MOST_ARROWS]
         look = {"color": colour, "label": counted(int(which.sum()), what), "zorder": order}
-        _arrows(ax, pixels[drawn], residuals[drawn], magnify, LONGEST * sigma, **look)
+        _arrows(ax, pixels[drawn], residuals[drawn], magnify, LONGEST_ARROW * sigma, **look)
     ax.legend(loc="upper right", ncols=2, frameon=True)
     return ax
 
@@ -176,7 +176,7 @@ def show_frame_errors(
     names, place = list(errors), np.arange(len(errors))
     values = np.nan_to_num([errors[name] for name in names])
     ax.bar(place, values, width=0.8, color=[VERMILION if name in marked else SKY for name in names])
-    labelled = [i for i in place if names[i] in marked or len(names) <= FEW]
+    labelled = [i for i in place if names[i] in marked or len(names) <= FEW_FRAMES]
     ax.set_xticks(labelled, [names[i] for i in labelled], rotation=90, size="small")
     ax.set_xlim(-0.6, len(names) - 0.4)
     return decorate(ax, "Error of every frame", "", f"root mean square [{unit}]")
@@ -201,7 +201,7 @@ def show_found(image: FloatArray, session: Session, name: str, ax: Axes | None =
     ax = show_picture(image, ax, f"{name}: {error:.3f} px, arrows × {magnify:g}")
     ax.plot(*expected.T, "o", ms=8, mfc="none", mec=ORANGE, mew=1.4, label="expected")
     ax.plot(*found.T, "o", ms=3, color=SKY, label="found")
-    _arrows(ax, expected, found - expected, magnify, LONGEST * error, color=VERMILION)
+    _arrows(ax, expected, found - expected, magnify, LONGEST_ARROW * error, color=VERMILION)
     (left, top), (right, bottom) = low - room, high + room
     ax.set(xlim=(left, right), ylim=(bottom, top))
     ax.legend(loc="upper right", frameon=True)

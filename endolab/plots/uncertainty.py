@@ -17,7 +17,7 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.style import LEFT_OUT, PAGE_SIZE, VERMILION, colour_bar, decorate, house, new_axes
 
-MOST = 90  # percentile of what lies within the angles seen, where the colours end: the rim is far worse
+COLOUR_PERCENTILE = 90  # of what lies within the angles seen, where the colours end: the rim is far worse
 RAYS = {  # what can be shown of them: field of `RayUncertainty`, title and label
     "shape": ("mrad_shape", "Rays, a common turn apart", "σ of the ray [mrad]"),
     "px": ("px", "Pixel of a ray", "σ of the pixel [px]"),
@@ -44,7 +44,9 @@ def _show(
     """Show a map at `places` with the ring of the largest angle seen."""
     ax = new_axes(ax)
     inside = known_within(values, camera, seen)
-    most = (float(np.percentile(inside, MOST)) if inside.size else 0.0) if limit is None else limit
+    most = (
+        (float(np.percentile(inside, COLOUR_PERCENTILE)) if inside.size else 0.0) if limit is None else limit
+    )
     most = most if most > 0 else 1.0
     extent = (-0.5, camera.width - 0.5, camera.height - 0.5, -0.5)
     shown = ax.imshow(values, cmap="viridis", vmin=0.0, vmax=most, extent=extent, interpolation="nearest")

@@ -22,7 +22,7 @@ from endolab.preprocessing.frame import QUIET, noise_level, power
 SMALL, LARGE = 1 / 100, 1 / 30  # half the width of highlights: most, and the largest
 AROUND = 1 / 8  # half the neighbourhood whose palest quarter is the tissue's colour
 COARSE = 80  # pixels across what the endoscope shows, at which that colour is sought
-STEPS = 200  # of a colour over red, in one
+COLOUR_STEPS = 200  # of a colour over red, in one
 SKIRT_WIDTH = 1 / 320  # a highlight's faint rim
 SEED, SKIRT = 0.3, 0.12  # where a small highlight begins and ends
 LARGE_SEED, LARGE_SKIRT = 1.5, 0.75  # the same of large ones, as folds bulge at that scale
@@ -71,10 +71,10 @@ def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
     ratio = small / np.maximum(small[..., :1], 1e-4)
     width = _odd(AROUND * wide / step)
     window, reach = np.ones((width, width), np.uint8), width // 2
-    levels = np.clip(STEPS * ratio + 0.5, 0, 255).astype(np.uint8)
+    levels = np.clip(COLOUR_STEPS * ratio + 0.5, 0, 255).astype(np.uint8)
     framed = cv2.copyMakeBorder(levels, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
     pale = np.stack([rank.percentile(one, window, p0=0.75) for one in cv2.split(framed)], axis=-1)
-    pale = pale[reach:-reach, reach:-reach] / STEPS
+    pale = pale[reach:-reach, reach:-reach] / COLOUR_STEPS
     return np.asarray(cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR), dtype=np.float64)
 
 

@@ -20,7 +20,7 @@ from endolab.preprocessing.frame import (
 )
 from endolab.preprocessing.highlights import check_highlights, find_highlights, grown, inpaint
 
-FEW = 5.0  # signal over noise below which noise alone moves a distance by γ/10, about a fifth
+LEAST_SIGNAL = 5.0  # signal over noise below which noise alone moves a distance by γ/10, about a fifth
 COMBED = 0.05  # combing from which on a frame is taken for interlaced
 HALO = 2 / 320  # of the picture's width: colour fringes around highlights, which inpainting must not spread
 PAPER_WHITE, PALE, STANDS_OUT = 0.6, 0.08, 0.2  # of text: least value, most colour, contrast
@@ -60,7 +60,7 @@ def dark_lumen(image: FloatArray, mask: BoolArray) -> BoolArray:
     distance is there uncertain by γ/10 from noise alone. Specks are left alone.
     """
     green = np.where(mask, np.nan_to_num(_green(image)), 0.0)
-    limit = max(DARK, FEW * noise_level(green, mask))
+    limit = max(DARK, LEAST_SIGNAL * noise_level(green, mask))
     share = cv2.blur(mask.astype(np.float64), (5, 5), borderType=cv2.BORDER_CONSTANT)
     calm = cv2.blur(green, (5, 5), borderType=cv2.BORDER_CONSTANT) / np.where(mask, share, 1.0)
     return large_parts(mask & (calm < limit), max(9, 2e-4 * mask.sum()))

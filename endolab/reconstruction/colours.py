@@ -22,7 +22,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from endolab.depth.problem import EXACT, Problem
-from endolab.model.interreflection import MOST, Walls, bounced_and_slope
+from endolab.model.interreflection import MOST_INDIRECT, Walls, bounced_and_slope
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 TISSUE = (0.7, 0.35, 0.28)  # red, green and blue of mucosa, before anything is known
@@ -37,13 +37,13 @@ FILM = 0.0, 0.15  # m before and its width; 1 mirrors 4 % at normal incidence, a
 ROUGHNESS = 0.3  # of the film, GGX's α
 PIECES = 20.0  # errors of S go on over many patches: so many of them are independent
 FLOOR = 0.25  # of the robust standard deviation, in units of TEXTURE: S is never exact
-LARGEST, SHINIEST = 2.5, 3.0  # p and m at most
-NEAR = 0.98  # share of a bound beyond which an estimate is at it
+LARGEST_FACTOR, SHINIEST = 2.5, 3.0  # p and m at most
+AT_BOUND = 0.98  # share of a bound beyond which an estimate is at it
 ALBEDOS = 0.02, 0.95  # least and greatest
 MISFIT = 0.1  # mean difference of the colours' log E beyond which they say no one E
 NONE_BOUNCED = 0.05  # of p, below which nothing is taken to have bounced
 SEEN = 0.2  # of m, beyond which a film is spoken of
-LEAST = 30  # patches that show all three colours
+LEAST_PATCHES = 30  # patches that show all three colours
 ROUNDS = 3  # of the robust weights' scale
 ALIKE = 0.1  # albedos that differ by no more, as a share, tell nothing
 LAMPS = (0.0, 0.5, 1.0)  # shares b for which S is computed, to be interpolated
@@ -164,8 +164,8 @@ class Patches:
         for index in (low, low + 1):
             light, slope = bounced_and_slope(self.orders[index], albedo)
             share, slope = light / self.direct[index][:, None], slope / self.direct[index][:, None]
-            shares.append(np.minimum(share, MOST))
-            slopes.append(np.where(share < MOST, slope, 0.0))
+            shares.append(np.minimum(share, MOST_INDIRECT))
+            slopes.append(np.where(share < MOST_INDIRECT, slope, 0.0))
         change = shares[1] - shares[0]
         share = shares[0] + (place - low) * change
         by_albedo = slopes[0] + (place - low) * (slopes[1] - slopes[0])
@@ -252,7 +252,7 @@ def found_light(patches: Patches, belief: Belief) -> Light:
 
     Raises `NoColour` if albedos that are not given come out as good as equal.
     """
-    if len(patches.light) < LEAST:
+    if len(patches.light) < LEAST_PATCHES:
         return replace(belief.light, refused="too little of the picture shows all three")
 
     def unexplained(x: FloatArray) -> FloatArray:
@@ -260,7 +260,7 @@ def found_light(patches: Patches, belief: Belief) -> Light:
         return patches.light - np.log1p(patches.beside_and_slopes(x[0], x[1], np.exp(x[3:]), x[2])[0]) - x[3:]
 
     low = np.array([0.0, 0.0, 0.0, *np.log(3 * [ALBEDOS[0]])])
-    high = np.array([LARGEST, 1.0, SHINIEST, *np.log(3 * [ALBEDOS[1]])])
+    high = np.array([LARGEST_FACTOR, 1.0, SHINIEST, *np.log(3 * [ALBEDOS[1]])])
     tint = _whitened_tint()
     x, sigma = np.array([FACTOR[0], LAMP[0], FILM[1], *np.log(belief.albedo)]), 1.0
     for _ in range(ROUNDS):
@@ -286,10 +286,10 @@ def found_light(patches: Patches, belief: Belief) -> Light:
 
 def _unlikely(found: Light) -> str:
     """Why what was found is no answer, in words; else ""."""
-    if found.factor > NEAR * LARGEST:
+    if found.factor > AT_BOUND * LARGEST_FACTOR:
         return "more light than can have bounced"
-    if found.film > NEAR * SHINIEST:
+    if found.film > AT_BOUND * SHINIEST:
         return "more mirrored light than a film returns"
-    if found.albedo.max() > NEAR * ALBEDOS[1] or found.albedo.min() < ALBEDOS[0] / NEAR:
+    if found.albedo.max() > AT_BOUND * ALBEDOS[1] or found.albedo.min() < ALBEDOS[0] / AT_BOUND:
         return "albedos that no tissue has"
     return "no one direct light" if found.misfit > MISFIT else ""

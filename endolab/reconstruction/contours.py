@@ -29,7 +29,7 @@ from endolab.preprocessing.contours import find_contours
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.problem_setup import make_problem, noted, on_grid, remarked, two_sizes
 
-STEPS = 30  # of the solver at most, once the surface is torn
+TORN_SOLVE_STEPS = 30  # of the solver at most, once the surface is torn
 SMOOTH, CONTOURS = "smooth", "contours"  # stages
 BARS = (0.07, 0.05, 0.035, 0.025)  # how steep lines must be to be opened: log d₀ per 1/320 of the longer side
 ENERGY, THE_COLOURS = "energy", "colour evidence"  # cues that decide on contours
@@ -80,7 +80,9 @@ def torn_where_it_pays(
     torn = torn_at_contours(smooth.problem)
     if torn.discontinuities is None:
         return smooth
-    found = yield from staged(gauss_newton(torn, start=smooth.log_distance, max_iterations=STEPS), CONTOURS)
+    found = yield from staged(
+        gauss_newton(torn, start=smooth.log_distance, max_iterations=TORN_SOLVE_STEPS), CONTOURS
+    )
     return found if always or pays(found, smooth, price) else smooth
 
 

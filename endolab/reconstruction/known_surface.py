@@ -31,7 +31,7 @@ from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size
 from endolab.preprocessing.highlights import find_highlights
-from endolab.reconstruction.colours import ALBEDOS, LEAST, TISSUE
+from endolab.reconstruction.colours import ALBEDOS, LEAST_PATCHES, TISSUE
 
 WIDTH = 225  # px, of what is fitted
 WIDEST = 60.0  # degrees from the axis: beyond, few cameras are known well enough
@@ -137,7 +137,7 @@ class _Patches:
         clipped = cv2.resize(clipped.astype(float), (WIDTH, height), interpolation=cv2.INTER_AREA) > 0
         known, field = resampled_truth(distance, (height, WIDTH)), camera.resize(WIDTH, height).field
         mask = np.isfinite(known) & field.valid & small.mask
-        if mask.sum() < LEAST:
+        if mask.sum() < LEAST_PATCHES:
             raise ValueError(TOO_LITTLE.format(frame.name))
         v = np.log(np.where(mask, known, 1.0))
         walls = Walls.of(v, mask, field, 0.0, depth_discontinuities(np.where(mask, known, np.nan)))
@@ -149,7 +149,7 @@ class _Patches:
         maps = np.dstack([usable, 255 * small.image, aside, *(one.direct for one in lit)])
         sums = walls.sums(np.where(usable[..., None], maps, 0.0))
         full = sums[:, 0] > walls.step**2 / 2
-        if full.sum() < LEAST:
+        if full.sum() < LEAST_PATCHES:
             raise ValueError(TOO_LITTLE.format(frame.name))
         means, points = sums[full, 1:] / sums[full, :1], walls.points[: walls.count][full]
         around = (np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1 * SECTORS).astype(int)

@@ -89,13 +89,13 @@ def _begun(
         channel = AUTO
     if contours is None and channel not in (AUTO, SEPARATED):
         contours = False
-    best = how.setdefault("regulariser", AUTO) == AUTO
-    how["regulariser"] = "second" if best else how["regulariser"]
+    choose_order = how.setdefault("regulariser", AUTO) == AUTO
+    how["regulariser"] = "second" if choose_order else how["regulariser"]
     prepared = _prepared(frame, calibration, channel, contours is not False, how)
     whole = prepared.fine[1] if isinstance(prepared, Colours) else prepared.fine
     if isinstance(start, Result) and start.mask.shape != whole.mask.shape:
         raise ValueError(f"start has shape {start.mask.shape}, the frame {whole.mask.shape}")
-    return whole, _stages(prepared, contours, best, start, solver, own, settings)
+    return whole, _stages(prepared, contours, choose_order, start, solver, own, settings)
 
 
 def _prepared(
@@ -114,13 +114,13 @@ def _prepared(
 def _stages(
     prepared: OneChannel | Colours,
     contours: bool | None,
-    best: bool,
+    choose_order: bool,
     start: Result | FloatArray | None,
     solver: str,
     options: dict[str, Any],
     settings: Mapping[str, object],
 ) -> Solver:
-    """All that is solved, at last with the `best` regulariser or with that of what was prepared.
+    """All that is solved, at last with the best regulariser if `choose_order`, or with that of what was prepared.
 
     On walls whose light bounced, which have a texture as well, curvature is no better than the second order,
     and it is slower.
@@ -134,7 +134,7 @@ def _stages(
         begin = near if near is not None or before is None else on_grid(before.iterate, problem)
     if begin is not None and "start" in options_of(solver):
         options = options | {"start": begin}
-    if best and problem.provenance.albedo is None and knows_curvature(solver, problem.xi):
+    if choose_order and problem.provenance.albedo is None and knows_curvature(solver, problem.xi):
         problem = replace(problem, regulariser="curvature")
     if problem.discontinuities is not None and "settled" in options_of(solver):
         options = {"settled": SETTLED} | options

@@ -71,7 +71,7 @@ BOUNCED = "bounced light"  # stage
 DOUBT = 0.15  # share of ι that may be wrong
 GUESS = 0.5  # of s in ι = s a/(1 - s a), before there is a surface
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
-STEPS, TORN_STEPS = (10, 5, 5), 2  # of each round's solve, and of each bar's
+ROUND_STEPS, TORN_STEPS = (10, 5, 5), 2  # of each round's solve, and of each bar's
 # Of the surfaces that are torn over one bar or another, the least torn is taken whose misfit of the colours
 # is at most so many times the least; beyond the second, no lower bar is tried.
 AS_GOOD, WORSE = 1.1, 1.15
@@ -154,9 +154,9 @@ def separate(
     belief = Belief.of(albedo)
     guess = np.array(GUESS * belief.albedo / (1 - GUESS * belief.albedo))
     indirect_ratio: FloatArray = np.broadcast_to(guess, (*colours[1].mask.shape, 3))
-    solver = gauss_newton(merged(colours, indirect_ratio, belief.albedo), max_iterations=STEPS[0])
+    solver = gauss_newton(merged(colours, indirect_ratio, belief.albedo), max_iterations=ROUND_STEPS[0])
     whole = Separation(indirect_ratio, belief.light, (yield from staged(solver, BOUNCED, 1)))
-    for number, steps in enumerate(STEPS[1:], 2):
+    for number, steps in enumerate(ROUND_STEPS[1:], 2):
         whole = yield from _round(colours, belief, whole.surface, number, steps)
     if contours is False:
         return whole
@@ -174,7 +174,7 @@ def _torn(
     is torn even if they would leave it whole.
     """
     trials = [Separation(*_bounced(colours, whole.surface, belief), whole.surface)]
-    number = len(STEPS)
+    number = len(ROUND_STEPS)
     for bar in BARS:
         before = trials[-1].surface
         torn = torn_at_contours(before.problem, bar)
@@ -233,7 +233,7 @@ def continued(
     """
     problem = replace(colours[1], discontinuities=None) if bar is None else torn_at_contours(colours[1], bar)
     surface = Iterate(problem, 0, log_distance, {})
-    return (yield from _round(colours, Belief.of(albedo), surface, 1, STEPS[0]))
+    return (yield from _round(colours, Belief.of(albedo), surface, 1, ROUND_STEPS[0]))
 
 
 def _round(

@@ -23,7 +23,7 @@ from endolab.recording.recorder import stage_of
 
 # Rows of a component: iteration (None if it stays) to its arrow values.
 Rows = dict[int | None, Any]
-PATIENCE = 60  # s that a file may take to decode, and one more for each megabyte
+DECODE_TIMEOUT = 60  # s that a file may take to decode, and one more for each megabyte
 
 
 def read_recording(path: PathLike) -> Recording:
@@ -102,7 +102,7 @@ def _batches(path: Path) -> Iterator[Any]:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        timeout=PATIENCE + size / 1e6,
+        timeout=DECODE_TIMEOUT + size / 1e6,
         check=False,
     )
     if program.returncode:

@@ -25,7 +25,7 @@ from endolab.recording.viewer import ADDRESS, end, start_viewer
 NOW, START, TRUTH, OUTLIER = (230, 159, 0), (86, 180, 233), (160, 160, 160), (213, 94, 0)
 THIN = rr.Radius.ui_points(1.5)
 PIPES = Path("/dev/fd")  # names of open files, where the system has such
-PATIENCE = 5.0  # s that a viewer gets to take the last of what was logged
+FLUSH_TIMEOUT = 5.0  # s that a viewer gets to take the last of what was logged
 
 
 class Layout(rrb.Blueprint):
@@ -161,7 +161,7 @@ class Sink:
 
     def _see_off(self) -> None:
         try:
-            self.stream.flush(timeout_sec=PATIENCE)
+            self.stream.flush(timeout_sec=FLUSH_TIMEOUT)
         except RuntimeError:
             if self._viewer is not None:  # it hangs, and Rerun would wait for it for good
                 end(self._viewer)

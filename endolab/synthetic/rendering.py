@@ -16,7 +16,7 @@ from endolab.synthetic.scenes import Scene
 TEXTURE_SCALE = 5.0  # mm, of the mottled albedo
 RIPPLE_SCALE = 1.5  # mm, of the wet film whose slopes break up the highlights
 RIPPLE_SLOPE = 0.12
-MOST = 100.0  # of noise (grey levels), texture, fog and highlights; beyond, numbers overflow
+LARGEST_EFFECT = 100.0  # of noise (grey levels), texture, fog and highlights; beyond, numbers overflow
 VEIL = 0.02  # linear value, of sensor maximum 1, that fog tends to in the distance
 
 
@@ -55,8 +55,8 @@ def check_amounts(**amounts: float) -> None:
     for name, value in amounts.items():
         if not (np.isfinite(value) and value >= 0):
             raise ValueError(f"{name} must be finite and at least 0, got {value}")
-        if value > MOST:
-            raise ValueError(f"{name} must be at most {MOST:g}, got {value:g}")
+        if value > LARGEST_EFFECT:
+            raise ValueError(f"{name} must be at most {LARGEST_EFFECT:g}, got {value:g}")
 
 
 def developed(linear: FloatArray, gamma: float, noise: float, bits: int | None, seed: int) -> FloatArray:

@@ -33,7 +33,7 @@ from endolab.reconstruction.reconstruct import reconstruct
 from endolab.tuning.source import Settings, Source, Subject
 from endolab.uncertainty.estimate import Uncertainty, uncertainty_of
 
-PATIENCE = 0.4  # s that a full solve takes between one picture and the next
+PICTURE_INTERVAL = 0.4  # s that a full solve takes between one picture and the next
 LEAST_WIDTH = 128  # px, of a frame that is worth solving at half its size first
 DRAWS = 8  # of random fields, for an uncertainty that somebody waits for: σ is off by a quarter or less
 # The most steps of a quick answer, from a start and from nothing.
@@ -323,7 +323,7 @@ def _watch(is_stale: IsStale, tell: Callable[[Result], object] | None = None) ->
     def watch(iterate: Iterate) -> bool:
         nonlocal last_told
         now = time.perf_counter()
-        if tell is not None and now - last_told > PATIENCE and not is_stale():
+        if tell is not None and now - last_told > PICTURE_INTERVAL and not is_stale():
             row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms}
             tell(Result(iterate, Status.STOPPED, [row], now - started))
             last_told = time.perf_counter()

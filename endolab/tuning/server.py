@@ -30,7 +30,7 @@ GRACE = 3.0  # s after the last page was left until all ends: one that is loaded
 LEFT = 1000  # the code with which page.js closes the channel of a tab that is left
 # s after the last page was lost, as when the browser puts a tab to sleep overnight, or dies.
 LOST = 24 * 3600.0
-PATIENCE = 2.0  # s that the widget has for its end
+CLOSE_TIMEOUT = 2.0  # s that the widget has for its end
 # Nothing but this machine; scripts that widgets bring are blobs.
 OWN = "'self' blob: data: ws://127.0.0.1:* ws://localhost:*"
 POLICY = f"default-src {OWN} 'unsafe-inline'; frame-ancestors 'none'"
@@ -80,7 +80,7 @@ class Page:
             # A solve may not stop at once, as when it is being compiled.
             closing = threading.Thread(target=self._close, name="endolab end", daemon=True)
             closing.start()
-            closing.join(PATIENCE)
+            closing.join(CLOSE_TIMEOUT)
 
     async def _serve(self) -> None:
         places = [(self._place, _Whole, {"page": self}), (self._place + "channel", _Channel, {"page": self})]
@@ -95,7 +95,7 @@ class Page:
             for page in [*self._pages]:
                 page.close(1001)
             with suppress(TimeoutError):  # whoever does not answer
-                await asyncio.wait_for(server.close_all_connections(), PATIENCE)
+                await asyncio.wait_for(server.close_all_connections(), CLOSE_TIMEOUT)
 
     def _close(self) -> None:
         self._socket.close()

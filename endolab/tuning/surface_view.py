@@ -27,7 +27,7 @@ from endolab.tuning.pictures import Picture, grey_or_colour, jpeg
 
 HEIGHT = 360  # of the panel, px
 START = (35.0, 20.0, 1.0, 0.0, 0.0)  # pose: degrees to the left and up, zoom, shifted right and down (panels)
-PATIENCE = 0.5  # s; then the next surface is sent though the page has not said that the last is drawn
+ANSWER_TIMEOUT = 0.5  # s; then the next surface is sent though the page has not said that the last is drawn
 COLUMNS, ROWS = 320, 240  # of points at most: what a panel can show
 TEXTURE = 640  # columns of the picture at most, px
 OUTLYING = 1.0  # %, of the points lie beyond each face of the box: spikes must not make the rest small
@@ -114,7 +114,7 @@ class SurfaceView(anywidget.AnyWidget):
     def _flush(self) -> None:
         """Send what was given last, if someone sees it and has drawn the one before."""
         with self._showing:
-            busy = self.number != self.drawn and time.monotonic() < self._sent + PATIENCE
+            busy = self.number != self.drawn and time.monotonic() < self._sent + ANSWER_TIMEOUT
             if self._last is None or not self._waits or not self.visible or busy or self.comm is None:
                 return
             self._waits = False

@@ -46,7 +46,7 @@ A, B, BESIDE = "A", "B", "A beside B"  # what is shown, if A is kept
 LAMS = (0.1, 10**-0.5, 1.0, 10**0.5, 10.0)  # times the present λ, to be compared
 REMEMBERED = 12  # final answers that come back without a solve
 MOST_DOTS = 200
-NEAR = 12  # px around a dot in which a click takes it
+CLICK_RADIUS = 12  # px around a dot in which a click takes it
 ROOM = (1176.0, 620.0)  # px, before the page tells its own
 LEAST_ROOM, TALLEST = (420.0, 300.0), 0.75  # px; height over width
 TEXT, LARGE_TEXT, LARGE = 12, 14, 1500.0  # px: of letters, and of a page that has larger ones
@@ -458,7 +458,7 @@ class TunerBox(anywidget.AnyWidget):
         elif len(place.dots) and dots:
             height, width = self.board.picture.shape[:2]
             away = np.linalg.norm((place.dots[: len(dots)] - (x, y)) * (width, height), axis=1)
-            if away.min() < NEAR * self._ratio:
+            if away.min() < CLICK_RADIUS * self._ratio:
                 self.bring_back(dots[int(away.argmin())].settings)
         else:
             self._cut(x, y)

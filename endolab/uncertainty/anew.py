@@ -12,14 +12,14 @@ from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import Problem
 from endolab.numerics.arrays import FloatArray
 
-STEPS = 3  # that a surface is given to answer; it goes most of its way in two
-LONGEST = 1.0  # of an answer, in log d: what goes farther is lost anyway
+ANSWER_STEPS = 3  # that a surface is given to answer; it goes most of its way in two
+LARGEST_CHANGE = 1.0  # of an answer, in log d: what goes farther is lost anyway
 
 
 def solved_anew(problem: Problem, log_distance: FloatArray) -> Generator[None, None, FloatArray]:
     """Log d (H, W) after a few steps from a map, a step of the solver each, so that who waits can stop."""
     last = log_distance
-    for iterate in gauss_newton(problem, start=log_distance, max_iterations=STEPS):
+    for iterate in gauss_newton(problem, start=log_distance, max_iterations=ANSWER_STEPS):
         last = iterate.log_distance
         yield None
     return np.where(problem.mask, last, 0.0)

@@ -28,18 +28,18 @@ from endolab.numerics.iteration import Status, checked_observers, closing, drive
 from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import QUIET, noise_level
 from endolab.reconstruction.scale import Pixel, own_pixel
-from endolab.uncertainty.anew import LONGEST, solved_anew
+from endolab.uncertainty.anew import LARGEST_CHANGE, solved_anew
 from endolab.uncertainty.causes import Texture, correlated, named, perhaps_torn
 from endolab.uncertainty.fewer_pixels import enlarged, thinned
 from endolab.uncertainty.linearised import Linearised
 from endolab.uncertainty.prior_sigma import PriorSigma
 from endolab.uncertainty.shares import DATA, OUTSIDE, Bumps, Rim
 
-DRAWS, LEAST = 24, 4  # of each random field: by default, below which nothing is told
+DRAWS, LEAST_DRAWS = 24, 4  # of each random field: by default, below which nothing is told
 ALONG = 40.0  # of what enters along a rim, per 320 px of the longer side: values of one wall go together
-FEW = 8  # of those that are smooth, or matter little
+FEW_DRAWS = 8  # of those that are smooth, or matter little
 TRIES = 6  # of random fields that tell what a fit leaves, and what it does not find
-LARGEST = 1.0  # σ of log d at most: what is worse is not known at all
+LARGEST_SIGMA = 1.0  # σ of log d at most: what is worse is not known at all
 SHARP = 0.5  # px, blur that is none
 WITHOUT = ("facing", "fast_marching")  # solvers that do not minimise the energy
 
@@ -131,7 +131,7 @@ def uncertainty_of(
         raise ValueError(f"result must be a Result, got {excerpt(result)}")
     if not isinstance(prior_sigma, PriorSigma | None):
         raise ValueError(f"prior_sigma must be a PriorSigma, got {excerpt(prior_sigma)}")
-    draws = whole("draws", draws, LEAST)
+    draws = whole("draws", draws, LEAST_DRAWS)
     check_solver(result.problem.settings.get("solver"))
     iterate = result.iterate if isinstance(result, Result) else result
     prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
@@ -139,7 +139,7 @@ def uncertainty_of(
     with limited_threads(threads), closing(watching):
         estimate = _Estimate(thinned(iterate), prior_sigma, draws)
         status = drive(estimate.steps(), watching, lambda step, seconds: None)
-    if estimate.done < LEAST:
+    if estimate.done < LEAST_DRAWS:
         raise KeyboardInterrupt(
             "how far the result can be trusted: stopped before there was anything to tell"
         )
@@ -190,7 +190,7 @@ class _Estimate:
         still = (yield from solved_anew(problem, v)) if choices else v
         for cause, (share, other) in choices.items():
             moved = (yield from solved_anew(other, v)) - still
-            yield cause, share * np.clip(moved, -LONGEST, LONGEST)
+            yield cause, share * np.clip(moved, -LARGEST_CHANGE, LARGEST_CHANGE)
         entering = Rim(loose, v)
         texture = Texture(surface, rng, prior_sigma.texture)
         for _ in range(TRIES):
@@ -200,7 +200,7 @@ class _Estimate:
         strength = texture.strength(noise)
         for draw in range(self._asked):
             yield "texture", surface.to_light(strength * texture.field())
-            if draw < FEW:
+            if draw < FEW_DRAWS:
                 along = correlated(rng, mask.shape, ALONG * fineness(mask.shape))
                 yield "border", entering.moved(prior_sigma.border * along)
                 white = correlated(rng, mask.shape, blur)
@@ -215,8 +215,8 @@ class _Estimate:
         squares = {cause: self._squares(np.stack(maps)) for cause, maps in self._answers.items()}
 
         def sigma(squares: Iterable[FloatArray]) -> FloatArray:
-            found = np.minimum(np.sqrt(sum(squares, np.zeros(mask.shape))), LARGEST)
-            return enlarged(np.where(lost, LARGEST, found), mask, whole.mask)
+            found = np.minimum(np.sqrt(sum(squares, np.zeros(mask.shape))), LARGEST_SIGMA)
+            return enlarged(np.where(lost, LARGEST_SIGMA, found), mask, whole.mask)
 
         decided = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
         scales = {cause: float(np.sqrt(scale)) for cause, (_, _, scale) in squares.items()}

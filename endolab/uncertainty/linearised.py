@@ -22,7 +22,7 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import inner, padded
 from endolab.numerics.derivatives import shifted
 
-PRECISION, MOST = 3e-2, 15  # of a solve: residual left, a tenth of what draws scatter by; steps
+PRECISION, MOST_INNER_STEPS = 3e-2, 15  # of a solve: residual left, a tenth of what draws scatter by; steps
 DAMPING = 1e-3  # share of the data's diagonal that is added to H, for pixels that hang by nothing
 
 
@@ -92,7 +92,7 @@ class Linearised:
 
     def solved(self, b: FloatArray) -> FloatArray:
         """H⁻¹ b."""
-        x = self.multigrid.solve(padded(np.where(self.problem.mask, b, 0.0)), PRECISION, MOST)[0]
+        x = self.multigrid.solve(padded(np.where(self.problem.mask, b, 0.0)), PRECISION, MOST_INNER_STEPS)[0]
         return inner(x).astype(np.float64)
 
     def to_picture(self, change: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from endolab.numerics.arrays import FloatArray
 from endolab.numerics.compiled import inner, padded
 from endolab.numerics.derivatives import fineness
 from endolab.uncertainty.causes import LENGTH, around, correlated
-from endolab.uncertainty.linearised import DAMPING, MOST, PRECISION, Linearised
+from endolab.uncertainty.linearised import DAMPING, MOST_INNER_STEPS, PRECISION, Linearised
 
 OUTSIDE, DATA, BORDER, PRIOR = range(4)  # values of `decided_by`
 
@@ -37,7 +37,7 @@ class Rim:
         given = padded(np.where(self._held, change, 0.0))
         pulled = np.zeros_like(given)
         multiply(self._matrix, given, pulled)
-        x = self._multigrid.solve(-pulled * self._free, PRECISION, MOST)[0]
+        x = self._multigrid.solve(-pulled * self._free, PRECISION, MOST_INNER_STEPS)[0]
         return np.asarray(inner(given + x))
 
 

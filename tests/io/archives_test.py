@@ -66,6 +66,6 @@ def test_what_is_damaged_or_holds_code_is_refused_in_one_sentence(tmp_path, name
 def test_a_bomb_is_refused_before_it_is_inflated(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "a.npz", a=np.zeros(10**7))
     assert (tmp_path / "a.npz").stat().st_size < 10**5
-    monkeypatch.setattr("endolab.io.archives.MOST", 10**7)
+    monkeypatch.setattr("endolab.io.archives.MOST_BYTES", 10**7)
     with pytest.raises(ValueError, match=r"a\.npz: not an archive of numbers: .*0\.1 GB"):
         read(tmp_path / "a.npz")

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from endolab.numerics.side_by_side import LARGE, by_rows, side_by_side
+from endolab.numerics.side_by_side import WORTH_THREADS, by_rows, side_by_side
 from endolab.numerics.threads import limited_threads, threads
 
 
-@pytest.mark.parametrize("shape", [(3, 7), (600, 700), (LARGE, 1), (1, LARGE)])
+@pytest.mark.parametrize("shape", [(3, 7), (600, 700), (WORTH_THREADS, 1), (1, WORTH_THREADS)])
 def test_every_row_is_worked_on_once(rng, shape):
     a, out = rng.uniform(size=shape), np.zeros(shape)
 
@@ -19,7 +19,7 @@ def test_every_row_is_worked_on_once(rng, shape):
     assert_array_equal(out, a**2)
 
 
-@pytest.mark.parametrize("pixels", [1, LARGE])
+@pytest.mark.parametrize("pixels", [1, WORTH_THREADS])
 def test_results_come_in_order_and_errors_too(pixels):
     assert side_by_side(lambda one: 2 * one, range(9), pixels) == list(range(0, 18, 2))
     with pytest.raises(ZeroDivisionError):
@@ -28,7 +28,7 @@ def test_results_come_in_order_and_errors_too(pixels):
 
 def test_a_limit_holds_within(all_cores):
     with limited_threads(1):
-        assert side_by_side(lambda _: threads(), range(4), LARGE) == [1] * 4
+        assert side_by_side(lambda _: threads(), range(4), WORTH_THREADS) == [1] * 4
     if threads() > 1:
         with limited_threads(2):
-            assert side_by_side(lambda _: threads(), range(4), LARGE) == [2] * 4
+            assert side_by_side(lambda _: threads(), range(4), WORTH_THREADS) == [2] * 4

@@ -73,7 +73,7 @@ def test_what_ends_at_a_bound_is_refused_and_the_fallback_named(known):
     assert (found.factor, found.lamp, found.film) == (before.factor, before.lamp, before.film)
     sentence = found.describe(True, np.array([90.0, 30.0, 20.0]))
     assert "do not tell how much there is" in sentence
-    assert "computed, for given albedos of 0.62, 0.30, 0.22" in sentence
+    assert "given albedos: 0.62, 0.30, 0.22" in sentence
 
 
 def test_white_walls_have_no_colour(known):

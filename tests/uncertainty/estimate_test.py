@@ -13,7 +13,7 @@ from endolab.numerics.iteration import Status
 from endolab.reconstruction.contours import torn_at_contours
 from endolab.reconstruction.unknown_light import USUAL_ERROR
 from endolab.uncertainty.causes import LENGTH, correlated
-from endolab.uncertainty.estimate import LARGEST, LEAST, uncertainty_of
+from endolab.uncertainty.estimate import LARGEST_SIGMA, LEAST_DRAWS, uncertainty_of
 from endolab.uncertainty.linearised import Linearised
 from endolab.uncertainty.prior_sigma import NOMINAL, PriorSigma
 from endolab.uncertainty.shares import BORDER, DATA, OUTSIDE, PRIOR
@@ -155,10 +155,12 @@ def test_light_that_bounced_and_was_left_in_counts_whole(curved):
     """In a single colour nobody knows how much there is; where the colours were asked, they do."""
     problem, _, result, uncertainty = curved
     here = problem.mask
-    half = uncertainty_of(result, prior_sigma=PriorSigma(left_in=0.5), draws=LEAST).causes["bounced light"]
+    half = uncertainty_of(result, prior_sigma=PriorSigma(left_in=0.5), draws=LEAST_DRAWS).causes[
+        "bounced light"
+    ]
     assert uncertainty.causes["bounced light"][here] == pytest.approx(2 * half[here])
     asked = replace(problem, settings={**problem.settings, "channel": "separated"})
-    assert "bounced light" not in uncertainty_of(solved(asked), draws=LEAST).causes
+    assert "bounced light" not in uncertainty_of(solved(asked), draws=LEAST_DRAWS).causes
 
 
 def test_what_a_picture_does_not_say_is_the_priors():
@@ -187,7 +189,7 @@ def test_an_island_of_which_nothing_is_said_is_not_known_at_all(apart):
     evidence = np.where(lost, NONE, 0).astype(np.int8)
     result = solved(replace(problem, mask=mask, evidence=evidence, discontinuities=discontinuities))
     share, lost = uncertainty_of(result).sigma / result.distance, lost & mask
-    assert share[lost] == pytest.approx(LARGEST)
+    assert share[lost] == pytest.approx(LARGEST_SIGMA)
     assert np.median(share[mask & ~lost]) < 0.2
 
 
@@ -200,16 +202,16 @@ def test_it_is_the_same_every_time_and_stops_when_asked(curved):
     assert np.nanmedian(early.sigma / uncertainty.sigma) == pytest.approx(1, abs=0.3)
 
     def interrupt(progress):
-        if progress.done == LEAST:
+        if progress.done == LEAST_DRAWS:
             raise KeyboardInterrupt
 
-    assert uncertainty_of(result, observers=[interrupt]).draws == LEAST
+    assert uncertainty_of(result, observers=[interrupt]).draws == LEAST_DRAWS
 
 
 def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
     """σ of the named causes alone would be too small."""
     with pytest.raises(KeyboardInterrupt, match="before there was anything"):
-        uncertainty_of(curved[2], observers=[lambda progress: progress.done == LEAST - 1])
+        uncertainty_of(curved[2], observers=[lambda progress: progress.done == LEAST_DRAWS - 1])
 
 
 def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():

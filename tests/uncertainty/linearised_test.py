@@ -16,7 +16,7 @@ from tests.tools.problems import at_truth
 def tiny(request, rng, monkeypatch):
     """A worn tube of 16x12 px linearised at a rough map, solved exactly; and its readable twin."""
     monkeypatch.setattr(linearised, "PRECISION", 1e-9)
-    monkeypatch.setattr(linearised, "MOST", 1000)
+    monkeypatch.setattr(linearised, "MOST_INNER_STEPS", 1000)
     problem, truth = at_truth("tube", 16, regulariser=request.param)
     mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
     problem = replace(problem, mask=mask, discontinuities=rng.random((2, *mask.shape)) > 0.97)

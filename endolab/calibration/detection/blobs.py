@@ -14,7 +14,7 @@ from endolab.numerics.arrays import BoolArray
 Numbers = NDArray[Any]  # OpenCV works in float32 and uint8, too
 
 LEAST_WHITE = 0.03  # stored value; what is darker than this is no lit paper
-LARGEST = 0.11  # size of a spot over the picture's width
+LARGEST_SPOT = 0.11  # size of a spot over the picture's width
 GREY_SHARE = 0.6  # darkness of a grey spot over that of a black one, at most
 LEAST_DARKNESS = 0.25  # of a spot, against the paper around it
 GREY_DARKNESS = 0.3  # the same where there is grey, too
@@ -44,7 +44,7 @@ def shrunk(image: Numbers) -> Numbers:
 
 def white_of(small: Numbers) -> Numbers:
     """Brightness of the bare paper at each place of a picture, made up where there is ink."""
-    side = 2 * round(LARGEST / 2 * small.shape[1]) + 1
+    side = 2 * round(LARGEST_SPOT / 2 * small.shape[1]) + 1
     # Closing keeps what is bright and fills what is dark and narrower than the window.
     white = cv2.morphologyEx(small, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
     return cv2.GaussianBlur(white, (0, 0), side / 6)
@@ -67,7 +67,7 @@ def find_blobs(image: Numbers, greys: bool = False) -> Blobs:
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(dark, connectivity=4, ltype=cv2.CV_32S)
     left, top, wide, high, area = stats.T
     whole = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
-    good = whole & (area >= 9) & (np.maximum(wide, high) <= LARGEST * width)
+    good = whole & (area >= 9) & (np.maximum(wide, high) <= LARGEST_SPOT * width)
     row, column = (np.nan_to_num(centroids[:, ::-1].T) / shrink).astype(int)
     good &= white[np.minimum(row, white.shape[0] - 1), np.minimum(column, white.shape[1] - 1)] > LEAST_WHITE
     good[0] = False

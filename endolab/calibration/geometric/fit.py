@@ -12,7 +12,7 @@ from itertools import takewhile
 
 import numpy as np
 
-from endolab.calibration.geometric.planar_pose import LEAST
+from endolab.calibration.geometric.planar_pose import LEAST_POINTS
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import NAMES, camera_of, camera_vector
 from endolab.calibration.geometric.reprojection import FINEST, Geometry, Reprojection, View, linear_pose
@@ -130,7 +130,7 @@ def _disagreeing(found: Fit, model: Reprojection) -> list[str]:
     facing = found.iterate.unknowns.facing
     used = np.bincount(model.group, weights=found.iterate.used).astype(int)
     total = np.bincount(model.group)
-    few = used < np.maximum(LEAST, total / 2)
+    few = used < np.maximum(LEAST_POINTS, total / 2)
     shares = (f"{some} of its {of}" for some, of in zip(used, total, strict=True))
     why = [f"only {share} points agree with the other views" for share in shares]
     return np.where(facing, np.where(few, why, ""), "it shows the paper from behind").tolist()

@@ -7,7 +7,7 @@ from endolab.numerics.arrays import FloatArray
 
 SUBSETS = 50  # with 30 % wrong points, one set in six is right
 SUBSET = 5  # points; four would do, but noise would rule
-LEAST = 8  # points of a view that count as evidence
+LEAST_POINTS = 8  # points of a view that count as evidence
 DISORDER = 0.25  # of the rays' spread: a median miss beyond it is no view of a plane, whatever the lens
 
 
@@ -43,8 +43,8 @@ def pose_from_rays(rays: FloatArray, points: FloatArray) -> Pose:
     two columns are made orthonormal. ValueError if the points are too few, on a line or in disorder, or if
     the pose would show the paper from behind.
     """
-    if len(rays) < LEAST:
-        raise ValueError(f"a pose needs {LEAST} points at least, got {len(rays)}")
+    if len(rays) < LEAST_POINTS:
+        raise ValueError(f"a pose needs {LEAST_POINTS} points at least, got {len(rays)}")
     middle = points[:, :2].mean(axis=0)
     centred = points[:, :2] - middle
     extent = np.linalg.svd(centred, compute_uv=False)

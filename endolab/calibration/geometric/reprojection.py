@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.geometric.planar_pose import LEAST, pose_from_rays
+from endolab.calibration.geometric.planar_pose import LEAST_POINTS, pose_from_rays
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import camera_of, camera_vector, predict, project
 from endolab.calibration.least_squares import Linearised, fit
@@ -38,7 +38,7 @@ def views_of(name: str, detection: Detection, target: Target) -> list[View]:
     panel = target.panel_of(target.points[detection.ids])
     which = ((number, panel == number) for number in range(target.panels))
     every = (View(name, number, detection.ids[here], detection.pixels[here]) for number, here in which)
-    return [view for view in every if len(view.ids) >= LEAST]
+    return [view for view in every if len(view.ids) >= LEAST_POINTS]
 
 
 @dataclass(frozen=True)
@@ -137,6 +137,6 @@ def find_pose(view: View, target: Target, camera: KannalaBrandt) -> tuple[Pose, 
     model = Reprojection([view], target, np.zeros((8, 0)), np.array(camera.k))
     found = fit(model, Geometry.of(camera_vector(camera), [pose]), smallest=FINEST)
     inliers = found.iterate.used
-    if inliers.sum() < max(LEAST, len(inliers) / 2):
+    if inliers.sum() < max(LEAST_POINTS, len(inliers) / 2):
         raise ValueError(f"only {inliers.sum()} of its {len(inliers)} points agree with one pose")
     return found.iterate.unknowns.poses[0], inliers, found.iterate.residual

@@ -17,11 +17,11 @@ from endolab.model.surface import normals as normals_of
 from endolab.model.surface import points as points_of
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 
-LARGE = 960  # px; in pictures as wide as this the light of 3x3 pixels is averaged
+LARGE_PICTURE = 960  # px; in pictures as wide as this the light of 3x3 pixels is averaged
 RIM = 1.5  # px between a window and the rim of the ink: half of rounding, the rest of blur
 EDGE = 0.04  # relative step of distance within 3x3 pixels that makes them an edge
 GREY_CLEARANCE = 0.8  # of a grey disc's radius, that is surely grey
-MOST = 200  # samples of a frame; more would only make one frame count more than another
+MOST_OF_A_FRAME = 200  # samples of a frame; more would only make one frame count more than another
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def sample_sheet(
     *,
     frame: int = 0,
     gamma: float = 2.2,
-    most: int = MOST,
+    most: int = MOST_OF_A_FRAME,
     places: FloatArray | None = None,
 ) -> Samples:
     """Read the brightness of the paper in one frame: one channel, (H, W), stored values in [0, 1].
@@ -135,7 +135,7 @@ def sample_sheet(
     """
     spots, material = sample_places(target, places)
     height, width = image.shape
-    side = 3 if width >= LARGE else 1
+    side = 3 if width >= LARGE_PICTURE else 1
     linear = cv2.blur(image.astype(np.float32) ** gamma, (side, side))
     panel, parts = target.panel_of(spots), [Samples.concatenate([])]
     for number, pose in enumerate(poses):
