@@ -120,7 +120,7 @@ def _stages(
     options: dict[str, Any],
     settings: Mapping[str, object],
 ) -> Solver:
-    """All that is solved, at last with the best regulariser if `choose_order`, or with that of what was prepared.
+    """All that is solved; at last with the best order if `choose_order`, else with that of what was prepared.
 
     On walls whose light bounced, which have a texture as well, curvature is no better than the second order,
     and it is slower.
