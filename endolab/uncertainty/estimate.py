@@ -23,7 +23,7 @@ from endolab.model.endoscope import Endoscope
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.checks import excerpt, whole
-from endolab.numerics.derivatives import fineness, links
+from endolab.numerics.derivatives import fineness, links, shifted
 from endolab.numerics.iteration import Status, checked_observers, closing, drive
 from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import QUIET, noise_level
@@ -192,6 +192,7 @@ class _Estimate:
             moved = (yield from solved_anew(other, v)) - still
             yield cause, share * np.clip(moved, -LARGEST_CHANGE, LARGEST_CHANGE)
         entering = Rim(loose, v)
+        doubt = np.where(_at_contours(loose.problem), prior_sigma.behind, prior_sigma.border)
         texture = Texture(surface, rng, prior_sigma.texture)
         for _ in range(TRIES):
             texture.try_one()
@@ -202,7 +203,7 @@ class _Estimate:
             yield "texture", surface.to_light(strength * texture.field())
             if draw < FEW_DRAWS:
                 along = correlated(rng, mask.shape, ALONG * fineness(mask.shape))
-                yield "border", entering.moved(prior_sigma.border * along)
+                yield "border", entering.moved(doubt * along)
                 white = correlated(rng, mask.shape, blur)
                 yield "noise", surface.to_picture(noise * white)
             self.done = draw + 1
@@ -266,6 +267,14 @@ def noise_left(problem: Problem) -> tuple[float, float]:
     level = max(noise_level(shown if shown.ndim == 2 else shown[..., 1], problem.mask), QUIET)
     # The mean of a Gaussian's weights, squared; they fall short of it for less than half a pixel.
     return (level / (2 * np.sqrt(np.pi) * blur), blur) if blur >= SHARP else (level, 0.0)
+
+
+def _at_contours(problem: Problem) -> BoolArray:
+    """Pixels on either side of a contour, (H, W)."""
+    if problem.discontinuities is None:
+        return np.zeros(problem.mask.shape, dtype=bool)
+    right, below = problem.discontinuities
+    return right | below | shifted(right, -1, 1, False) | shifted(below, -1, 0, False)
 
 
 def _undetermined(problem: Problem) -> BoolArray:
