@@ -37,7 +37,7 @@ class Provenance:
 
     picture_size: tuple[int, int] | None = None  # columns and rows of the frame that was given
     smooth: float = 0.0  # standard deviation of the Gaussian that the light was averaged with first, px
-    albedo: tuple[float, ...] | None = None  # of the wall, with which bounced light was taken out
+    albedo: tuple[float, ...] | None = None  # of the wall, with which indirect light was removed
     bar: float | None = None  # steepness of log d₀ over which lines of the picture are torn
     scale: Scale | None = None
     notes: tuple[str, ...] = ()  # sentences about what was done on the way

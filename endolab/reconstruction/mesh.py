@@ -33,12 +33,12 @@ def make_mesh(
     colours : (H, W, 3) or (H, W) float array, optional
         Of the pixels, in [0, 1]; by default those of the frame, or grey for bare points.
     sigma : (H, W) float array, optional
-        How far each distance of a result can be trusted, in its unit (`endolab.trust_of`): instead, the
+        How far each distance of a result can be trusted, in its unit (`endolab.uncertainty_of`): instead, the
         colours tell its share of the distance; what they mean is in the mesh's `legend`, and in the files
         that are made of it.
     discontinuities : (2, H, W) bool array, optional
         Steps to the right and lower neighbour over which the surface is torn, as
-        `metrics.occlusion_cuts` finds them; by default those of the problem that was solved.
+        `metrics.depth_discontinuities` finds them; by default those of the problem that was solved.
     jump, grazing : float
         A triangle is left out if the distances of its corners from the camera differ by more
         than the factor `jump` and the angle between its normal and the line of sight is more

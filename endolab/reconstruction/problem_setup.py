@@ -20,7 +20,7 @@ from endolab.numerics.side_by_side import side_by_side
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
 from endolab.preprocessing.highlights import check_highlights, find_highlights, inpaint
 
-SEPARATED = "separated"  # the channel that is made of all three, bounced light taken out
+SEPARATED = "separated"  # the channel that is made of all three, indirect light removed
 AUTO = "auto"  # the one that the frame's evidence allows
 # px of the longer side; what is smooth, as light that has bounced, and long, as contours, need not be fine
 COARSE = 240

@@ -44,7 +44,7 @@ GREY = (
 
 
 def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVER, **options: Any) -> Solver:
-    """Iterates of all stages up to the solver's: ``for step in iterate(frame, calibration): ...``.
+    """Yield the iterates of all stages, up to the solver's own: ``for step in iterate(...): ...``.
 
     Takes the keywords of `reconstruct` but for those that fix the scale.
 
@@ -181,27 +181,27 @@ def reconstruct(
         The map that the regulariser sees.
     regulariser : {"auto", "first", "second", "curvature"}
         Total variation of ξ, of its gradient, or, for ξ = 1/d, of how the surface bends: planes cost nothing
-        then, and what a sheet can be rolled into, as a tube, little. `auto` is "curvature", and "second" if
-        bounced light was taken out, for another ξ and by `primal_dual`.
+        then, and tubes little. `auto` is "curvature"; it is "second" if indirect light was removed, for
+        another ξ, and by `primal_dual`.
     lam : float
         λ, the regulariser's weight; larger is smoother.
     channel : {"auto", "separated", "red", "green", "blue", "grey"}, optional
-        `separated` finds how much of each colour's light came by way of other walls, takes it out, and
-        merges the three (`separation`). It uses the wall's albedos of the calibration, if there are
-        three, and estimates them otherwise. `auto`, the default with `gauss_newton`, does that with a colour
-        picture, and takes a grey one as it is; what was done and why is noted (`assumptions.notes`). The
-        other solvers take green, as the paper does, if nothing is said.
+        `separated` finds how much of each colour's light came by way of other walls, removes it, and merges
+        the three (`separation`). It uses the calibration's albedos if there are three, and estimates them
+        otherwise. `auto`, the default with `gauss_newton`, does that with a colour picture, and takes a grey
+        one as it is; the notes say what was done and why (`assumptions.notes`). By default the other solvers
+        take green, as the paper does.
     width : int, optional
         Shrink the picture to this many columns first, px.
     smooth : float, optional
         Standard deviation of a Gaussian that averages the light first, px. By default 2 √n,
         n being the noise that the picture shows, in grey levels.
     highlights : {"keep", "ignore", "inpaint"}, optional
-        What to do with mirrored light: take it as it is, as no evidence, or fill it in from around.
+        Take mirrored light as it is, as no evidence, or fill the picture in from around it.
         By default "ignore" with `auto` and `separated`, and "keep" otherwise.
     contours : bool, optional
-        Whether to tear the surface at the occluding contours that are found in the picture. By default
-        with `auto` and `separated` if energy and colours speak for it (`separation`), and not otherwise.
+        Whether to tear the surface at occluding contours that are found in the picture. By default `auto` and
+        `separated` do where colours or energy speak for it (`separation`), and single channels do not.
     median_distance : float, optional
         Fix the scale so that the median distance is this, mm.
     known_distance : (mm, column, row), optional

@@ -1,4 +1,4 @@
-"""Direct light out of a colour picture: what bounced is computed from the surface, and taken out.
+"""Direct light out of a colour picture: what bounced is computed from the surface and removed.
 
 A wall of albedo a shows I_c = g a/π (E + S), the lamp's light E and light S from other walls. The
 three colours see one E, but the more a colour is reflected, the more of it bounces. From a surface

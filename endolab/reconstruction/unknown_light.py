@@ -183,7 +183,7 @@ class _Scan:
     costs: FloatArray  # (K,), c, its least being 0
     spread: float  # standard deviation of log cos α
     shape: FloatArray  # (H, W), log d but for its mean and what goes with log cos α; nan where unknown
-    coloured: bool  # whether bounced light was taken out
+    coloured: bool  # whether indirect light was removed
 
 
 def _scanned(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, _Scan]:
@@ -211,7 +211,7 @@ Chain = Generator[Iterate, None, Iterate]
 
 
 def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, list[Iterate]]:
-    """The surface under every k, bounced light taken out each time."""
+    """The surface under every k, indirect light removed each time."""
     colours = Colours.of(frame, calibration, width=min(WIDTH, frame.width), smooth=SMOOTH)
 
     def solve(k: float, before: Iterate | None) -> Chain:

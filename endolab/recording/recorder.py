@@ -62,11 +62,11 @@ def record(
     -------
     Recorder
         Give it to ``run`` or call it with each iterate, then `Recorder.close` it. As a context manager it
-        stays open until the block ends, for `Recorder.add_trust`; if the block fails there is no file::
+        stays open until the block ends, for `Recorder.add_uncertainty`; if the block fails there is no file::
 
             with el.record("run.rrd") as recorder:
                 result = el.reconstruct(frame, calibration, observers=[recorder])
-                recorder.add_trust(el.trust_of(result, calibration), result)
+                recorder.add_uncertainty(el.uncertainty_of(result, calibration), result)
 
     Raises
     ------
@@ -198,7 +198,7 @@ class Recorder:
         Parameters
         ----------
         uncertainty : Uncertainty
-            As `endolab.trust_of` tells.
+            As `endolab.uncertainty_of` tells.
         result : Result or Iterate
             What it was told of.
 

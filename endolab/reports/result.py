@@ -99,8 +99,7 @@ def save_result(
     prepared : Prepared, optional
         What `endolab.prepare` came to, to be drawn in `preparation.png`.
     uncertainty : Uncertainty, optional
-        How far the result can be trusted, as `endolab.trust_of` tells: in `depth.npz`, `report.json` and
-        `overview.png`.
+        What `endolab.uncertainty_of` has found, for `depth.npz`, `report.json` and `overview.png`.
     overwrite : bool
         Whether to write into a folder that holds files of others, and replace them.
 

@@ -154,7 +154,7 @@ def _bounced(answer: Answer, view: View) -> Panel:
     problem = answer.result.problem
     log_ratio = bounced_light(problem, answer.result.iterate.log_distance)
     share = np.where(problem.mask, -100 * np.expm1(-log_ratio), np.nan)
-    taken = "left in" if problem.provenance.albedo is None else "taken out"
+    taken = "left in" if problem.provenance.albedo is None else "removed"
     title = f"Bounced light [% of all], {taken}"
     return _value_map(title, share, (0.0, end_of(share, 99)), "magma", "{:.1f} %")
 

@@ -101,7 +101,7 @@ function render({ model, el }) {
   advanced.hidden = true;
   button("advanced", "All other knobs, the code, and the export.", () => { advanced.hidden = !advanced.hidden; },
     actions);
-  button("find σ", "Find how far this answer can be trusted, pixel by pixel.", () => act("find_trust"), advanced);
+  button("find σ", "Find how far this answer can be trusted, pixel by pixel.", () => act("find_uncertainty"), advanced);
   const folder = add("input", "endolab-folder", advanced, { value: "tuned", title: "The folder that is exported into." });
   button("export", "Write what is shown: pictures, cloud, depth, settings, code and recording.",
     () => act("export_aside", folder.value), advanced);

@@ -51,7 +51,7 @@ ROOM = (1176.0, 620.0)  # px, before the page tells its own
 LEAST_ROOM, TALLEST = (420.0, 300.0), 0.75  # px; height over width
 TEXT, LARGE_TEXT, LARGE = 12, 14, 1500.0  # px: of letters, and of a page that has larger ones
 # What the page may ask for, each a method.
-ACTIONS = {"undo", "reset", "keep", "drop", "show", "blink", "compare", "find_trust", "export_aside"}
+ACTIONS = {"undo", "reset", "keep", "drop", "show", "blink", "compare", "find_uncertainty", "export_aside"}
 ACTIONS |= {"step", "choose", "measure", "press"}
 
 

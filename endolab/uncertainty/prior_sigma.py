@@ -33,7 +33,7 @@ class PriorSigma:
     albedo: float = 0.05  # of the logarithm of the wall's mean albedo
     texture: float = 0.03  # of the logarithm of its albedo from place to place, at least
     bumps: float = 0.03  # of log d from place to place, where nothing tells of them
-    bounced: float = 0.15  # share of the bounced light that was taken out
+    bounced: float = 0.15  # share of the indirect light that was removed
     left_in: float = 1.0  # the same where all of it was left in, as in a single colour
     lamp: float = 0.5  # of the lamps' common place off the optical centre, each way, mm
     lam: float = 2.0  # of λ's logarithm
