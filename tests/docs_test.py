@@ -1,9 +1,7 @@
 """The examples in the docstrings of what `endolab` offers give what they say."""
 
 import doctest
-from pathlib import Path
 
-import numpy as np
 import pytest
 
 import endolab as el
@@ -13,12 +11,7 @@ FINDER = doctest.DocTestFinder(recurse=False)
 OFFERED = [
     thing for module in (el, metrics) for name in module.__all__ if callable(thing := getattr(module, name))
 ]
-EXAMPLES = {
-    test.name: test
-    for thing in OFFERED
-    for test in FINDER.find(thing, globs={"Path": Path, "np": np})
-    if test.examples
-}
+EXAMPLES = {test.name: test for thing in OFFERED for test in FINDER.find(thing, globs={}) if test.examples}
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

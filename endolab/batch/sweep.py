@@ -101,11 +101,8 @@ def sweep(
     Examples
     --------
     >>> import endolab as el
-    >>> known = el.load_calibration("paper", width=96)
-    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
-    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
-    >>> frame = el.Frame(seen.image, seen.mask, "colon")
-    >>> rows = el.sweep([frame], known, lam=[0.1, 1], channel="green", table="sweep.csv")
+    >>> sample = el.load_traced("matt")  # a frame that comes with endolab
+    >>> rows = el.sweep([sample.frame], sample.calibration, lam=[0.1, 1], width=96, table="sweep.csv")
     >>> [(row["lam"], row["status"]) for row in rows]
     [(0.1, 'CONVERGED'), (1.0, 'CONVERGED')]
     """

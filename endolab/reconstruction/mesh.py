@@ -60,10 +60,8 @@ def make_mesh(
     Examples
     --------
     >>> import endolab as el
-    >>> known = el.load_calibration("paper", width=96)
-    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
-    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
-    >>> mesh = el.make_mesh(el.reconstruct(el.Frame(seen.image, seen.mask), known, channel="green"))
+    >>> sample = el.load_traced("matt")  # a frame that comes with endolab
+    >>> mesh = el.make_mesh(el.reconstruct(sample.frame, sample.calibration, width=96, channel="green"))
     >>> mesh.unit, mesh.triangles.shape[1]
     ('mm', 3)
     """

@@ -51,11 +51,9 @@ def iterate(frame: Frame, calibration: Endoscope, *, solver: str = DEFAULT_SOLVE
     Examples
     --------
     >>> import endolab as el
-    >>> known = el.load_calibration("paper", width=96)
-    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
-    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
-    >>> frame = el.Frame(seen.image, seen.mask)
-    >>> [step.k for step in el.iterate(frame, known, channel="green", max_iterations=2)]
+    >>> sample = el.load_traced("matt")  # a frame that comes with endolab
+    >>> steps = el.iterate(sample.frame, sample.calibration, width=96, channel="green", max_iterations=2)
+    >>> [step.k for step in steps]
     [0, 1, 2]
     """
     return _begun(frame, calibration, solver, options)[1]
@@ -239,10 +237,8 @@ def reconstruct(
     Examples
     --------
     >>> import endolab as el
-    >>> known = el.load_calibration("paper", width=96)
-    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
-    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
-    >>> result = el.reconstruct(el.Frame(seen.image, seen.mask), known)
+    >>> sample = el.load_traced("matt")  # a frame that comes with endolab
+    >>> result = el.reconstruct(sample.frame, sample.calibration, width=96)
     >>> result.status.name, result.metric, result.distance.shape
     ('CONVERGED', True, (72, 96))
     """

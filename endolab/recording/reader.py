@@ -50,11 +50,9 @@ def read_recording(path: PathLike) -> Recording:
     Examples
     --------
     >>> import endolab as el
-    >>> known = el.load_calibration("paper", width=96)
-    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
-    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
+    >>> sample = el.load_traced("matt")  # a frame that comes with endolab
     >>> with el.record("run.rrd") as recorder:
-    ...     result = el.reconstruct(el.Frame(seen.image, seen.mask), known, observers=[recorder])
+    ...     result = el.reconstruct(sample.frame, sample.calibration, width=96, observers=[recorder])
     >>> recording = el.read_recording("run.rrd")
     >>> recording.unit, recording.depth().shape
     ('mm', (72, 96))

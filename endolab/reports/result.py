@@ -111,10 +111,9 @@ def save_result(
     Examples
     --------
     >>> import endolab as el
-    >>> known = el.load_calibration("paper", width=96)
-    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
-    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
-    >>> el.save_result(el.reconstruct(el.Frame(seen.image, seen.mask), known, channel="green"), "out")
+    >>> sample = el.load_traced("matt")  # a frame that comes with endolab
+    >>> el.save_result(el.reconstruct(sample.frame, sample.calibration, width=96, channel="green"), "out")
+    >>> from pathlib import Path
     >>> sorted(path.name for path in Path("out").iterdir())
     ['cloud.ply', 'depth.npz', 'overview.png', 'report.json']
     """

@@ -198,12 +198,10 @@ class Tuner:
         self, answer: Answer, several: Sequence[Settings], tell: Callable[[int, Answer], object]
     ) -> None:
         """Solve these, torn where an answer is; `tell` is given the number and the answer of each."""
-        discontinuities = answer.result.problem.discontinuities
-        held: dict[str, Any] = (
-            {"contours": False}
-            if discontinuities is None
-            else {"contours": None, "discontinuities": discontinuities}
-        )
+        torn = answer.result.problem.discontinuities
+        held: dict[str, Any] = {"contours": False}
+        if torn is not None:
+            held = {"contours": None, "discontinuities": torn}
 
         def job(is_stale: IsStale) -> None:
             for number, settings in enumerate(several):

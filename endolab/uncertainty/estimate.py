@@ -119,11 +119,9 @@ def uncertainty_of(
     Examples
     --------
     >>> import endolab as el
-    >>> known = el.load_calibration("paper", width=96)
-    >>> seen = el.render(el.SCENES["colon"], known.camera, known.photometry)
-    >>> known = el.Calibration(seen.camera, seen.photometry)  # with the gain that was used
-    >>> result = el.reconstruct(el.Frame(seen.image, seen.mask), known, channel="green")
-    >>> uncertainty = el.uncertainty_of(result, known)
+    >>> sample = el.load_traced("matt")  # a frame that comes with endolab
+    >>> result = el.reconstruct(sample.frame, sample.calibration, width=96, channel="green")
+    >>> uncertainty = el.uncertainty_of(result, sample.calibration)
     >>> uncertainty.sigma.shape, sorted(uncertainty.causes)[:3]
     ((72, 96), ['albedo', 'border', 'bounced light'])
     """
