@@ -25,7 +25,7 @@ def _kept() -> bool:
     return True
 
 
-COMPILED: dict[str, Any] = {"cache": _kept(), "nogil": True, "error_model": "numpy"}
+COMPILED: dict[str, Any] = {"cache": _kept(), "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 kernel: Callable[..., Any] = njit(**COMPILED)
 PAD = 2
 
