@@ -146,11 +146,11 @@ def _sweep(rows: Any, turns: Any, x: Any, m: Any, inverse: Any, b: Any, step: in
 
 
 @kernel
-def _settle(m: Any, inverse: Any, x: Any, b: Any) -> None:
+def _settle(rows: Any, x: Any, m: Any, inverse: Any, b: Any) -> None:
     """Sweep until the coarsest grid is solved, as good as; forwards first, backwards last."""
     for _ in range(SETTLING):
-        _sweep_rows(m, inverse, x, b, PAD, x.shape[0] - PAD, 1)
-        _sweep_rows(m, inverse, x, b, PAD, x.shape[0] - PAD, -1)
+        for step in (1, -1):
+            _sweep_rows(m, inverse, x, b, rows[0], rows[1], step)
 
 
 @on_cores(cost=0.3)
@@ -229,10 +229,7 @@ class Multigrid:
         depth = 0
         while True:
             level = self.levels[depth]
-            if depth == 0:
-                _shorten(self.matrix, level.matrix)
-            else:
-                coefficients.matrix(damping, level.matrix)
+            _shorten(self.matrix if depth == 0 else coefficients.matrix(damping), level.matrix)
             _invert_diagonal(level.matrix, coefficients.active, level.inverse)
             if coefficients.structure.pixels <= COARSEST:
                 break
@@ -248,7 +245,7 @@ class Multigrid:
         at = self.levels[depth]
         at.x[:] = 0.0
         if depth == len(self.levels) - 1:
-            _settle(at.matrix, at.inverse, at.x, at.b)
+            _settle((PAD, len(at.x) - PAD), at.x, at.matrix, at.inverse, at.b)
             return
         below = self.levels[depth + 1]
         _sweep(at.x, at.matrix, at.inverse, at.b, 1)

@@ -71,14 +71,14 @@ def _data_row(parts: Any, link: Any, i: int, damping: float, t: Any, qt: Any, m:
     across, below, above = link[0, i], link[1, i], link[1, i - 1]
     by_v, by_u, by_w, weight = parts[BY_V, i], parts[BY_U, i], parts[BY_W, i], parts[WEIGHT, i]
     cautious_u, cautious_w = parts[CAUTION_U, i], parts[CAUTION_W, i]
-    count, damped = t.shape[2], np.float32(damping)
+    count = t.shape[2]
     for j in range(count):
-        right, left = np.float32(across[j + 2]), np.float32(across[j + 1])
-        u = by_u[j + 2] * (ONE - HALF * right * left)
+        right, left = float(across[j + 2]), float(across[j + 1])
+        u = by_u[j + 2] * (1 - 0.5 * right * left)
         t[3, 1, j], t[3, 2, j] = u * right, -u * left
     for j in range(count):
-        south, north = np.float32(below[j + 2]), np.float32(above[j + 2])
-        w = by_w[j + 2] * (ONE - HALF * south * north)
+        south, north = float(below[j + 2]), float(above[j + 2])
+        w = by_w[j + 2] * (1 - 0.5 * south * north)
         t[3, 3, j], t[3, 4, j] = w * south, -w * north
     for j in range(count):
         t[3, 0, j] = by_v[j + 2] - (t[3, 1, j] + t[3, 2, j]) - (t[3, 3, j] + t[3, 4, j])
@@ -87,15 +87,15 @@ def _data_row(parts: Any, link: Any, i: int, damping: float, t: Any, qt: Any, m:
             qt[3, k, j] = weight[j + 2] * t[3, k, j]
     centre, beneath, e, s = m[CENTRE, i], m[CENTRE, i + 1], m[E, i], m[S, i]
     for j in range(count):
-        centre[j + 2] += damped * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
+        centre[j + 2] += damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
     for j in range(count):
-        u = np.float32(across[j + 2]) * cautious_u[j + 2]
+        u = float(across[j + 2]) * cautious_u[j + 2]
         centre[j + 2] += u
         e[j + 2] -= u
     for j in range(count):
-        centre[j + 3] += np.float32(across[j + 2]) * cautious_u[j + 2]
+        centre[j + 3] += float(across[j + 2]) * cautious_u[j + 2]
     for j in range(count):
-        w = np.float32(below[j + 2]) * cautious_w[j + 2]
+        w = float(below[j + 2]) * cautious_w[j + 2]
         centre[j + 2] += w
         beneath[j + 2] += w
         s[j + 2] -= w
@@ -108,19 +108,19 @@ def _differences_row(link: Any, kind: int, i: int, t: Any) -> None:
     count = t.shape[2]
     if kind == FIRST:
         for j in range(count):
-            t[0, 1, j], t[2, 3, j] = np.float32(across[j + 2]), np.float32(below[j + 2])
-            t[0, 0, j], t[2, 0, j] = -np.float32(across[j + 2]), -np.float32(below[j + 2])
+            t[0, 1, j], t[2, 3, j] = float(across[j + 2]), float(below[j + 2])
+            t[0, 0, j], t[2, 0, j] = -float(across[j + 2]), -float(below[j + 2])
         return
-    two, root2 = np.float32(2), np.float32(np.sqrt(2.0))
+    root2 = np.sqrt(2.0)
     for j in range(count):
-        both = np.float32(across[j + 2]) * np.float32(across[j + 1])
-        t[0, 0, j], t[0, 1, j], t[0, 2, j] = -two * both, both, both
+        both = float(across[j + 2]) * float(across[j + 1])
+        t[0, 0, j], t[0, 1, j], t[0, 2, j] = -2 * both, both, both
     for j in range(count):
-        both = np.float32(below[j + 2]) * np.float32(above[j + 2])
-        t[2, 0, j], t[2, 3, j], t[2, 4, j] = -two * both, both, both
+        both = float(below[j + 2]) * float(above[j + 2])
+        t[2, 0, j], t[2, 3, j], t[2, 4, j] = -2 * both, both, both
     for j in range(count):
-        square = root2 * np.float32(across[j + 2]) * np.float32(below[j + 2])
-        square *= np.float32(beneath[j + 2]) * np.float32(below[j + 3])
+        square = root2 * float(across[j + 2]) * float(below[j + 2])
+        square *= float(beneath[j + 2]) * float(below[j + 3])
         t[1, 0, j], t[1, 1, j], t[1, 3, j], t[1, 5, j] = square, -square, -square, square
 
 
@@ -163,7 +163,7 @@ def _assemble(
     """
     entries, products = lists
     count = m.shape[2] - 2 * PAD
-    t, qt = np.empty((4, 6, count), m.dtype), np.empty((4, 6, count), m.dtype)
+    t, qt = np.empty((4, 6, count)), np.empty((4, 6, count))
     for turn in range(turns[0], turns[1]):
         if turn == 0:
             for i in range(rows[0], rows[1]):
@@ -320,11 +320,8 @@ class Coefficients:
         """Q, (1 or 6, ...)."""
         return self.parts[SMOOTHNESS:]
 
-    def matrix(self, damping: float, out: Any = None) -> Any:
-        """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal.
-
-        It has the precision of `out`: double, if there is none.
-        """
+    def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
+        """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
         m = np.empty((9, *self.active.shape)) if out is None else out
         on = self.structure
         lists = ENTRIES[on.kind], PRODUCTS[on.kind]
