@@ -4,12 +4,10 @@ The form at a pixel is linear in w at six: itself and the neighbours to the righ
 below right, in this order. `rays` are padded, (3, ...), as are the maps, see `numerics.compiled`.
 """
 
-from typing import Any
-
 import numpy as np
 
 from endolab.depth.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import ByteArray, FloatArray, SingleArray, Span
 from endolab.numerics.compiled import PAD, copy_row, kernel
 from endolab.numerics.threads import on_cores, rows_within
 
@@ -23,7 +21,7 @@ DIFFERENCES = (
 
 
 @on_cores(cost=15)
-def fill_shares(rows: Any, _turns: Any, rays: FloatArray, link: Any, out: FloatArray) -> None:
+def fill_shares(rows: Span, rays: FloatArray, link: ByteArray, out: FloatArray) -> None:
     """a, b and c, (3, ...), of uu, uv and vv, (3, ...): see `curvature`; 0 where one is not known.
 
     a and b are of the sums of the differences to both sides, not of their means.
@@ -81,7 +79,7 @@ def fill_shares(rows: Any, _turns: Any, rays: FloatArray, link: Any, out: FloatA
 
 
 @kernel
-def _know_row(link: Any, i: int, known: Any) -> None:
+def _know_row(link: ByteArray, i: int, known: FloatArray) -> None:
     """1 where uu, uv and vv have all their steps, and one on the other axis, 0 elsewhere; on a row."""
     next_to, below, above, beneath = link[0, i], link[1, i], link[1, i - 1], link[0, i + 1]
     for j in range(known.shape[1]):
@@ -93,7 +91,7 @@ def _know_row(link: Any, i: int, known: Any) -> None:
 
 
 @kernel
-def bend_row(x: FloatArray, link: Any, shares: Any, i: int, form: Any) -> None:
+def bend_row(x: FloatArray, link: ByteArray, shares: FloatArray, i: int, form: FloatArray) -> None:
     """The form of a map on a row, see `curvature.second_form`; `shares` as `fill_shares` writes them."""
     row, up, down = x[i], x[i - 1], x[i + 1]
     next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
@@ -115,7 +113,7 @@ def bend_row(x: FloatArray, link: Any, shares: Any, i: int, form: Any) -> None:
 
 
 @kernel
-def add_unbent_row(form: Any, link: Any, shares: Any, i: int, out: FloatArray) -> None:
+def add_unbent_row(form: FloatArray, link: ByteArray, shares: FloatArray, i: int, out: FloatArray) -> None:
     """Add the adjoint of `bend_row` to a map; `form` is 0 where it is not known."""
     here, up, down = out[i], out[i - 1], out[i + 1]
     next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
@@ -143,7 +141,9 @@ def add_unbent_row(form: Any, link: Any, shares: Any, i: int, out: FloatArray) -
 
 
 @kernel
-def _measure_row(form: Any, metric: Any, link: Any, i: int, size: Any, twofold: Any) -> None:
+def _measure_row(
+    form: FloatArray, metric: FloatArray, link: ByteArray, i: int, size: FloatArray, twofold: FloatArray
+) -> None:
     """See `curvature.size_and_twofold`; the second is 0 where not all of the form is known."""
     known = np.empty(form.shape)
     _know_row(link, i, known)
@@ -160,7 +160,15 @@ def _measure_row(form: Any, metric: Any, link: Any, i: int, size: Any, twofold: 
 
 
 @kernel
-def add_bending_row(form: Any, metric: Any, link: Any, i: int, epsilon: float, weight: Any, out: Any) -> None:
+def add_bending_row(
+    form: FloatArray,
+    metric: FloatArray,
+    link: ByteArray,
+    i: int,
+    epsilon: float,
+    weight: FloatArray,
+    out: FloatArray,
+) -> None:
     """Add what a row's bending costs, by Huber's penalty and with these weights, but without λ."""
     size, twofold = np.empty(out.size), np.empty(out.size)
     _measure_row(form, metric, link, i, size, twofold)
@@ -174,7 +182,13 @@ def add_bending_row(form: Any, metric: Any, link: Any, i: int, epsilon: float, w
 
 @kernel
 def weigh_bending_row(
-    form: Any, metric: Any, link: Any, i: int, epsilon: float, weight: Any, smoothness: Any
+    form: FloatArray,
+    metric: FloatArray,
+    link: ByteArray,
+    i: int,
+    epsilon: float,
+    weight: FloatArray,
+    smoothness: SingleArray,
 ) -> None:
     """Write Q, six maps: the cost is about ½ formᵀ Q form; the form becomes its slope, Q form.
 
@@ -235,7 +249,7 @@ def weigh_bending_row(
 
 
 @kernel
-def stencils_row(link: Any, shares: Any, i: int, t: Any) -> None:
+def stencils_row(link: ByteArray, shares: SingleArray, i: int, t: FloatArray) -> None:
     """Weights (3, 6, ...) of the six pixels for uu, uv and vv, on a row; 0 where one is not known."""
     count = t.shape[2]
     next_to, below, above = link[0, i], link[1, i], link[1, i - 1]

@@ -6,7 +6,7 @@ their padding, j, of arrays of their own with it, j + 2, so that they take many 
 """
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from endolab.depth.normal_equations import (
 )
 from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, FIRST
 from endolab.model.photometry import Photometry
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import ByteArray, FloatArray, SingleArray, Span
 from endolab.numerics.compiled import PAD, clear_row, copy_row, kernel
 from endolab.numerics.elementary import exp, log
 from endolab.numerics.threads import ROWS, on_cores, rows_within
@@ -36,9 +36,9 @@ class Picture(NamedTuple):
     log_scale: FloatArray
     metric: FloatArray
     edge: FloatArray
-    active: Any
-    link: Any
-    evidence: Any
+    active: ByteArray
+    link: ByteArray
+    evidence: ByteArray
     shares: FloatArray  # of `curvature_kernels`
 
 
@@ -51,8 +51,9 @@ class Wall(NamedTuple):
 
 
 class Penalties(NamedTuple):
-    """Huber's threshold of the data, ε, the unit of a derivative of ξ, which of `problem.REGULARISERS`."""
+    """λ, Huber's threshold of the data, ε, the unit of a derivative of ξ, which of `problem.REGULARISERS`."""
 
+    lam: float
     threshold: float
     epsilon: float
     scale: float
@@ -60,7 +61,9 @@ class Penalties(NamedTuple):
 
 
 @kernel
-def _shade_row(slant: Any, table: Any, step: float, shading: Any, slope: Any) -> None:
+def _shade_row(
+    slant: FloatArray, table: FloatArray, step: float, shading: FloatArray, slope: FloatArray
+) -> None:
     """log(cos θ f_r(θ)/f_r(0)) and its derivative by t = log(1 + tan²θ), on a row."""
     for j in range(slant.size):
         shading[j] = log(1 + slant[j])
@@ -80,7 +83,15 @@ def _shade_row(slant: Any, table: Any, step: float, shading: Any, slope: Any) ->
 
 
 @kernel
-def slopes_row(v: Any, metric: Any, link: Any, i: int, raised_u: Any, raised_w: Any, slant: Any) -> None:
+def slopes_row(
+    v: FloatArray,
+    metric: FloatArray,
+    link: ByteArray,
+    i: int,
+    raised_u: FloatArray,
+    raised_w: FloatArray,
+    slant: FloatArray,
+) -> None:
     """G⁻¹ ∇v and tan²θ on a row, ∇v being the mean of the differences that there are."""
     row, up, down = v[i], v[i - 1], v[i + 1]
     across, below, above = link[0, i], link[1, i], link[1, i - 1]
@@ -96,7 +107,14 @@ def slopes_row(v: Any, metric: Any, link: Any, i: int, raised_u: Any, raised_w: 
 
 
 @on_cores(cost=3)
-def fill_xi(rows: Any, _turns: Any, v: Any, factor: Any, active: Any, sign: float, xi: FloatArray) -> None:
+def fill_xi(
+    rows: Span,
+    v: FloatArray,
+    factor: FloatArray,
+    active: ByteArray,
+    sign: float,
+    xi: FloatArray,
+) -> None:
     """ξ/ξ̃ where the mask is, 0 elsewhere."""
     for i in range(rows[0], rows[1]):
         row, by, there, out = v[i], factor[i], active[i], xi[i]
@@ -106,7 +124,13 @@ def fill_xi(rows: Any, _turns: Any, v: Any, factor: Any, active: Any, sign: floa
 
 @on_cores(cost=0.5)
 def advance(
-    rows: Any, _turns: Any, v: Any, delta: Any, share: float, longest: float, ceiling: Any, out: FloatArray
+    rows: Span,
+    v: FloatArray,
+    delta: FloatArray,
+    share: float,
+    longest: float,
+    ceiling: FloatArray,
+    out: FloatArray,
 ) -> None:
     """Go a share of a step of which nothing is longer than `longest`, no higher than a ceiling, if any."""
     for i in range(rows[0], rows[1]):
@@ -120,7 +144,7 @@ def advance(
 
 
 @on_cores(cost=3)
-def fill_slants(rows: Any, _turns: Any, v: Any, metric: FloatArray, link: Any, out: FloatArray) -> None:
+def fill_slants(rows: Span, v: FloatArray, metric: FloatArray, link: ByteArray, out: FloatArray) -> None:
     """tan² of the angle between ray and normal where the mask is, 0 elsewhere."""
     first, last = rows_within(rows, PAD, v.shape[0] - PAD)
     raised = np.empty((2, v.shape[1] - 2 * PAD))
@@ -129,7 +153,7 @@ def fill_slants(rows: Any, _turns: Any, v: Any, metric: FloatArray, link: Any, o
 
 
 @kernel
-def _predict_row(v: Any, picture: Any, wall: Any, i: int, rows: Any) -> None:
+def _predict_row(v: FloatArray, picture: Picture, wall: Wall, i: int, rows: FloatArray) -> None:
     """On a row: the residual, how much it counts (0 or 1), the model, and what the last two come from."""
     image, log_scale, metric, _, active, link, evidence, _ = picture
     gamma, table, step = wall
@@ -151,7 +175,7 @@ def _predict_row(v: Any, picture: Any, wall: Any, i: int, rows: Any) -> None:
 
 
 @kernel
-def _derive_row(x: Any, link: Any, kind: int, i: int, form: Any) -> None:
+def _derive_row(x: FloatArray, link: ByteArray, kind: int, i: int, form: FloatArray) -> None:
     """D x on a row, per pixel or per pixel squared; 0 where a step is missing, √2 on the mixed difference."""
     row, up, down = x[i], x[i - 1], x[i + 1]
     across, below, above, next_across = link[0, i], link[1, i], link[1, i - 1], link[0, i + 1]
@@ -172,7 +196,7 @@ def _derive_row(x: Any, link: Any, kind: int, i: int, form: Any) -> None:
 
 
 @kernel
-def _add_adjoint_row(form: Any, link: Any, kind: int, i: int, out: Any) -> None:
+def _add_adjoint_row(form: FloatArray, link: ByteArray, kind: int, i: int, out: FloatArray) -> None:
     """Add the adjoint of `_derive_row` to a map; `form` is 0 where a step is missing."""
     uu, uv, vv = form[0], form[1], form[2]
     here, up, down = out[i], out[i - 1], out[i + 1]
@@ -199,11 +223,17 @@ def _add_adjoint_row(form: Any, link: Any, kind: int, i: int, out: Any) -> None:
 
 @on_cores(cost=15)
 def _fill_sums(
-    rows: Any, _turns: Any, v: Any, xi: FloatArray, picture: Any, wall: Any, penalties: Any, out: Any
+    rows: Span,
+    v: FloatArray,
+    xi: FloatArray,
+    picture: Picture,
+    wall: Wall,
+    penalties: Penalties,
+    out: FloatArray,
 ) -> None:
     """Each band's part of `sums`."""
     metric, edge, link, shares = picture[2], picture[3], picture[5], picture[7]
-    threshold, epsilon, scale, kind = penalties
+    _, threshold, epsilon, scale, kind = penalties
     count = v.shape[1] - 2 * PAD
     work, form, totals = np.empty((8, count)), np.empty((3, count)), np.empty((2, count))
     residual, counts, data, rough = work[0], work[1], totals[0], totals[1]
@@ -230,7 +260,9 @@ def _fill_sums(
         out[start // ROWS, 0], out[start // ROWS, 1] = data.sum(), rough.sum()
 
 
-def sums(v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any) -> tuple[float, float]:
+def sums(
+    v: FloatArray, xi: FloatArray, picture: Picture, wall: Wall, penalties: Penalties
+) -> tuple[float, float]:
     """Sums over the mask of the data's penalty and of the regulariser's without λ."""
     parts = np.zeros((-(-v.shape[0] // ROWS), 2))
     _fill_sums(v, xi, picture, wall, penalties, parts)
@@ -239,7 +271,9 @@ def sums(v: FloatArray, xi: FloatArray, picture: Any, wall: Any, penalties: Any)
 
 
 @kernel
-def _pull_row(residual: Any, weight: Any, factors: Any, link: Any, i: int, out: Any) -> None:
+def _pull_row(
+    residual: FloatArray, weight: FloatArray, factors: FloatArray, link: ByteArray, i: int, out: FloatArray
+) -> None:
     """Subtract Jᵀ W r of a row from a map; `factors` are a and b of J, which it spoils."""
     by_v, by_u, by_w = factors[0], factors[1], factors[2]
     across, below, above = link[0, i], link[1, i], link[1, i - 1]
@@ -260,7 +294,7 @@ def _pull_row(residual: Any, weight: Any, factors: Any, link: Any, i: int, out: 
 
 
 @kernel
-def _differentiate_row(rows: Any, gamma: float, threshold: float, factors: Any) -> None:
+def _differentiate_row(rows: FloatArray, gamma: float, threshold: float, factors: FloatArray) -> None:
     """a and b of J on a row, from what `_predict_row` wrote; the counts become the weights W."""
     residual, counts, model, slope = rows[0], rows[1], rows[2], rows[3]
     slant, raised_u, raised_w, by_slant = rows[4], rows[5], rows[6], rows[7]
@@ -277,7 +311,7 @@ def _differentiate_row(rows: Any, gamma: float, threshold: float, factors: Any) 
 
 
 @kernel
-def _weight_row(active: Any, edge: Any, lam: float, i: int, out: Any) -> None:
+def _weight_row(active: ByteArray, edge: FloatArray, lam: float, i: int, out: FloatArray) -> None:
     """λ w on a row, 0 outside the mask."""
     there, g = active[i], edge[i]
     for j in range(out.size):
@@ -285,7 +319,7 @@ def _weight_row(active: Any, edge: Any, lam: float, i: int, out: Any) -> None:
 
 
 @kernel
-def _weigh_row(form: Any, scale: float, epsilon: float, weight: Any) -> None:
+def _weigh_row(form: FloatArray, scale: float, epsilon: float, weight: FloatArray) -> None:
     """Weights become Q, of the parabola that touches the penalty of D ξ; the form becomes Q D ξ."""
     uu, uv, vv = form[0], form[1], form[2]
     for j in range(weight.size):
@@ -299,20 +333,19 @@ def _weigh_row(form: Any, scale: float, epsilon: float, weight: Any) -> None:
 
 @on_cores(cost=10, turns=3)
 def linearise(
-    rows: Any,
-    turns: Any,
-    v: Any,
+    rows: Span,
+    turns: Span,
+    v: FloatArray,
     xi: FloatArray,
-    picture: Any,
-    wall: Any,
-    penalties: Any,
-    lam: float,
-    out: Any,
+    picture: Picture,
+    wall: Wall,
+    penalties: Penalties,
+    out: tuple[SingleArray, FloatArray, FloatArray],
 ) -> None:
     """Maps of `Coefficients` but for slope and caution, -Jᵀ W r and Dᵀ Q D ξ."""
     metric, edge, active, link, shares = picture[2], picture[3], picture[4], picture[5], picture[7]
     gamma = wall[0]
-    threshold, epsilon, scale, kind = penalties
+    lam, threshold, epsilon, scale, kind = penalties
     parts, descent, smooth = out
     count = v.shape[1] - 2 * PAD
     work, form, factors = np.empty((8, count)), np.empty((3, count)), np.empty((3, count))
@@ -347,7 +380,13 @@ def linearise(
 
 @on_cores(cost=0.5)
 def finish(
-    rows: Any, _turns: Any, descent: Any, smooth: Any, xi: Any, sign: float, free: Any, parts: Any
+    rows: Span,
+    descent: FloatArray,
+    smooth: FloatArray,
+    xi: FloatArray,
+    sign: float,
+    free: ByteArray,
+    parts: SingleArray,
 ) -> None:
     """Subtract X Dᵀ Q D ξ from -Jᵀ W r, for pixels that are free, and write X."""
     for i in range(rows[0], rows[1]):
@@ -358,7 +397,14 @@ def finish(
 
 
 @on_cores(cost=3)
-def be_cautious(rows: Any, _turns: Any, parts: Any, v: Any, metric: Any, link: Any, slants: Any) -> None:
+def be_cautious(
+    rows: Span,
+    parts: SingleArray,
+    v: FloatArray,
+    metric: FloatArray,
+    link: ByteArray,
+    slants: FloatArray,
+) -> None:
     """Write what slopes of a step are charged for beforehand, see `grid.Grid.linearised`."""
     first, last = rows_within(rows, PAD, v.shape[0] - PAD)
     count = v.shape[1] - 2 * PAD

@@ -24,11 +24,12 @@ far side starts from its own local minima of y₀.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
 from endolab.numerics.compiled import kernel
 from endolab.numerics.derivatives import links, shifted
 
@@ -37,8 +38,25 @@ _AROUND = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0),
 _FAR, _ACCEPTED, _OUTSIDE = -1, -2, -3  # else a pixel's entry in `place` is its index in the heap
 
 
+BitArray = NDArray[np.uint8]
+Offset = tuple[int, int]  # column, row
+Step = tuple[float, float]  # s, t of the difference s y + t of the unknown y at a pixel to a neighbour
+Terms = tuple[float, float, float]  # a, b, c of a y² + 2 b y + c
+Table = tuple[FloatArray, FloatArray]  # log c and log(1 + P), both empty for a Lambertian surface
+
+
+class Front(NamedTuple):
+    """Values, the heap of trial pixels and each one's place in it, which are given, and `_ways`; all flat."""
+
+    value: FloatArray
+    heap: IndexArray
+    place: IndexArray
+    fixed: BoolArray
+    ways: BitArray
+
+
 @kernel
-def _rise(value: FloatArray, heap: Any, place: Any, child: int) -> None:
+def _rise(value: FloatArray, heap: IndexArray, place: IndexArray, child: int) -> None:
     """Move an entry of the heap up to where its parent is not larger."""
     pixel = heap[child]
     while child > 0:
@@ -53,7 +71,7 @@ def _rise(value: FloatArray, heap: Any, place: Any, child: int) -> None:
 
 
 @kernel
-def _pop(value: FloatArray, heap: Any, place: Any, size: int) -> int:
+def _pop(value: FloatArray, heap: IndexArray, place: IndexArray, size: int) -> int:
     """Take the pixel of least value off a heap of `size` entries, and accept it."""
     top, pixel = heap[0], heap[size - 1]
     place[top] = _ACCEPTED
@@ -73,21 +91,19 @@ def _pop(value: FloatArray, heap: Any, place: Any, size: int) -> int:
     return top
 
 
-# Below, `terms` are a, b, c of a y² + 2 b y + c, a `step` is s, t of the difference s y + t of the unknown y
-# at a pixel to a neighbour, and `table` holds log c and log(1 + P), both empty for a Lambertian surface.
 @kernel
-def _excess(y: float, terms: Any, y0: float, table: Any) -> float:
+def _excess(y: float, terms: Terms, y0: float, table: Table) -> float:
     """a y² + 2 b y + c - 4 y² P(y/y0), P interpolated in logarithms."""
     (a, b, c), (log_c, log_p) = terms, table
     x = np.log(y / y0)
-    i = min(max(np.searchsorted(log_c, x), 1), log_c.size - 1)
+    i = min(max(int(np.searchsorted(log_c, x)), 1), log_c.size - 1)
     share = min(max((x - log_c[i - 1]) / (log_c[i] - log_c[i - 1]), 0.0), 1.0)
     p = np.exp(log_p[i - 1] + share * (log_p[i] - log_p[i - 1])) - 1
     return a * y * y + 2 * b * y + c - 4 * y * y * p
 
 
 @kernel
-def _root(terms: Any, low: float, y0: float, table: Any) -> float:
+def _root(terms: Terms, low: float, y0: float, table: Table) -> float:
     """Largest y in [low, y0] with a y² + 2 b y + c = 4 y² P(y/y0); nan if there is none."""
     if table[0].size == 0:  # Lambertian: 4 y² P = 4 (y0² - y²)
         a, b, c = terms
@@ -111,7 +127,9 @@ def _root(terms: Any, low: float, y0: float, table: Any) -> float:
 
 
 @kernel
-def _difference(value: FloatArray, place: Any, ways: Any, near: int, k: int, width: int) -> Any:
+def _difference(
+    value: FloatArray, place: IndexArray, ways: BitArray, near: int, k: int, width: int
+) -> tuple[Step, float]:
     """Step from a pixel to its accepted k-th neighbour, and that one's value.
 
     First order: neighbour - y. Second order: 2 neighbour - next/2 - 3y/2, if the next pixel out
@@ -125,7 +143,7 @@ def _difference(value: FloatArray, place: Any, ways: Any, near: int, k: int, wid
 
 
 @kernel
-def _along_edge(step: Any, low: float, nearness: float, y0: float, table: Any) -> float:
+def _along_edge(step: Step, low: float, nearness: float, y0: float, table: Table) -> float:
     """Value at a pixel if ∇y pointed along one neighbour, 1/`nearness` being its squared length."""
     s, t = step
     return _root((s * s * nearness, s * t * nearness, t * t * nearness), low, y0, table)
@@ -133,7 +151,14 @@ def _along_edge(step: Any, low: float, nearness: float, y0: float, table: Any) -
 
 @kernel
 def _across_triangle(
-    a: Any, b: Any, step_a: Any, step_b: Any, low: float, g: Any, y0: float, table: Any
+    a: Offset,
+    b: Offset,
+    step_a: Step,
+    step_b: Step,
+    low: float,
+    g: tuple[float, float, float],
+    y0: float,
+    table: Table,
 ) -> float:
     """Value at a pixel from two neighbours at offsets a, b (column, row); nan if not upwind."""
     (sa, ta), (sb, tb) = step_a, step_b
@@ -154,9 +179,9 @@ def _across_triangle(
 
 
 @kernel
-def _advance(count: int, size: int, state: Any, y0: FloatArray, metric: Any, table: Any) -> int:
+def _advance(count: int, size: int, front: Front, y0: FloatArray, metric: FloatArray, table: Table) -> int:
     """Accept `count` more pixels; return the number left in the heap, of `size` before."""
-    value, heap, place, fixed, ways = state
+    value, heap, place, fixed, ways = front
     width = y0.shape[1]
     upper, inverse_metric = y0.ravel(), metric.reshape(-1, 3)
     for _ in range(count):
@@ -213,7 +238,7 @@ def _advance(count: int, size: int, state: Any, y0: FloatArray, metric: Any, tab
     return size
 
 
-def _ways(mask: BoolArray, discontinuities: BoolArray | None) -> Any:
+def _ways(mask: BoolArray, discontinuities: BoolArray | None) -> BitArray:
     """Bit k of a pixel, (H, W) uint8: whether it and its k-th neighbour (`_AROUND`) may see each other.
 
     A diagonal step cuts the corner of two steps: where there are cuts, one of the two ways around
@@ -243,7 +268,7 @@ def _ways(mask: BoolArray, discontinuities: BoolArray | None) -> Any:
     return np.packbits(np.stack(turns), axis=0, bitorder="little")[0]
 
 
-def _is_lowest_around(y0: FloatArray, mask: BoolArray, ways: Any) -> BoolArray:
+def _is_lowest_around(y0: FloatArray, mask: BoolArray, ways: BitArray) -> BoolArray:
     """Where no neighbour that may be seen is lower."""
     padded = np.pad(y0, 1)
     height, width = y0.shape
@@ -259,12 +284,12 @@ class March:
 
     y0: FloatArray
     value: FloatArray
-    heap: Any
-    place: Any
+    heap: IndexArray
+    place: IndexArray
     fixed: BoolArray
-    ways: Any
+    ways: BitArray
     metric: FloatArray
-    table: tuple[FloatArray, FloatArray]  # empty for a Lambertian surface
+    table: Table
     size: int  # of the heap
 
     @classmethod
@@ -273,7 +298,7 @@ class March:
         log_facing: FloatArray,
         mask: BoolArray,
         metric: FloatArray,
-        table: tuple[FloatArray, FloatArray] | None,
+        table: Table | None,
         inflow: FloatArray | None = None,
         discontinuities: BoolArray | None = None,
     ) -> March:
@@ -299,8 +324,8 @@ class March:
 
     def advance(self, count: int) -> None:
         """Let the front accept `count` more pixels, or as many as there are."""
-        state = (self.value, self.heap, self.place, self.fixed, self.ways)
-        self.size = _advance(count, self.size, state, self.y0, self.metric, self.table)
+        front = Front(self.value, self.heap, self.place, self.fixed, self.ways)
+        self.size = _advance(count, self.size, front, self.y0, self.metric, self.table)
 
     @property
     def arrived(self) -> BoolArray:

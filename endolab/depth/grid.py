@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -38,8 +37,8 @@ from endolab.depth.normal_equations import (
     shares_of,
 )
 from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, NONE, REGULARISERS, Problem
-from endolab.depth.tears import Blocks, coarser_links, main_parts
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.depth.tears import Cells, coarser_links, main_parts
+from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray
 from endolab.numerics.compiled import PAD, block_sums, halved, inner, kernel, padded
 from endolab.numerics.derivatives import links
 
@@ -48,7 +47,9 @@ NEARLY = 0.008  # of log d below that ceiling, where a pixel is held that is dra
 
 
 @kernel
-def _enters(v: FloatArray, metric: Any, active: Any, link: Any, whole: Any, out: Any) -> None:
+def _enters(
+    v: FloatArray, metric: FloatArray, active: ByteArray, link: ByteArray, whole: ByteArray, out: BoolArray
+) -> None:
     """Mark the pixels that a march down to v enters over the mask's border or a cut; out is not padded."""
     count = out.shape[1]
     raised_u, raised_w, slant = np.empty(count), np.empty(count), np.empty(count)
@@ -76,10 +77,10 @@ class Grid:
     metric: FloatArray  # (3, ...): uu, uv, vv of G⁻¹, in this grid's pixels squared
     factor: FloatArray  # ξ/ξ̃ is this times e^±v
     edge: FloatArray  # edge weight g
-    active: Any  # the mask, int8
-    link: Any  # (2, ...) int8: steps that derivatives take, see `numerics.derivatives.links`
-    whole: Any  # those that there would be without cuts: the same array where nothing is torn
-    evidence: Any  # see `Problem`, int8; (0, 0) for exact pixels
+    active: ByteArray  # the mask
+    link: ByteArray  # (2, ...): steps that derivatives take, see `numerics.derivatives.links`
+    whole: ByteArray  # those that there would be without cuts: the same array where nothing is torn
+    evidence: ByteArray  # see `Problem`; (0, 0) for exact pixels
     rays: FloatArray  # (3, ...), of which second differences make planes free; (3, 0, 0) where none does
     inflow: FloatArray  # (H, W), not padded: log d where it is given and no unknown, else nan
     scale: float  # what a derivative of ξ per pixel of this grid is multiplied by
@@ -135,7 +136,7 @@ class Grid:
             scale=self.scale / (2 if self.problem.regulariser == "first" else 4),
         )
 
-    def _coarser_evidence(self) -> tuple[FloatArray, Any]:
+    def _coarser_evidence(self) -> tuple[FloatArray, ByteArray]:
         """Image and evidence on half the pixels.
 
         A block has the mean of its pixels that say something and says nothing only if they all do;
@@ -155,8 +156,8 @@ class Grid:
 
     def finer(self, v: FloatArray, fine: Grid) -> FloatArray:
         """A map of this grid on the finer one that it came from."""
-        blocks = Blocks(self.active, self.link, self.whole)
-        way = Interpolation.to(fine.active, fine.main, fine.link, fine.whole, blocks)
+        blocks = Cells(self.active, self.link, self.whole)
+        way = Interpolation.to(Cells(fine.active, fine.link, fine.whole), fine.main, blocks)
         out = np.zeros(fine.active.shape)
         way.add(v, out)
         if self.is_torn:
@@ -183,7 +184,7 @@ class Grid:
         return inner(self.link) < inner(self.whole) if self.is_torn else None
 
     @cached_property
-    def main(self) -> Any:
+    def main(self) -> ByteArray:
         """Pixels for which the coarser grid's blocks stand, see `tears`; the mask, where nothing is torn."""
         return main_parts(self.active, self.link, self.whole)
 
@@ -250,16 +251,20 @@ class Grid:
         """Those of `curvature_kernels.fill_shares`."""
         return shares_of(self.rays, self.link)
 
-    def _energy(self) -> tuple[Picture, Wall, Penalties]:
+    def _energy(self, lam: float) -> tuple[Picture, Wall, Penalties]:
         """What the compiled energy takes beside the map."""
         p = self.problem
         arrays = (self.image, self.log_scale, self.metric, self.edge, self.active, self.link, self.evidence)
         wall = Wall(p.photometry.gamma, self.table, self.step)
-        return Picture(*arrays, self.shares), wall, Penalties(p.threshold, p.epsilon, self.scale, self._kind)
+        return (
+            Picture(*arrays, self.shares),
+            wall,
+            Penalties(lam, p.threshold, p.epsilon, self.scale, self._kind),
+        )
 
     def terms(self, v: FloatArray, lam: float) -> dict[str, float]:
         """The energy's terms, as `energy_terms` gives them, of the map v."""
-        data, rough = sums(v, self._xi(v), *self._energy())
+        data, rough = sums(v, self._xi(v), *self._energy(lam))
         return {"data": data / self.count, "regulariser": lam * rough / self.count}
 
     @cached_property
@@ -273,7 +278,7 @@ class Grid:
         fill_slants(v, self.metric, self.link, out)
         return out
 
-    def structure(self, free: Any, old: Structure | None = None) -> Structure:
+    def structure(self, free: ByteArray, old: Structure | None = None) -> Structure:
         """That of equations for pixels that are free: the old one, if it is of the same."""
         if old is not None and old.link is self.link and np.array_equal(old.active, free):
             return old
@@ -294,7 +299,7 @@ class Grid:
         parts = np.zeros((count, *v.shape), np.float32) if old is None else old.parts
         xi, (_, descent, smooth) = self._xi(v), self._room
         sign = 1.0 if self.problem.xi == "d" else -1.0
-        linearise(v, xi, *self._energy(), lam, (parts, descent, smooth))
+        linearise(v, xi, *self._energy(lam), (parts, descent, smooth))
         free = self.free
         if self.is_torn:
             slope = sign * xi
@@ -307,10 +312,10 @@ class Grid:
         return Coefficients(parts, self.structure(free, None if old is None else old.structure)), descent
 
     @cached_property
-    def free(self) -> Any:
+    def free(self) -> ByteArray:
         """Pixels that are unknown, int8."""
         return self.active * padded(np.isnan(self.inflow).astype(np.int8))
 
 
-def _block_means(a: FloatArray, inside: Any) -> FloatArray:
+def _block_means(a: FloatArray, inside: ByteArray) -> FloatArray:
     return block_sums(a * inside) / np.maximum(block_sums(inside), 1)

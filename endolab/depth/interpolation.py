@@ -8,19 +8,20 @@ with others of its side, so that no straight map is bent there: second differenc
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from endolab.depth.tears import Blocks, nearest, reached
-from endolab.numerics.arrays import FloatArray
+from endolab.depth.tears import Cells, nearest, reached
+from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, RealArray, SingleArray, Span
 from endolab.numerics.compiled import PAD, kernel
 from endolab.numerics.threads import on_cores, rows_within
 
+Strands = tuple[IntArray, IntArray, FloatArray]  # those of `Interpolation`: pixel, block, weight
+
 
 @on_cores(cost=0.4)
-def _prolong_add(rows: Any, _turns: Any, x: Any, share: Any, step: Any) -> None:
+def _prolong_add(rows: Span, x: RealArray, share: SingleArray, step: RealArray) -> None:
     """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
     between = np.empty(step.shape[1], step.dtype)
@@ -35,7 +36,7 @@ def _prolong_add(rows: Any, _turns: Any, x: Any, share: Any, step: Any) -> None:
 
 
 @on_cores(cost=2)
-def _restrict(rows: Any, _turns: Any, out: Any, r: Any, share: Any, coarse: Any) -> None:
+def _restrict(rows: Span, out: SingleArray, r: SingleArray, share: SingleArray, coarse: ByteArray) -> None:
     """Adjoint of `_prolong_add`."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     column = np.empty(r.shape[1], r.dtype)
@@ -58,7 +59,7 @@ def _place(i: int, j: int, k: int) -> tuple[int, int, float, float]:
 
 
 @kernel
-def _add_from(source: Any, target: Any, weight: FloatArray, a: FloatArray, out: FloatArray) -> None:
+def _add_from(source: IntArray, target: IntArray, weight: FloatArray, a: FloatArray, out: FloatArray) -> None:
     """Add weighted elements of one array to those of another."""
     values, sums = a.ravel(), out.reshape(-1)
     for k in range(weight.size):
@@ -66,7 +67,7 @@ def _add_from(source: Any, target: Any, weight: FloatArray, a: FloatArray, out: 
 
 
 @kernel
-def _fill_shares(active: Any, main: Any, blocks: Any, share: Any) -> int:
+def _fill_shares(active: ByteArray, main: ByteArray, blocks: Cells, share: SingleArray) -> int:
     """Write the shares of pixels amid four blocks with nothing between; return the number of others."""
     known, across, uncut = blocks
     others = 0
@@ -87,10 +88,9 @@ def _fill_shares(active: Any, main: Any, blocks: Any, share: Any) -> int:
 
 
 @kernel
-def _fill_strands(
-    active: Any, main: Any, link: Any, whole: Any, blocks: Any, share: Any, strands: Any
-) -> int:
+def _fill_strands(pixels: Cells, main: ByteArray, blocks: Cells, share: SingleArray, strands: Strands) -> int:
     """Write the strands to active pixels that have no share, or their shares; return how many strands."""
+    active, link, whole = pixels
     known, across, _ = blocks
     pixel, block, weight = strands
     count, wide = 0, known.shape[1]
@@ -124,32 +124,32 @@ def _fill_strands(
 class Interpolation(NamedTuple):
     """Linear interpolation from blocks to the active pixels of a grid; places are flat indices."""
 
-    share: NDArray[np.float32]  # 1/16 for pixels amid four blocks of their side, else 0
-    pixel: NDArray[np.int64]  # of each pair of another pixel and a block of its side
-    block: NDArray[np.int64]
+    share: SingleArray  # 1/16 for pixels amid four blocks of their side, else 0
+    pixel: IntArray  # of each pair of another pixel and a block of its side
+    block: IntArray
     weight: FloatArray
 
     @classmethod
-    def to(cls, active: Any, main: Any, link: Any, whole: Any, blocks: Blocks) -> Interpolation:
-        """Find the way to the active pixels of a grid with these main parts and links."""
-        share = np.zeros(active.shape, np.float32)
-        most = 3 * _fill_shares(active, main, tuple(blocks), share)
+    def to(cls, pixels: Cells, main: ByteArray, blocks: Cells) -> Interpolation:
+        """Find the way to the active pixels of a grid with these main parts."""
+        share = np.zeros(pixels.active.shape, np.float32)
+        most = 3 * _fill_shares(pixels.active, main, blocks, share)
         strands = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most)
-        count = _fill_strands(active, main, link, whole, tuple(blocks), share, strands)
+        count = _fill_strands(pixels, main, blocks, share, strands)
         return cls(share, *(one[:count] for one in strands))
 
-    def add(self, step: Any, x: Any) -> None:
+    def add(self, step: RealArray, x: RealArray) -> None:
         """x += the blocks' step, interpolated."""
         _prolong_add(x, self.share, step)
         _add_from(self.block, self.pixel, self.weight, step, x)
 
-    def adjoint(self, r: Any, active: Any, out: Any) -> None:
+    def adjoint(self, r: RealArray, active: ByteArray, out: RealArray) -> None:
         """Write the adjoint of `add` to out, for blocks that are active."""
         _restrict(out, r, self.share, active)
         _add_from(self.pixel, self.block, self.weight, r, out)
 
     @property
-    def at_rims(self) -> Any:
+    def at_rims(self) -> BoolArray:
         """Whether a pixel has its value from fewer than four blocks, padded."""
         out = np.zeros(self.share.shape, np.bool_)
         out.flat[self.pixel] = True

@@ -15,12 +15,11 @@ Vectors are padded (see `numerics.compiled`) and zero outside the mask, as the m
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from endolab.depth.normal_equations import CENTRE, EE, SE, SEE, SS, SSE, SW, Coefficients, E, S, Structure
-from endolab.numerics.arrays import FloatArray, SingleArray
+from endolab.numerics.arrays import ByteArray, FloatArray, RealArray, SingleArray, Span
 from endolab.numerics.compiled import PAD, kernel
 from endolab.numerics.threads import ROWS, on_cores, rows_within
 
@@ -30,7 +29,7 @@ SWEEPS = 2  # on finer grids, before and after the coarser one; with one, torn s
 
 
 @kernel
-def _from_other_rows(m: Any, x: Any, i: int, out: Any) -> None:
+def _from_other_rows(m: RealArray, x: RealArray, i: int, out: RealArray) -> None:
     """Row i of the matrix times x, but for what comes from row i; out[j] is of column PAD + j.
 
     In this and the following loops, j begins at 0 and what is added to it is not negative: so they compile to
@@ -55,7 +54,7 @@ def _from_other_rows(m: Any, x: Any, i: int, out: Any) -> None:
 
 
 @kernel
-def _row_times(m: Any, x: Any, i: int, out: Any) -> None:
+def _row_times(m: RealArray, x: RealArray, i: int, out: RealArray) -> None:
     """Row i of the matrix times x; out[j] is of column PAD + j."""
     _from_other_rows(m, x, i, out)
     for j in range(x.shape[1] - 2 * PAD):
@@ -66,7 +65,7 @@ def _row_times(m: Any, x: Any, i: int, out: Any) -> None:
 
 
 @on_cores(cost=0.3)
-def _dots(rows: Any, _turns: Any, a: Any, b: Any, out: FloatArray) -> None:
+def _dots(rows: Span, a: FloatArray, b: RealArray, out: FloatArray) -> None:
     """Scalar products of the rows of two vectors, by four sums, so that none waits for the last."""
     width = a.shape[1]
     whole = width - width % 4
@@ -82,7 +81,7 @@ def _dots(rows: Any, _turns: Any, a: Any, b: Any, out: FloatArray) -> None:
         out[i] = (one + two) + (three + four)
 
 
-def dot(a: Any, b: Any) -> float:
+def dot(a: FloatArray, b: RealArray) -> float:
     """Scalar product of two vectors, the same on any number of threads."""
     products = np.empty(len(a))
     _dots(a, b, products)
@@ -90,7 +89,15 @@ def dot(a: Any, b: Any) -> float:
 
 
 @on_cores(cost=2)
-def _combine(rows: Any, _turns: Any, out: Any, m: Any, x: Any, share: float, b: Any, sign: float) -> None:
+def _combine(
+    rows: Span,
+    out: RealArray,
+    m: RealArray,
+    x: RealArray,
+    share: float,
+    b: RealArray,
+    sign: float,
+) -> None:
     """out = share · b + sign · M x."""
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
     row = np.empty(x.shape[1] - 2 * PAD, x.dtype)
@@ -107,7 +114,9 @@ def multiply(m: FloatArray, x: FloatArray, out: FloatArray) -> None:
 
 
 @kernel
-def _sweep_rows(m: Any, inverse: Any, x: Any, b: Any, first: int, last: int, step: int) -> None:
+def _sweep_rows(
+    m: SingleArray, inverse: SingleArray, x: SingleArray, b: SingleArray, first: int, last: int, step: int
+) -> None:
     """Gauss-Seidel on some rows in turn; in a row every third column at once: they are not coupled.
 
     `step` 1 goes down the rows and from left to right, -1 back: the adjoint.
@@ -132,7 +141,9 @@ def _sweep_rows(m: Any, inverse: Any, x: Any, b: Any, first: int, last: int, ste
 
 
 @on_cores(cost=2, turns=2)
-def _sweep(rows: Any, turns: Any, x: Any, m: Any, inverse: Any, b: Any, step: int) -> None:
+def _sweep(
+    rows: Span, turns: Span, x: SingleArray, m: SingleArray, inverse: SingleArray, b: SingleArray, step: int
+) -> None:
     """`SWEEPS` sweeps over every second band, then over those between, which see what these have become.
 
     `step` 1 goes forwards, -1 back: the adjoint.
@@ -146,7 +157,7 @@ def _sweep(rows: Any, turns: Any, x: Any, m: Any, inverse: Any, b: Any, step: in
 
 
 @kernel
-def _settle(rows: Any, x: Any, m: Any, inverse: Any, b: Any) -> None:
+def _settle(rows: Span, x: SingleArray, m: SingleArray, inverse: SingleArray, b: SingleArray) -> None:
     """Sweep until the coarsest grid is solved, as good as; forwards first, backwards last."""
     for _ in range(SETTLING):
         for step in (1, -1):
@@ -154,7 +165,7 @@ def _settle(rows: Any, x: Any, m: Any, inverse: Any, b: Any) -> None:
 
 
 @on_cores(cost=0.3)
-def _conjugate(rows: Any, _turns: Any, z: Any, share: float, direction: FloatArray) -> None:
+def _conjugate(rows: Span, z: SingleArray, share: float, direction: FloatArray) -> None:
     """direction = z + share · direction."""
     for i in range(rows[0], rows[1]):
         for j in range(z.shape[1]):
@@ -163,7 +174,13 @@ def _conjugate(rows: Any, _turns: Any, z: Any, share: float, direction: FloatArr
 
 @on_cores(cost=0.8)
 def _proceed(
-    rows: Any, _turns: Any, direction: Any, length: float, product: Any, x: Any, r: Any, b: Any
+    rows: Span,
+    direction: FloatArray,
+    length: float,
+    product: FloatArray,
+    x: FloatArray,
+    r: FloatArray,
+    b: SingleArray,
 ) -> None:
     """x += length · direction, r -= length · product, and r once more, in b."""
     for i in range(rows[0], rows[1]):
@@ -175,7 +192,7 @@ def _proceed(
 
 
 @on_cores(cost=4)
-def _shorten(rows: Any, _turns: Any, m: Any, out: Any) -> None:
+def _shorten(rows: Span, m: FloatArray, out: SingleArray) -> None:
     """The matrix in single precision."""
     for i in range(rows[0], rows[1]):
         for k in range(9):
@@ -184,7 +201,7 @@ def _shorten(rows: Any, _turns: Any, m: Any, out: Any) -> None:
 
 
 @on_cores(cost=0.3)
-def _invert_diagonal(rows: Any, _turns: Any, m: Any, active: Any, out: Any) -> None:
+def _invert_diagonal(rows: Span, m: SingleArray, active: ByteArray, out: SingleArray) -> None:
     """One over the matrix's diagonal, 0 where a pixel is held at 0."""
     for i in range(rows[0], rows[1]):
         for j in range(m.shape[2]):

@@ -10,15 +10,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from endolab.depth.curvature_kernels import DOWN, RIGHT, fill_shares, stencils_row
 from endolab.depth.interpolation import Interpolation
 from endolab.depth.problem import CURVATURE, FIRST
-from endolab.depth.tears import Blocks, coarser_links, held, main_parts
-from endolab.numerics.arrays import FloatArray, SingleArray
+from endolab.depth.tears import Cells, coarser_links, held, main_parts
+from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, SingleArray, Span
 from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel
 from endolab.numerics.threads import ROWS, on_cores, rows_within
 
@@ -38,25 +38,37 @@ TAKEN = [
     [{0, 1, 2}, {0, 1, 3, 5}, {0, 3, 4}],
     [{0, 1, 2, 3, 4}, {0, 1, 2, 3, 4, 5}, {0, 1, 2, 3, 4}],
 ]
-ENTRIES = [np.array([(term, k) for term in range(3) for k in sorted(taken[term])]) for taken in TAKEN]
-PRODUCTS = [
-    np.array(
-        [
+
+
+class Form(NamedTuple):
+    """A regulariser's kind, its entries of `TAKEN` as (term, pixel), and which products of them there are."""
+
+    kind: int
+    entries: IntArray
+    products: IntArray
+
+    @classmethod
+    def of(cls, kind: int) -> Form:
+        """List them; the form's Q mixes terms."""
+        taken = TAKEN[kind]
+        products = [
             (k, other, entry, term)
             for k, other, entry in PAIRS
             for term, those in enumerate([*taken, {0, 1, 2, 3, 4}])
-            if k in those and (other in those or (kind == CURVATURE and term < 3))  # the form's Q mixes terms
+            if k in those and (other in those or (kind == CURVATURE and term < 3))
         ]
-    )
-    for kind, taken in enumerate(TAKEN)
-]
+        entries = [(term, k) for term in range(3) for k in sorted(taken[term])]
+        return cls(kind, np.array(entries), np.array(products))
+
+
+FORMS = [Form.of(kind) for kind in range(len(TAKEN))]
 ONE, HALF = np.float32(1), np.float32(0.5)  # a Python number would make double precision of all it meets
 # The maps of `Coefficients`, in single precision: the last are the smoothness, one or, of a form, six.
 BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
 
 
 @kernel
-def _add_products(left: Any, right: Any, products: Any, i: int, m: Any) -> None:
+def _add_products(left: FloatArray, right: FloatArray, products: IntArray, i: int, m: FloatArray) -> None:
     """Add products of the six pixels' numbers to their entries of m."""
     for n in range(len(products)):
         k, other, entry, term = products[n]
@@ -66,7 +78,9 @@ def _add_products(left: Any, right: Any, products: Any, i: int, m: Any) -> None:
 
 
 @kernel
-def _data_row(parts: Any, link: Any, i: int, damping: float, t: Any, qt: Any, m: Any) -> None:
+def _data_row(
+    parts: SingleArray, link: ByteArray, i: int, damping: float, t: FloatArray, qt: FloatArray, m: FloatArray
+) -> None:
     """Write J of a row and W J; add the damping, and the squared differences of the step itself."""
     across, below, above = link[0, i], link[1, i], link[1, i - 1]
     by_v, by_u, by_w, weight = parts[BY_V, i], parts[BY_U, i], parts[BY_W, i], parts[WEIGHT, i]
@@ -102,7 +116,7 @@ def _data_row(parts: Any, link: Any, i: int, damping: float, t: Any, qt: Any, m:
 
 
 @kernel
-def _differences_row(link: Any, kind: int, i: int, t: Any) -> None:
+def _differences_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
     """Weights of the six pixels for the gradient or the Hessian, on a row: those that are `TAKEN`."""
     across, below, above, beneath = link[0, i], link[1, i], link[1, i - 1], link[0, i + 1]
     count = t.shape[2]
@@ -125,8 +139,17 @@ def _differences_row(link: Any, kind: int, i: int, t: Any) -> None:
 
 
 @kernel
-def _smooth_row(parts: Any, link: Any, shares: Any, kind: int, entries: Any, i: int, t: Any, qt: Any) -> None:
+def _smooth_row(
+    parts: SingleArray,
+    link: ByteArray,
+    shares: SingleArray,
+    form: Form,
+    i: int,
+    t: FloatArray,
+    qt: FloatArray,
+) -> None:
     """Write D X of a row and Q D X."""
+    kind, entries, _ = form
     if kind == CURVATURE:
         stencils_row(link, shares, i, t)
     else:
@@ -153,7 +176,14 @@ def _smooth_row(parts: Any, link: Any, shares: Any, kind: int, entries: Any, i: 
 
 @on_cores(cost=10, turns=3)
 def _assemble(
-    rows: Any, turns: Any, m: Any, parts: Any, link: Any, shares: Any, kind: int, lists: Any, damping: float
+    rows: Span,
+    turns: Span,
+    m: FloatArray,
+    parts: SingleArray,
+    link: ByteArray,
+    shares: SingleArray,
+    form: Form,
+    damping: float,
 ) -> None:
     """Write the normal equations Jᵀ W J + X Dᵀ Q D X into m; `parts` are those of `Coefficients`.
 
@@ -161,7 +191,7 @@ def _assemble(
     forward gradient, the Hessian or the form of `curvature`, X the slope of ξ. Squared differences of the
     step itself come in with the weights of caution, a² W once more by `damping`.
     """
-    entries, products = lists
+    products = form[2]
     count = m.shape[2] - 2 * PAD
     t, qt = np.empty((4, 6, count)), np.empty((4, 6, count))
     for turn in range(turns[0], turns[1]):
@@ -174,13 +204,15 @@ def _assemble(
         for start in range(rows[0] + odd * ROWS, rows[1], 2 * ROWS):
             first, last = rows_within((start, start + ROWS), PAD, m.shape[1] - PAD)
             for i in range(first, last):
-                _smooth_row(parts, link, shares, kind, entries, i, t, qt)
+                _smooth_row(parts, link, shares, form, i, t, qt)
                 _data_row(parts, link, i, damping, t, qt, m)
                 _add_products(t, qt, products, i, m)
 
 
 @kernel
-def _halve_row(above: Any, below: Any, kept: Any, kept_below: Any, out: Any) -> None:
+def _halve_row(
+    above: SingleArray, below: SingleArray, kept: ByteArray, kept_below: ByteArray, out: SingleArray
+) -> None:
     """Sums over a row of 2×2 blocks, of the pixels that are kept."""
     column = np.empty(2 * out.size, out.dtype)
     for j in range(column.size):
@@ -190,7 +222,7 @@ def _halve_row(above: Any, below: Any, kept: Any, kept_below: Any, out: Any) -> 
 
 
 @on_cores(cost=25)
-def _coarsen(rows: Any, _turns: Any, out: Any, parts: Any, kept: Any, kind: int) -> None:
+def _coarsen(rows: Span, out: SingleArray, parts: SingleArray, kept: ByteArray, kind: int) -> None:
     """Write the maps of `Coefficients` on half the pixels: a derivative there is twice one here."""
     first, last = rows_within(rows, PAD, out.shape[1] - PAD)
     count = out.shape[2] - 2 * PAD
@@ -224,9 +256,9 @@ def _coarsen(rows: Any, _turns: Any, out: Any, parts: Any, kept: Any, kind: int)
 class Structure:
     """What of normal equations depends on mask and cuts alone, here and on coarser grids; padded arrays."""
 
-    active: Any
-    link: Any
-    whole: Any  # the links that there would be without cuts: the same array where nothing is torn
+    active: ByteArray
+    link: ByteArray
+    whole: ByteArray  # the links that there would be without cuts: the same array where nothing is torn
     rays: FloatArray  # see `grid.Grid`
     kind: int  # which of `problem.REGULARISERS`
 
@@ -236,7 +268,7 @@ class Structure:
         return (self.active.shape[0] - 2 * PAD) * (self.active.shape[1] - 2 * PAD)
 
     @cached_property
-    def main(self) -> Any:
+    def main(self) -> ByteArray:
         """Pixels for which the coarser grid's blocks stand, see `tears`; all, where nothing is torn."""
         return main_parts(self.active, self.link, self.whole)
 
@@ -265,11 +297,11 @@ class Structure:
     def way(self) -> Interpolation:
         """Linear interpolation from the coarser grid."""
         below = self.coarser
-        blocks = Blocks(below.active, below.link, below.whole)
-        return Interpolation.to(self.active, self.main, self.link, self.whole, blocks)
+        blocks = Cells(below.active, below.link, below.whole)
+        return Interpolation.to(Cells(self.active, self.link, self.whole), self.main, blocks)
 
 
-def shares_of(rays: FloatArray, link: Any) -> FloatArray:
+def shares_of(rays: FloatArray, link: ByteArray) -> FloatArray:
     """What `fill_shares` writes; nothing where there are no rays."""
     if rays.size == 0:
         return np.empty((3, 3, 0, 0))
@@ -286,7 +318,7 @@ class Coefficients:
     structure: Structure
 
     @property
-    def active(self) -> Any:
+    def active(self) -> ByteArray:
         """Pixels that the equations are of."""
         return self.structure.active
 
@@ -324,8 +356,7 @@ class Coefficients:
         """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
         m = np.empty((9, *self.active.shape)) if out is None else out
         on = self.structure
-        lists = ENTRIES[on.kind], PRODUCTS[on.kind]
-        _assemble(m, self.parts, on.link, on.shares, on.kind, lists, damping)
+        _assemble(m, self.parts, on.link, on.shares, FORMS[on.kind], damping)
         return m
 
     def coarser(self, out: SingleArray | None = None) -> Coefficients:

@@ -33,7 +33,7 @@ what is lost, or it would stand still before it has converged; and sums down a c
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,7 +42,7 @@ from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.model.photometry import Photometry
 from endolab.model.surface import from_xi, to_xi
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, SingleArray, Span
 from endolab.numerics.checks import number, whole
 from endolab.numerics.compiled import framed, kernel, padded
 from endolab.numerics.derivatives import fineness, gradient, hessian_stencils, links
@@ -63,19 +63,98 @@ FREE, TINY = SINGLE(1 / 999), SINGLE(1e-30)  # 1/χc of pixels that nothing limi
 STRIP = 128  # columns that are averaged together, at least
 PHASES = 5  # of a step: slopes and means along rows, means along columns, rows, columns, and the descent
 TABLE_SIZE = 4096  # of a BRDF
+Rows = tuple[SingleArray, SingleArray, SingleArray]
+
+
+class Patches(NamedTuple):
+    """Over which pixels slopes are averaged along rows, or columns; see `_windows`."""
+
+    radius: int
+    share: SingleArray  # (2, ...) one over their number, along rows and along columns
+    odd: IntArray
+    ends: IntArray
+
+
+class Slopes(NamedTuple):
+    """How slopes of v follow from ξ, and slants from slopes."""
+
+    sign: np.float32
+    steps: ByteArray
+    offsets: SingleArray
+    metric: SingleArray
+
+
+class Rule(NamedTuple):
+    """The dual's steps; `whole` is where a difference has all its steps."""
+
+    sigma: SingleArray
+    whole: ByteArray
+    shrink: SingleArray
+    bound: SingleArray
+    scale: np.float32
+    first: bool
+
+
+class Data(NamedTuple):
+    """The picture, and how brightness falls; `away` is whether ξ grows with d."""
+
+    image: SingleArray
+    unit: SingleArray
+    pace: SingleArray
+    evidence: ByteArray
+    away: bool
+    gamma: np.float32
+    threshold: np.float32
+    safety: np.float32
+
+
+class Room(NamedTuple):
+    """What is written anew on every row."""
+
+    works: SingleArray
+    lines: SingleArray
+    line_sums: FloatArray
+    running: FloatArray
+    sums: FloatArray
+
+
+class State(NamedTuple):
+    """ξ and what is too small for it, ξ̄, the dual, the least 1/χc, slopes and their averages."""
+
+    x: SingleArray
+    rest: SingleArray
+    ahead: SingleArray
+    q: SingleArray
+    limit: SingleArray
+    p: SingleArray
+    other: SingleArray
+
+
+class Given(NamedTuple):
+    """What steps need and do not change, and room to work in."""
+
+    slopes: Slopes
+    along: Patches
+    down: Patches
+    rule: Rule
+    data: Data
+    table: SingleArray
+    room: Room
 
 
 # Pictures have a frame of one pixel that no step leads to, and outside the mask ξ = ξ₀ = I = 1. Compilers use
 # vectors where no index of a column may be negative, some are unsigned therefore, and nothing is branched on.
 @kernel
-def _artanh(z: Any) -> Any:
+def _artanh(z: np.float32) -> np.float32:
     """Artanh of a number between -½ and ½."""
     s = z * z
     return z * (ONE + s * (ODD[0] + s * (ODD[1] + s * (ODD[2] + s * (ODD[3] + s * (ODD[4] + s * ODD[5]))))))
 
 
 @kernel
-def _slopes(p: Any, x: Any, steps: Any, offsets: Any, sign: Any, i: int) -> None:
+def _slopes(
+    p: SingleArray, x: SingleArray, steps: ByteArray, offsets: SingleArray, sign: float, i: int
+) -> None:
     """Gradient of v = ± log ξ on a row, into p (2, ...), by central differences."""
     for j in range(x.shape[1] - 2):  # log b/a = 2 artanh((b - a)/(b + a)), over the number of steps
         here = x[i, j + 1]
@@ -92,16 +171,18 @@ def _slopes(p: Any, x: Any, steps: Any, offsets: Any, sign: Any, i: int) -> None
 
 
 @kernel
-def _along_rows(p: Any, i: int, radius: int, windows: Any, lines: Any, sums: Any) -> None:
+def _along_rows(p: SingleArray, i: int, patches: Patches, lines: SingleArray, sums: FloatArray) -> None:
     """Means of both slopes along a row, in place."""
     for k in range(2):
-        _along_row(p, k, i, radius, windows, lines, sums)
+        _along_row(p, k, i, patches, lines, sums)
 
 
 @kernel
-def _along_row(p: Any, k: int, i: int, radius: int, windows: Any, lines: Any, sums: Any) -> None:
+def _along_row(
+    p: SingleArray, k: int, i: int, patches: Patches, lines: SingleArray, sums: FloatArray
+) -> None:
     """Means of a slope along a row, in place: a window's sum is that of some of 2, 4, 8... pixels."""
-    share, odd, ends = windows
+    radius, share, odd, ends = patches
     width, reach, at = INDEX(p.shape[2]), INDEX(radius), 0
     span, done, length = INDEX(1), INDEX(1), width + reach + reach
     for j in range(width):
@@ -130,11 +211,17 @@ def _along_row(p: Any, k: int, i: int, radius: int, windows: Any, lines: Any, su
 
 @kernel
 def _along_columns(
-    out: Any, p: Any, k: int, first: int, last: int, radius: int, windows: Any, running: Any, sums: Any
+    out: SingleArray,
+    p: SingleArray,
+    k: int,
+    columns: Span,
+    patches: Patches,
+    running: FloatArray,
+    sums: FloatArray,
 ) -> None:
-    """Means of a slope along columns, from the first to before the last."""
-    share, odd, ends = windows
-    begin, end, height = INDEX(first), INDEX(last), p.shape[1]
+    """Means of a slope along some columns."""
+    radius, share, odd, ends = patches
+    begin, end, height = INDEX(columns[0]), INDEX(columns[1]), p.shape[1]
     for j in range(begin, end):
         running[k, j] = 0.0
     for i in range(radius + 1):
@@ -150,26 +237,28 @@ def _along_columns(
         for i in range(height):
             for j in range(begin, end):
                 sums[k, i + 1, j] = sums[k, i, j] + p[k, i, j]
-        for j in range(first, last):
+        for j in range(columns[0], columns[1]):
             for one in range(ends[j], ends[j + 1]):
                 i, above, below = odd[one, 0], odd[one, 1], odd[one, 2]
                 out[k, i, j] = share[1, i, j] * (sums[k, below, j] - sums[k, above, j])
 
 
 @kernel
-def _down_columns(rows: Any, out: Any, p: Any, radius: int, windows: Any, running: Any, sums: Any) -> None:
+def _down_columns(
+    rows: Span, out: SingleArray, p: SingleArray, patches: Patches, running: FloatArray, sums: FloatArray
+) -> None:
     """Means of both slopes along columns, on strips of them: as large a share as `rows` are of all."""
     height, width = p.shape[1:]
     several = max(width // STRIP, 1)
     for strip in range(rows[0] * 2 * several // height, rows[1] * 2 * several // height):
         first, last = strip // 2 * width // several, (strip // 2 + 1) * width // several
-        _along_columns(out, p, strip % 2, first, last, radius, windows, running, sums)
+        _along_columns(out, p, strip % 2, (first, last), patches, running, sums)
 
 
 @kernel
-def _dual(q: Any, x: Any, regulariser: Any, i: int) -> None:
-    """Dual ascent on a row; `whole` is where a difference has all its steps."""
-    sigma, whole, shrink, bound, _, first = regulariser
+def _dual(q: SingleArray, x: SingleArray, rule: Rule, i: int) -> None:
+    """Dual ascent on a row."""
+    sigma, whole, shrink, bound, _, first = rule
     for j in range(x.shape[1] - 2):
         here, right, below = x[i, j + 1], x[i, j + 2], x[i + 1, j + 1]
         if first:
@@ -187,9 +276,9 @@ def _dual(q: Any, x: Any, regulariser: Any, i: int) -> None:
 
 
 @kernel
-def _pull(pull: Any, q: Any, regulariser: Any, i: int) -> None:
+def _pull(pull: SingleArray, q: SingleArray, rule: Rule, i: int) -> None:
     """Kᵀq on a row; q is 0 where a difference has not all its steps."""
-    _, _, _, _, scale, first = regulariser
+    _, _, _, _, scale, first = rule
     if first:
         for j in range(pull.size - 2):
             along = q[0, i, j] - q[0, i, j + 1]
@@ -203,7 +292,9 @@ def _pull(pull: Any, q: Any, regulariser: Any, i: int) -> None:
 
 
 @kernel
-def _tilt(dark: Any, turn: Any, p: Any, metric: Any, table: Any, i: int) -> None:
+def _tilt(
+    dark: SingleArray, turn: SingleArray, p: SingleArray, metric: SingleArray, table: SingleArray, i: int
+) -> None:
     """C² and -∂(log C)/∂P on a row: for a Lambertian surface 1/(1 + P) and half of it."""
     for j in range(dark.size):
         p_u, p_v = p[0, i, j], p[1, i, j]
@@ -220,12 +311,13 @@ def _tilt(dark: Any, turn: Any, p: Any, metric: Any, table: Any, i: int) -> None
 
 
 @kernel
-def _primal(i: int, theta: Any, state: Any, rows: Any, metric: Any, share: Any, data: Any, how: Any) -> None:
+def _primal(
+    i: int, theta: float, state: State, rows: Rows, metric: SingleArray, share: SingleArray, data: Data
+) -> None:
     """Data update and primal descent on a row."""
     x, rest, ahead, _, limit, p, _ = state
     pull, dark, turn = rows
-    image, unit, pace, evidence = data
-    away, gamma, threshold, safety = how  # `away`: whether ξ grows with d
+    image, unit, pace, evidence, away, gamma, threshold, safety = data
     per_gamma, per_theta, lift = ONE / gamma, ONE / theta, HALF / safety
     sign = -TWO / gamma if away else TWO / gamma
     for j in range(pull.size):
@@ -263,12 +355,12 @@ def _primal(i: int, theta: Any, state: Any, rows: Any, metric: Any, share: Any, 
 
 
 @on_cores(cost=3)
-def _advance(rows: Any, turns: Any, xi: Any, theta: float, state: Any, given: Any) -> None:
+def _advance(rows: Span, turns: Span, xi: SingleArray, theta: float, state: State, given: Given) -> None:
     """Take steps, of `PHASES` turns each, in place, with χ in units of τ_p; `given` is that of `_Path`."""
     x, _, ahead, q, _, p, other = state
-    radius, slopes, along, down, regulariser, data, how, table, work = given
+    slopes, along, down, rule, data, table, room = given
     sign, steps, offsets, metric = slopes
-    works, lines, line_sums, running, sums = work
+    works, lines, line_sums, running, sums = room
     band = rows[0] // ROWS
     pull, dark, turn_by = works[band, 0], works[band, 1], works[band, 2]
     first, last = rows_within(rows, 1, xi.shape[0] - 1)
@@ -278,23 +370,23 @@ def _advance(rows: Any, turns: Any, xi: Any, theta: float, state: Any, given: An
         if phase == 0:
             for i in range(first, last):
                 _slopes(p, x, steps, offsets, sign, i)
-                _dual(q, ahead, regulariser, i)
-                if radius > 0:
-                    _along_rows(p, i, radius, along, lines[band], line_sums[band])
+                _dual(q, ahead, rule, i)
+                if along.radius > 0:
+                    _along_rows(p, i, along, lines[band], line_sums[band])
         elif phase == 4:
             for i in range(first, last):
-                _pull(pull, q, regulariser, i)
+                _pull(pull, q, rule, i)
                 _tilt(dark, turn_by, p, metric, table, i)
-                _primal(i, current, state, (pull, dark, turn_by), metric, along[0], data, how)
-        elif radius > 0 and phase == 2:
+                _primal(i, current, state, (pull, dark, turn_by), metric, along.share, data)
+        elif along.radius > 0 and phase == 2:
             for i in range(first, last):
-                _along_rows(other, i, radius, along, lines[band], line_sums[band])
-        elif radius > 0:
+                _along_rows(other, i, along, lines[band], line_sums[band])
+        elif along.radius > 0:
             before, after = (p, other) if phase == 1 else (other, p)
-            _down_columns(rows, after, before, radius, down, running, sums)
+            _down_columns(rows, after, before, down, running, sums)
 
 
-def _windows(joined: BoolArray, mask: BoolArray, radius: int) -> tuple[FloatArray, Any, Any]:
+def _windows(joined: BoolArray, mask: BoolArray, radius: int) -> tuple[FloatArray, IntArray, IntArray]:
     """Patches along rows: as far as steps lead, at most `radius` pixels.
 
     Returns 1/length of each, 0 outside the mask; those that end at a cut or a hole with more of the mask
@@ -307,13 +399,15 @@ def _windows(joined: BoolArray, mask: BoolArray, radius: int) -> tuple[FloatArra
     first = np.maximum(np.maximum.accumulate(starts, axis=1), place - radius)
     after = np.minimum(np.minimum.accumulate(stops, axis=1)[:, ::-1], place + radius) + 1
     before = np.pad(np.cumsum(mask, axis=1), ((0, 0), (1, 0)))
-    around: Any = before[:, np.minimum(place + radius + 1, size)] - before[:, np.maximum(place - radius, 0)]
+    around: IntArray = (
+        before[:, np.minimum(place + radius + 1, size)] - before[:, np.maximum(place - radius, 0)]
+    )
     row, column = np.nonzero(mask & (around > after - first))
     odd = np.stack([column, first[row, column], after[row, column]], axis=-1)
     return mask / (after - first), odd, np.searchsorted(row, np.arange(mask.shape[0] + 1))
 
 
-def _brdf_table(photometry: Photometry) -> Any:
+def _brdf_table(photometry: Photometry) -> SingleArray:
     """Factors of C² and -∂(log C)/∂P, (2, n) at equal steps of √(1 - cos θ); (2, 0) if Lambertian."""
     if photometry.slant_table() is None:
         return np.empty((2, 0), SINGLE)
@@ -322,7 +416,7 @@ def _brdf_table(photometry: Photometry) -> Any:
     return np.stack([(f / f[0]) ** 2, 1 + cosine * slope / f]).astype(SINGLE)
 
 
-def _single(*arrays: FloatArray) -> tuple[Any, ...]:
+def _single(*arrays: FloatArray) -> tuple[SingleArray, ...]:
     """Copies in single precision."""
     return tuple(one.astype(SINGLE) for one in arrays)
 
@@ -332,8 +426,8 @@ class _Path:
     """The state of the scheme and what its steps need, framed by one pixel."""
 
     problem: Problem
-    state: tuple[Any, ...]  # ξ and its rest, ξ̄, p, the least 1/χc, slopes and their averages
-    given: tuple[Any, ...]
+    state: State
+    given: Given
 
     @classmethod
     def at(cls, problem: Problem, start: FloatArray, radius: int, safety: float) -> _Path:
@@ -373,47 +467,51 @@ class _Path:
         several = -(-height // ROWS)
         slopes = np.zeros((2, 2, height, width), SINGLE)
         resting, limit = np.zeros((3, height, width), SINGLE), np.zeros((height, width), SINGLE)
-        state = *_single(x, x - x.astype(SINGLE), x), resting, limit, *slopes
-        numbers = problem.photometry.gamma, problem.threshold, safety
-        return cls(
-            problem,
-            state,
-            (
-                radius,
-                (SINGLE(1 if away else -1), steps.astype(np.int8), *_single(offsets, metric)),
-                (shares, *along[1:]),
-                (shares, *down),
-                (
-                    *_single(sigma * scale),
-                    np.pad(whole, ((0, 0), (1, 1), (1, 1))).astype(np.int8),
-                    *_single(shrink, bound),
-                    SINGLE(scale),
-                    first,
-                ),
-                (
-                    *_single(image, 1 / framed_xi(problem.log_facing), 1 / tau_p),
-                    np.pad(evidence, 1),
-                ),
-                (away, *map(SINGLE, numbers)),
-                _brdf_table(problem.photometry),
-                (
-                    np.zeros((several, 3, width), SINGLE),
-                    np.zeros((several, 4, width + 2 * radius), SINGLE),
-                    np.zeros((several, width + 1)),
-                    np.zeros((2, width)),
-                    np.zeros((2, height + 1, width) if down[0].size else (2, 0, 0)),
-                ),
+        start_xi, lost = x.astype(SINGLE), (x - x.astype(SINGLE)).astype(SINGLE)
+        rate, reluctance, most = _single(sigma * scale, shrink, bound)
+        picture, unit, pace = _single(image, 1 / framed_xi(problem.log_facing), 1 / tau_p)
+        given = Given(
+            Slopes(SINGLE(1 if away else -1), steps.astype(np.int8), *_single(offsets, metric)),
+            Patches(radius, shares, *along[1:]),
+            Patches(radius, shares, *down),
+            Rule(
+                rate,
+                np.pad(whole, ((0, 0), (1, 1), (1, 1))).astype(np.int8),
+                reluctance,
+                most,
+                SINGLE(scale),
+                first,
+            ),
+            Data(
+                picture,
+                unit,
+                pace,
+                np.pad(evidence, 1),
+                away,
+                SINGLE(problem.photometry.gamma),
+                SINGLE(problem.threshold),
+                SINGLE(safety),
+            ),
+            _brdf_table(problem.photometry),
+            Room(
+                np.zeros((several, 3, width), SINGLE),
+                np.zeros((several, 4, width + 2 * radius), SINGLE),
+                np.zeros((several, width + 1)),
+                np.zeros((2, width)),
+                np.zeros((2, height + 1, width) if down[0].size else (2, 0, 0)),
             ),
         )
+        state = State(start_xi, lost, start_xi.copy(), resting, limit, slopes[0], slopes[1])
+        return cls(problem, state, given)
 
     def advance(self, count: int, theta: float = 1.0) -> None:
         """Take steps with χ, in units of 1/c at the start."""
-        _advance(self.state[0], theta / BALANCE, self.state, self.given, turns=count * PHASES)
+        _advance(self.state.x, theta / BALANCE, self.state, self.given, turns=count * PHASES)
 
     @property
     def x(self) -> FloatArray:
         """ξ in units of its median, framed."""
-        return self.state[0].astype(np.float64) + self.state[1]
+        return self.state.x.astype(np.float64) + self.state.rest
 
     @property
     def log_distance(self) -> FloatArray:
@@ -425,7 +523,7 @@ class _Path:
     @property
     def share(self) -> float:
         """Part of the way to its data that a pixel went in the last step, on average, c as at first."""
-        limit = self.state[4][1:-1, 1:-1][self.problem.mask].astype(np.float64)
+        limit = self.state.limit[1:-1, 1:-1][self.problem.mask].astype(np.float64)
         t = np.minimum(1 / limit, 1.0)  # χc
         return float(np.mean(t / (1 + t) * BALANCE / (BALANCE + t)))
 

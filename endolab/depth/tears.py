@@ -8,16 +8,17 @@ cuts, padded both (see `numerics.compiled`); where nothing is torn they are one 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from endolab.numerics.arrays import BoolArray, ByteArray
 from endolab.numerics.compiled import PAD, halved_links, kernel
 from endolab.numerics.derivatives import shifted
 
 
 @kernel
-def _main_parts(active: Any, link: Any, whole: Any, out: Any) -> None:
+def _main_parts(active: ByteArray, link: ByteArray, whole: ByteArray, out: ByteArray) -> None:
     """Mark the active pixels of each block that are of its largest part."""
     pixels, part = np.zeros((4, 2), np.int64), np.zeros(4, np.int64)
     for top in range(PAD, active.shape[0] - PAD, 2):
@@ -47,7 +48,7 @@ def _main_parts(active: Any, link: Any, whole: Any, out: Any) -> None:
                 out[i, j] = active[i, j] if part[k] == largest else 0
 
 
-def main_parts(active: Any, link: Any, whole: Any) -> Any:
+def main_parts(active: ByteArray, link: ByteArray, whole: ByteArray) -> ByteArray:
     """Active pixels for which the block that they are in stands."""
     if link is whole:
         return active
@@ -56,7 +57,7 @@ def main_parts(active: Any, link: Any, whole: Any) -> Any:
     return out
 
 
-def coarser_links(main: Any, link: Any, whole: Any) -> tuple[Any, Any]:
+def coarser_links(main: ByteArray, link: ByteArray, whole: ByteArray) -> tuple[ByteArray, ByteArray]:
     """Links between the main parts of blocks, and those that there would be without cuts."""
     coarse = halved_links(whole)
     if link is whole:
@@ -65,7 +66,7 @@ def coarser_links(main: Any, link: Any, whole: Any) -> tuple[Any, Any]:
     return halved_links(link & main & there), coarse
 
 
-def held(link: Any, second: bool) -> Any:
+def held(link: ByteArray, second: bool) -> BoolArray:
     """Pixels that a difference of ξ along a row or a column takes, first or second, int8.
 
     Where a region is too thin for any, a picture alone says too little of the way it may move as a whole.
@@ -77,23 +78,30 @@ def held(link: Any, second: bool) -> Any:
     return out
 
 
-class Blocks(NamedTuple):
-    """A grid of half the pixels: which of its pixels take part, and its links; padded."""
+class Cells(NamedTuple):
+    """Which pixels of a grid, or blocks of them, take part, and their links; padded."""
 
-    active: Any
-    link: Any
-    whole: Any
+    active: ByteArray
+    link: ByteArray
+    whole: ByteArray
 
 
 @kernel
-def _is_torn(link: Any, whole: Any, i: int, j: int, down: int, right: int) -> bool:
+def _is_torn(link: ByteArray, whole: ByteArray, i: int, j: int, down: int, right: int) -> bool:
     """Whether the step from (i, j), down or right by ±1, is cut."""
     axis, i, j = abs(down), i + min(down, 0), j + min(right, 0)
     return whole[axis, i, j] and not link[axis, i, j]
 
 
 @kernel
-def reached(main: Any, link: Any, whole: Any, blocks: Any, i: int, j: int) -> tuple[bool, bool, bool, bool]:
+def reached(
+    main: ByteArray,
+    link: ByteArray,
+    whole: ByteArray,
+    blocks: Cells,
+    i: int,
+    j: int,
+) -> tuple[bool, bool, bool, bool]:
     """Which of the four blocks around a pixel are of its side.
 
     The four are those that linear interpolation takes: the pixel's own, the nearest beside it, above or

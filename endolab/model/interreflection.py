@@ -24,7 +24,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import cv2
 import numpy as np
@@ -32,7 +31,7 @@ from numpy.typing import ArrayLike
 
 from endolab.model.cameras import RayField
 from endolab.model.surface import normals_from_gradient, slant
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, Span
 from endolab.numerics.derivatives import gradient
 from endolab.numerics.threads import on_cores
 
@@ -51,13 +50,12 @@ MOST_INDIRECT = 20.0  # ι, beyond which it says that the lamp hardly reaches th
 
 @on_cores(cost=9)
 def _fill_exchange(
-    rows: Any,
-    _turns: Any,
+    rows: Span,
     factors: FloatArray,
-    x: Any,
-    n: Any,
+    x: FloatArray,
+    n: FloatArray,
     area: FloatArray,
-    cell: Any,
+    cell: IntArray,
     limit: FloatArray,
 ) -> None:
     """F between patches at x, (3, N), with normals n, (3, N), into `factors`, zero, (N, N).

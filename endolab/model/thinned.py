@@ -3,8 +3,6 @@
 Each pixel's value is that of the whole map; `surface.normals` and `surface.slant` are the twins in NumPy.
 """
 
-from typing import Any
-
 import numpy as np
 
 from endolab.model.cameras import RayField
@@ -14,7 +12,9 @@ from endolab.numerics.derivatives import links
 
 
 @kernel
-def _derivative(f: Any, link: Any, order: int) -> float:
+def _derivative(
+    f: tuple[float, float, float, float, float], link: tuple[bool, bool, bool, bool], order: int
+) -> float:
     """See `derivatives.gradient`, from five values in a row and the four links between them."""
     forward, backward = f[3] - f[2], f[2] - f[1]
     if link[1] and link[2]:
@@ -27,7 +27,9 @@ def _derivative(f: Any, link: Any, order: int) -> float:
 
 
 @kernel
-def _fill_slopes(f: Any, right: Any, below: Any, step: int, order: int, f_u: Any, f_v: Any) -> None:
+def _fill_slopes(
+    f: FloatArray, right: BoolArray, below: BoolArray, step: int, order: int, f_u: FloatArray, f_v: FloatArray
+) -> None:
     for row in range(f_u.shape[0]):
         for column in range(f_u.shape[1]):
             i, j = row * step + PAD, column * step + PAD
@@ -40,7 +42,14 @@ def _fill_slopes(f: Any, right: Any, below: Any, step: int, order: int, f_u: Any
 
 
 @kernel
-def _fill_normals(f_u: Any, f_v: Any, rays: Any, jacobian: Any, metric: Any, out: Any) -> None:
+def _fill_normals(
+    f_u: FloatArray,
+    f_v: FloatArray,
+    rays: FloatArray,
+    jacobian: FloatArray,
+    metric: FloatArray,
+    out: FloatArray,
+) -> None:
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             guu, guv, gvv = metric[i, j, 0], metric[i, j, 1], metric[i, j, 2]
@@ -53,7 +62,7 @@ def _fill_normals(f_u: Any, f_v: Any, rays: Any, jacobian: Any, metric: Any, out
 
 
 @kernel
-def _fill_slant(f_u: Any, f_v: Any, metric: Any, out: Any) -> None:
+def _fill_slant(f_u: FloatArray, f_v: FloatArray, metric: FloatArray, out: FloatArray) -> None:
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             u, v = f_u[i, j], f_v[i, j]

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numba.core import event
 
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import ByteArray, FloatArray, RealArray
 from endolab.numerics.iteration import CLOCK
 
 
@@ -50,14 +50,14 @@ event.register("numba:compile", _Compiling())
 
 
 @kernel
-def copy_row(source: Any, target: Any) -> None:
+def copy_row(source: FloatArray, target: RealArray) -> None:
     """Copy a row; in compiled loops several times as fast as an assignment to a slice."""
     for j in range(source.size):
         target[j] = source[j]
 
 
 @kernel
-def clear_row(row: Any) -> None:
+def clear_row(row: FloatArray) -> None:
     """Write zeros to a row."""
     for j in range(row.size):
         row[j] = 0.0
@@ -82,7 +82,7 @@ def framed(array: Any, fill: float = 0.0) -> FloatArray:
 
 
 @kernel
-def _block_sums(a: Any, out: FloatArray) -> None:
+def _block_sums(a: ByteArray | FloatArray, out: FloatArray) -> None:
     for i in range(PAD, out.shape[0] - PAD):
         for j in range(PAD, out.shape[1] - PAD):
             row, column = 2 * i - PAD, 2 * j - PAD

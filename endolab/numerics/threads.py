@@ -21,6 +21,7 @@ from typing import Any
 
 import numba
 
+from endolab.numerics.arrays import Span
 from endolab.numerics.checks import whole
 from endolab.numerics.compiled import kernel
 
@@ -71,24 +72,28 @@ def _pool(_process: int) -> ThreadPoolExecutor:
 class _OnCores:
     """A compiled loop over rows of maps, of which the first that it is given says how many there are."""
 
-    def __init__(self, function: Callable[..., None], cost: float, turns: int) -> None:
+    def __init__(self, function: Callable[..., None], cost: float, turns: int | None) -> None:
         update_wrapper(self, function)
         self.loop, self.cost, self.turns = kernel(function), cost, turns
 
     def __call__(self, first: Any, *others: Any, turns: int | None = None) -> None:
         rows, turns = first.shape[-2], self.turns if turns is None else turns
+
+        def work(part: Span, now: Span) -> None:
+            self.loop(part, *([] if turns is None else [now]), first, *others)
+
         count = 1 if rows * first.shape[-1] * self.cost < WORTH else threads()
         if count == 1 or not _cores.acquire(blocking=False):
-            self.loop((0, rows), (0, turns), first, *others)
+            work((0, rows), (0, turns or 1))
             return
         step = -(-rows // (2 * ROWS * count)) * 2 * ROWS
         parts = [(start, min(start + step, rows)) for start in range(0, rows, step)]
         try:
-            for turn in range(turns):
+            for turn in range(turns or 1):
                 now, submit = (turn, turn + 1), _pool(os.getpid()).submit
-                helped = [submit(self.loop, part, now, first, *others) for part in parts[1:]]
+                helped = [submit(work, part, now) for part in parts[1:]]
                 try:
-                    self.loop(parts[0], now, first, *others)
+                    work(parts[0], now)
                 finally:
                     wait(helped)
                 for one in helped:
@@ -97,17 +102,18 @@ class _OnCores:
             _cores.release()
 
 
-def on_cores(cost: float, turns: int = 1) -> Callable[[Callable[..., None]], _OnCores]:
-    """Compile loop(rows, turns, map, ...), such that all cores take part where that is worth it.
+def on_cores(cost: float, turns: int | None = None) -> Callable[[Callable[..., None]], _OnCores]:
+    """Compile loop(rows, map, ...), such that all cores take part where that is worth it.
 
     `rows` are the first and the one after the last that it is to do. Where one turn must have ended on all
-    rows before the next begins, `turns` are the first and the one after the last. `cost` is what a turn
-    takes for a pixel, about, in nanoseconds.
+    rows before the next begins, say how many `turns` there are: loop(rows, turns, map, ...) is told the
+    first and the one after the last of them, too. `cost` is what a turn takes for a pixel, about, in
+    nanoseconds.
     """
     return lambda function: _OnCores(function, cost, turns)
 
 
 @kernel
-def rows_within(rows: tuple[int, int], first: int, last: int) -> tuple[int, int]:
+def rows_within(rows: Span, first: int, last: int) -> Span:
     """Rows that are to be done, of those from `first` to before `last`."""
     return max(rows[0], first), min(rows[1], last)

@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from endolab.numerics.compiled import kernel
 from endolab.numerics.derivatives import fineness
 from endolab.numerics.side_by_side import side_by_side
@@ -28,7 +28,7 @@ LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the l
 
 
 @kernel
-def _flood(order: Any, slope: FloatArray, steps: Any, shallow: float, region: Any) -> int:
+def _flood(order: IntArray, slope: FloatArray, steps: IntArray, shallow: float, region: IndexArray) -> int:
     """Give each pixel the number of its basin, from 0; basins that meet before one is deep enough are one.
 
     `order` holds the pixels by their slope, `region` -1 everywhere; around them is a rim of pixels that

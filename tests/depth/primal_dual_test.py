@@ -8,7 +8,7 @@ from scipy import ndimage
 
 import endolab as el
 from endolab.depth.energy import model_image
-from endolab.depth.primal_dual import _along_columns, _along_row, _Path, _windows, primal_dual
+from endolab.depth.primal_dual import Patches, _along_columns, _along_row, _Path, _windows, primal_dual
 from endolab.depth.problem import Problem
 from endolab.numerics.derivatives import links
 from endolab.numerics.threads import limited_threads
@@ -44,9 +44,9 @@ def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius)
     inside = problem.mask
     np.testing.assert_allclose(path.log_distance[inside], twin.v[inside], rtol=0, atol=3e-6)
     assert np.abs(twin.v - v)[inside].max() > 1e-3
-    limit = 1 / (1 + path.state[4][1:-1, 1:-1][inside])
+    limit = 1 / (1 + path.state.limit[1:-1, 1:-1][inside])
     np.testing.assert_allclose(limit, twin.limit[inside], rtol=1e-4)
-    np.testing.assert_allclose(path.state[3][: len(twin.q), 1:-1, 1:-1], twin.q, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(path.state.q[: len(twin.q), 1:-1, 1:-1], twin.q, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize(("brdf", "off"), [(el.Glossy(0.5, 0.02, 8.0), 3e-6), (SHEET, 1e-3)])
@@ -98,9 +98,9 @@ def averaged(slope, mask, discontinuities, radius):
     lines, sums = np.zeros((4, width + 2 * radius), np.float32), np.zeros((1, height + 1, width))
     p, out = slope[None].astype(np.float32), np.zeros((1, height, width), np.float32)
     for i in range(1, height - 1):
-        _along_row(p, 0, i, radius, (shares, *along[1:]), lines, np.zeros(width + 1))
-    for first, last in ((0, width // 3), (width // 3, width)):
-        _along_columns(out, p, 0, first, last, radius, (shares, *down), np.zeros((1, width)), sums)
+        _along_row(p, 0, i, Patches(radius, shares, *along[1:]), lines, np.zeros(width + 1))
+    for columns in ((0, width // 3), (width // 3, width)):
+        _along_columns(out, p, 0, columns, Patches(radius, shares, *down), np.zeros((1, width)), sums)
     return out[0]
 
 
