@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -27,7 +26,14 @@ from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.contours import find_contours
 from endolab.preprocessing.frame import Frame
-from endolab.reconstruction.problem_setup import make_problem, noted, on_grid, remarked, two_sizes
+from endolab.reconstruction.problem_setup import (
+    Preparation,
+    make_problems,
+    noted,
+    on_grid,
+    remarked,
+    two_sizes,
+)
 
 TORN_SOLVE_STEPS = 30  # of the solver at most, once the surface is torn
 SMOOTH, CONTOURS = "smooth", "contours"  # stages
@@ -99,14 +105,13 @@ class OneChannel:
     coarse: Problem
 
     @classmethod
-    def of(
-        cls, frame: Frame, calibration: Endoscope, channel: str | None, search: bool, **how: Any
-    ) -> OneChannel:
-        """Prepare it, see `make_problems`; on few pixels only if there is a `search`."""
+    def of(cls, frame: Frame, calibration: Endoscope, preparation: Preparation, search: bool) -> OneChannel:
+        """Prepare it; on few pixels only if there is a `search`."""
+        channels = [preparation.channel]
         if not search:
-            fine = make_problem(frame, calibration, channel=channel, **how)
+            (fine,) = make_problems(frame, calibration, preparation, channels)
             return cls(fine, fine)
-        (fine,), (coarse,) = two_sizes(frame, calibration, [channel], **how)
+        (fine,), (coarse,) = two_sizes(frame, calibration, preparation, channels)
         return cls(fine, coarse)
 
 

@@ -4,7 +4,7 @@ This is the stage "prepared" of a reconstruction; nothing is solved here.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -29,55 +29,56 @@ LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
 BYTES, BYTES_PER_PIXEL = 400e6, 720
 
 
-def make_problem(
-    frame: Frame,
-    calibration: Endoscope,
-    *,
-    channel: str | None = None,
-    width: int | None = None,
-    smooth: float | None = None,
-    highlights: str | None = None,
-    xi: str = "1/d",
-    regulariser: str = "second",
-    lam: float = 1.0,
-    epsilon: float = 1e-3,
-    threshold: float = 0.05,
-    discontinuities: BoolArray | None = None,
-) -> Problem:
+@dataclass(frozen=True)
+class Preparation:
+    """How a frame becomes a problem; `reconstruct` says what each choice means."""
+
+    channel: str | None = None
+    width: int | None = None
+    smooth: float | None = None
+    highlights: str | None = None
+    xi: str = "1/d"
+    regulariser: str = "second"
+    lam: float = 1.0
+    epsilon: float = 1e-3
+    threshold: float = 0.05
+    discontinuities: BoolArray | None = None
+
+    def __post_init__(self) -> None:
+        check_highlights(self.highlights)
+        if self.width is not None:
+            object.__setattr__(self, "width", whole("width", self.width, 1))
+        if self.smooth is not None:
+            object.__setattr__(self, "smooth", number("smooth", self.smooth, 0))
+
+
+def make_problem(frame: Frame, calibration: Endoscope, **choices: Any) -> Problem:
     """Turn one channel of a frame into the problem that solvers take.
 
-    See `reconstruct` for the parameters. With an unknown gain, one is chosen that makes the
+    `choices` are those of `Preparation`. With an unknown gain, one is chosen that makes the
     median of d₀ one unit.
     """
+    preparation = Preparation(**choices)
+    channel = preparation.channel
     if channel in (SEPARATED, AUTO):
         raise ValueError(f"channel={channel!r} is found by solving: use reconstruct() or iterate()")
-    options = {"xi": xi, "regulariser": regulariser, "lam": lam, "epsilon": epsilon, "threshold": threshold}
-    problem = make_problems(
-        frame, calibration, [channel], width, smooth, highlights, discontinuities=discontinuities, **options
-    )[0]
+    (problem,) = make_problems(frame, calibration, preparation, [channel])
     return noted(problem, contours=problem.discontinuities is not None)
 
 
 def make_problems(
-    frame: Frame,
-    calibration: Endoscope,
-    channels: Sequence[str | None],
-    width: int | None = None,
-    smooth: float | None = None,
-    highlights: str | None = None,
-    **options: Any,
+    frame: Frame, calibration: Endoscope, preparation: Preparation, channels: Sequence[str | None]
 ) -> list[Problem]:
-    """Return the problem of each channel; `options` are those of `Problem`."""
+    """Return the problem of each of these channels."""
     camera, photometry, size = calibration.camera, calibration.photometry, (frame.width, frame.height)
     check_size(frame.name, size, camera)
-    highlights = check_highlights(highlights)
-    if width is not None:
-        width = whole("width", width, 1)
+    width, smooth = preparation.width, preparation.smooth
+    highlights = check_highlights(preparation.highlights)
     if width is not None and width != frame.width:
         height = max(1, round(frame.height * width / frame.width))
         frame, camera = frame.resize(width, height, photometry.gamma), camera.resize(width, height)
     _check_frame(frame.width, frame.height)
-    if smooth is not None and (smooth := number("smooth", smooth, 0)) > frame.width:
+    if smooth is not None and smooth > frame.width:
         raise ValueError(f"smooth must not exceed the frame's width of {frame.width} px, got {smooth}")
     picture, known = frame.image, frame.mask & camera.field.valid
     silent = np.zeros_like(known) if frame.silent is None else frame.silent
@@ -111,7 +112,12 @@ def make_problems(
             picture=frame.image,
             provenance=Provenance(picture_size=size, smooth=blur),
             settings=settings,
-            **options,
+            xi=preparation.xi,
+            regulariser=preparation.regulariser,
+            lam=preparation.lam,
+            epsilon=preparation.epsilon,
+            threshold=preparation.threshold,
+            discontinuities=preparation.discontinuities,
         )
         return in_units(problem)
 
@@ -119,16 +125,16 @@ def make_problems(
 
 
 def two_sizes(
-    frame: Frame, calibration: Endoscope, channels: Sequence[str | None], **options: Any
+    frame: Frame, calibration: Endoscope, preparation: Preparation, channels: Sequence[str | None]
 ) -> tuple[list[Problem], list[Problem]]:
     """Return what `make_problems` does, in full and on as few pixels as what is smooth needs."""
-    fine = make_problems(frame, calibration, channels, **options)
+    fine = make_problems(frame, calibration, preparation, channels)
     camera = fine[0].camera
     less = COARSE / max(camera.width, camera.height)
     if less >= 1 or less * min(camera.width, camera.height) < LEAST_SIDE:
         return fine, fine
-    options = options | {"width": round(less * camera.width), "discontinuities": None}
-    return fine, make_problems(frame, calibration, channels, **options)
+    preparation = replace(preparation, width=round(less * camera.width), discontinuities=None)
+    return fine, make_problems(frame, calibration, preparation, channels)
 
 
 def _check_frame(width: int, height: int) -> None:

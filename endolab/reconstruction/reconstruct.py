@@ -12,7 +12,7 @@ All that is solved on the way is yielded, so that observers see it.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -27,14 +27,11 @@ from endolab.numerics.checks import excerpt
 from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.contours import OneChannel, choose_bar
-from endolab.reconstruction.problem_setup import AUTO, SEPARATED, noted, on_grid, remarked
+from endolab.reconstruction.problem_setup import AUTO, SEPARATED, Preparation, noted, on_grid, remarked
 from endolab.reconstruction.scale import KnownDiameter, KnownDistance, check_scale, known_scale
 from endolab.reconstruction.separation import Colours, direct_light
 
-PREPARING = (
-    *("channel", "width", "smooth", "highlights"),
-    *("xi", "regulariser", "lam", "epsilon", "threshold", "discontinuities"),
-)
+PREPARING = tuple(choice.name for choice in fields(Preparation))
 TOLD = ("xi", "regulariser", "lam", "epsilon", "threshold")  # of a result's settings
 SETTLED = 5e-3  # of distances: a torn surface hangs together by little, and creeps long after that
 GREY = (
@@ -70,7 +67,7 @@ def _begun(
 
     `settings` is added to the settings of the problem whose answer counts.
     """
-    how = {name: options[name] for name in PREPARING if name in options}
+    choices = {name: options[name] for name in PREPARING if name in options}
     start, contours = options.get("start"), options.get("contours")
     own = {name: value for name, value in options.items() if name not in (*PREPARING, "start", "contours")}
     for name, value, kind, expected in (
@@ -82,14 +79,14 @@ def _begun(
         if not isinstance(value, kind):
             raise ValueError(f"{name} must be {expected}, got {excerpt(value)}")
     checked_solver(solver, own if start is None else own | {"start": start})
-    channel = how.pop("channel", None)
-    if channel is None and solver == DEFAULT_SOLVER:  # those of the paper take the paper's, green
-        channel = AUTO
-    if contours is None and channel not in (AUTO, SEPARATED):
+    if choices.get("channel") is None and solver == DEFAULT_SOLVER:  # the paper's take the paper's, green
+        choices["channel"] = AUTO
+    if contours is None and choices.get("channel") not in (AUTO, SEPARATED):
         contours = False
-    choose_order = how.setdefault("regulariser", AUTO) == AUTO
-    how["regulariser"] = "second" if choose_order else how["regulariser"]
-    prepared = _prepared(frame, calibration, channel, contours is not False, how)
+    choose_order = choices.get("regulariser", AUTO) == AUTO
+    if choose_order:
+        choices["regulariser"] = "second"
+    prepared = _prepared(frame, calibration, Preparation(**choices), contours is not False)
     whole = prepared.fine[1] if isinstance(prepared, Colours) else prepared.fine
     if isinstance(start, Result) and start.mask.shape != whole.mask.shape:
         raise ValueError(f"start has shape {start.mask.shape}, the frame {whole.mask.shape}")
@@ -97,15 +94,14 @@ def _begun(
 
 
 def _prepared(
-    frame: Frame, calibration: Endoscope, channel: str | None, search: bool, how: dict[str, Any]
+    frame: Frame, calibration: Endoscope, preparation: Preparation, search: bool
 ) -> OneChannel | Colours:
-    if channel == SEPARATED or (channel == AUTO and frame.image.ndim == 3):
-        return Colours.of(frame, calibration, **how)
-    if channel != AUTO:
-        return OneChannel.of(frame, calibration, channel, search, **how)
-    if how.get("highlights") is None:
-        how["highlights"] = "ignore"
-    one = OneChannel.of(frame, calibration, None, search, **how)
+    if preparation.channel == SEPARATED or (preparation.channel == AUTO and frame.image.ndim == 3):
+        return Colours.of(frame, calibration, preparation)
+    if preparation.channel != AUTO:
+        return OneChannel.of(frame, calibration, preparation, search)
+    grey = replace(preparation, channel=None, highlights=preparation.highlights or "ignore")
+    one = OneChannel.of(frame, calibration, grey, search)
     return replace(one, fine=remarked(one.fine, GREY))
 
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +57,7 @@ from endolab.reconstruction.contours import (
 )
 from endolab.reconstruction.problem_setup import (
     SEPARATED,
+    Preparation,
     enlarged,
     in_units,
     noted,
@@ -89,13 +89,12 @@ class Colours:
     albedo: FloatArray | None  # of the wall: (3,), green's alone, (), or None, as the calibration tells
 
     @classmethod
-    def of(cls, frame: Frame, calibration: Endoscope, **options: Any) -> Colours:
-        """Prepare the three colours; see `make_problems`. Highlights are ignored by default."""
+    def of(cls, frame: Frame, calibration: Endoscope, preparation: Preparation) -> Colours:
+        """Prepare the three colours. Highlights are ignored by default."""
         if frame.image.ndim == 2:
             raise ValueError(f"{frame.name} is grey, and channel='separated' needs its three colours")
-        if options.get("highlights") is None:
-            options["highlights"] = "ignore"
-        fine, coarse = two_sizes(frame, calibration, CHANNELS, **options)
+        preparation = replace(preparation, highlights=preparation.highlights or "ignore")
+        fine, coarse = two_sizes(frame, calibration, preparation, CHANNELS)
         return cls(fine, coarse, _albedos(calibration))
 
 

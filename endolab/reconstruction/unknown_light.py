@@ -43,7 +43,7 @@ from endolab.numerics.checks import excerpt, number, real_array
 from endolab.numerics.iteration import Status, checked_observers, closing, drive
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.colours import NoColour
-from endolab.reconstruction.problem_setup import make_problem
+from endolab.reconstruction.problem_setup import Preparation, make_problem
 from endolab.reconstruction.separation import Colours, continued, separate
 
 LIGHT = "light"  # stage
@@ -212,7 +212,8 @@ Chain = Generator[Iterate, None, Iterate]
 
 def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, indirect light removed each time."""
-    colours = Colours.of(frame, calibration, width=min(WIDTH, frame.width), smooth=SMOOTH)
+    preparation = Preparation(width=min(WIDTH, frame.width), smooth=SMOOTH)
+    colours = Colours.of(frame, calibration, preparation)
 
     def solve(k: float, before: Iterate | None) -> Chain:
         problems = [_under(one, k) for one in colours.fine]
