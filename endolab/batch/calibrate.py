@@ -64,9 +64,9 @@ def calibrate_to_files(
     options["light_observers"] = [steps.append] if record else []
     with staged_folder(folder, overwrite=overwrite, inputs=read) as staging:
         cache = calibration.with_name(f"{calibration.stem}_detections.jsonl")
-        how: dict[str, Any] = {"camera": options.get("camera"), "progress": progress, "say": say}
-        found = detect_cached(frames, target, cache, overwrite=overwrite, **how)
-        options["detections"], options["size"] = found
+        detecting: dict[str, Any] = {"camera": options.get("camera"), "progress": progress, "say": say}
+        detected = detect_cached(frames, target, cache, overwrite=overwrite, **detecting)
+        options["detections"], options["size"] = detected
         session = calibrate(frames, target, channel=channel, progress=progress, **options)
         write_report(session, frames, staging, channel)
         if record:

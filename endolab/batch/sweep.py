@@ -111,10 +111,10 @@ def sweep(
         raise unknown_name("backend", backend, BACKENDS)
     if n_jobs == 0:
         raise ValueError("n_jobs (--jobs) must be at least 1, or -1 for as many as cores, got 0")
-    xi, regulariser = [check_xi(one) for one in xi], list(regulariser)
-    for one in regulariser:
-        if one not in ("auto", *REGULARISERS):
-            raise unknown_name("regulariser", one, REGULARISERS)
+    xi, regulariser = [check_xi(name) for name in xi], list(regulariser)
+    for name in regulariser:
+        if name not in ("auto", *REGULARISERS):
+            raise unknown_name("regulariser", name, REGULARISERS)
     fixed = {name: value for name, value in sorted(options.items()) if value is not None}
     fixed = {"calibration": _checksum(calibration)} | fixed
     last = solver, " ".join(f"{name}={value}" for name, value in fixed.items())
@@ -164,8 +164,8 @@ def _by_joblib(todo: Sequence[Task], solve: Callable[..., Row], n_jobs: int, bac
     import joblib
 
     jobs = n_jobs if n_jobs < 1 else min(n_jobs, max(1, len(todo)))  # all are started
-    how = {"initializer": end_with, "initargs": (os.getpid(),)}  # of processes
-    parallel = joblib.Parallel(n_jobs=jobs, backend=backend, return_as="generator_unordered", **how)
+    beginning = {"initializer": end_with, "initargs": (os.getpid(),)}  # of processes
+    parallel = joblib.Parallel(n_jobs=jobs, backend=backend, return_as="generator_unordered", **beginning)
     solved = parallel(joblib.delayed(solve)(*task) for task in todo)
     try:
         yield from (row for row in solved)  # else it would be closed before what follows
@@ -237,10 +237,10 @@ def _solved(
     """Make one row; runs in a worker."""
     row: Row = key | dict.fromkeys((*MEASURED, *ERRORS), math.nan) | {"status": "", "error": ""}
     started = time.perf_counter()
-    how = {name: key[name] for name in ("xi", "regulariser", "lam", "solver")}
+    energy = {name: key[name] for name in ("xi", "regulariser", "lam", "solver")}
     try:
         picture = frame if isinstance(frame, Frame) else read_frame(frame, calibration)
-        result = reconstruct(picture, calibration, **how, **options)
+        result = reconstruct(picture, calibration, **energy, **options)
         errors = {} if truth is None else _errors(result, truth)
     except (ValueError, OSError, MemoryError) as error:
         return row | {"error": " ".join(str(error).split()) or "out of memory"}
@@ -256,10 +256,10 @@ def _errors(result: Result, truth: Truth) -> Row:
     distance = resampled_truth(distance, shape)
     normals = None if normals is None else resampled_truth(normals, shape)
     scale = "none" if result.metric else "median"
-    found = compare(
+    errors = compare(
         result.distance, distance, cos_alpha, normals=result.normals, true_normals=normals, scale=scale
     )
-    return {name: getattr(found, name) for name in ERRORS}
+    return {name: getattr(errors, name) for name in ERRORS}
 
 
 def read_table(path: PathLike) -> dict[tuple[object, ...], Row]:

@@ -319,7 +319,7 @@ def iterate_fit(
             again = choice.next(model, unknowns, residual, count, smallest)
             # A measurement on the border may come and go for ever: a choice that recurs is the last.
             seen.append(choice)
-            if any(again.same(one) for one in seen):
+            if any(again.same(earlier) for earlier in seen):
                 break
             if again.number == ROUNDS:
                 status = Status.STALLED

@@ -81,7 +81,7 @@ def detect_all(
     *,
     count: int = 0,
     progress: Progress = silent,
-    found: Callable[[str, Detection, tuple[int, int]], None] | None = None,
+    keep: Callable[[str, Detection, tuple[int, int]], None] | None = None,
     size: tuple[int, int] | None = None,
     camera: KannalaBrandt | None = None,
 ) -> tuple[dict[str, Detection], tuple[int, int] | None]:
@@ -108,8 +108,8 @@ def detect_all(
                 sizes = f"{where} {size[0]}x{size[1]} px, {name} is {here[0]}x{here[1]} px"
                 raise ValueError(f"the frames differ in size: {sizes}")
             detections[name] = detect(image, target)
-            if found is not None:
-                found(name, detections[name], here)
+            if keep is not None:
+                keep(name, detections[name], here)
         progress("detecting", number + 1, count)
     return detections, size
 
@@ -120,8 +120,8 @@ def choose_views(detections: Mapping[str, Detection], every: int = EVERY) -> lis
     seen = [name for name in names if len(detections[name].ids)]
     every = max(1, min(every, len(seen) // ENOUGH_VIEWS))
     groups = (names[start : start + every] for start in range(0, len(names), every))
-    best = (max(group, key=lambda name: len(detections[name].ids)) for group in groups)
-    return [name for name in best if len(detections[name].ids)]
+    fullest = (max(group, key=lambda name: len(detections[name].ids)) for group in groups)
+    return [name for name in fullest if len(detections[name].ids)]
 
 
 def locate(
@@ -136,16 +136,16 @@ def locate(
     errors: dict[str, float] = {}
     dropped: dict[str, str] = {}
     for number, (name, detection) in enumerate(detections.items()):
-        found: list[Pose | None] = [None] * target.panels
+        placed: list[Pose | None] = [None] * target.panels
         reason, squares = detection.reason or "too few points", np.zeros(0)
         for view in views_of(name, detection, target):
             try:
-                found[view.panel], inliers, residual = find_pose(view, target, camera)
+                placed[view.panel], inliers, residual = find_pose(view, target, camera)
                 squares = np.append(squares, np.sum(residual[inliers] ** 2, axis=1))
             except ValueError as error:
                 reason = str(error)
         if len(squares):
-            poses[name], errors[name] = tuple(found), float(np.sqrt(np.mean(squares)))
+            poses[name], errors[name] = tuple(placed), float(np.sqrt(np.mean(squares)))
         else:
             dropped[name] = reason
         progress("locating", number + 1, len(detections))

@@ -96,7 +96,7 @@ def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[
     """
     target, light = session.target, session.light
     refused = {"refused": session.refused, "nominal": True}
-    found = sum(len(detection.ids) > 0 for detection in session.detections.values())
+    detected = sum(len(detection.ids) > 0 for detection in session.detections.values())
     return _plain(
         {
             "source": source,
@@ -105,7 +105,7 @@ def evidence(session: Session, source: str = "", channel: str = "grey") -> dict[
             "photometry": _light_facts(light, session, channel) if light else refused,
             "frames": {
                 "searched": len(session.detections),
-                "found": found,
+                "found": detected,
                 "used": list(session.poses),
                 "dropped": session.dropped,
                 "errors_px": session.errors,
@@ -209,11 +209,11 @@ def _light_lines(session: Session) -> list[str]:
     values = light_values(light)
     rows = [f"{name} = {plus_minus(value, error)} {unit}".rstrip() for name, value, error, unit in values]
     facts = _light_facts(light, session, "")
-    near, far = light.distance_range
+    nearest, farthest = light.distance_range
     lines = [
         f"light: {', '.join(rows)}",
         f"residuals: {light.sigma:.2f} grey levels, of {counted(facts['samples'], 'sample')}, "
-        f"{near:.0f} to {far:.0f} mm away; {facts['samples_left_out']} left out",
+        f"{nearest:.0f} to {farthest:.0f} mm away; {facts['samples_left_out']} left out",
         _known("the fall-off μ′", facts["fall_off_percent"], "%", facts["alpha_range_deg"][1]),
     ]
     known = scores is not None and scores.count >= LEAST_SCORED
@@ -226,9 +226,9 @@ def _light_lines(session: Session) -> list[str]:
 
 def account(session: Session) -> list[str]:
     """Sum a calibration up, in lines to print."""
-    found = sum(len(detection.ids) > 0 for detection in session.detections.values())
+    detected = sum(len(detection.ids) > 0 for detection in session.detections.values())
     located = f"located in {len(session.poses)}; {len(session.dropped)} dropped"
-    lines = [f"{counted(len(session.detections), 'frame')}: the target was found in {found} and {located}"]
+    lines = [f"{counted(len(session.detections), 'frame')}: the target was found in {detected} and {located}"]
     lines += [f"  {line}" for line in by_reason(session.dropped)]
     return lines + _camera_lines(session) + _light_lines(session)
 

@@ -79,10 +79,10 @@ def ray_uncertainty(
     there = project(camera_vector(camera), still, rays, origin, np.zeros(len(rays)))
     by_camera, by_ray = there.by_camera, there.by_pose[..., 3:]
     # The turn ω that leaves least of the pixels: Σ |B δ - P (ω × r)|².
-    near = rays[:, 2] >= np.cos(max_angle)
+    inside = rays[:, 2] >= np.cos(max_angle)
     by_turn = np.cross(by_ray, -rays[:, None], axis=-1)
-    design = by_turn[near].reshape(-1, 3)
-    turn = np.linalg.pinv(design.T @ design) @ (design.T @ by_camera[near].reshape(-1, 8))
+    design = by_turn[inside].reshape(-1, 3)
+    turn = np.linalg.pinv(design.T @ design) @ (design.T @ by_camera[inside].reshape(-1, 8))
     # A pixel moves by no change of a ray's length, so that the least change that undoes it is a turn.
     back = -np.linalg.pinv(by_ray)
 
@@ -90,9 +90,9 @@ def ray_uncertainty(
         """Root of the trace of the covariance, as a map."""
         square = np.einsum("nip,pq,niq->n", slopes, finite, slopes)
         untold = (slopes[..., lost] != 0).any(axis=(1, 2))
-        found = np.full(seen.shape, np.nan)
-        found[seen] = np.where(untold, np.inf, np.sqrt(np.maximum(square, 0.0)))
-        return found
+        sigma = np.full(seen.shape, np.nan)
+        sigma[seen] = np.where(untold, np.inf, np.sqrt(np.maximum(square, 0.0)))
+        return sigma
 
     whole = float(np.sqrt(max(np.trace(turn @ finite @ turn.T), 0.0)))
     return RayUncertainty(
@@ -127,12 +127,12 @@ def fall_off_uncertainty(
         distance = float(np.sqrt(np.prod(light.distance_range)))
     names = ["k", *(name for name in light.names if name.startswith("light"))]
     index = [light.names.index(name) for name in names]
-    found = [light.k, 0.0, 0.0, 0.0, 0.0, 0.0]
+    estimate = [light.k, 0.0, 0.0, 0.0, 0.0, 0.0]
     if light.photometry.lights:
         lamp = light.photometry.lights[0]
-        found = [light.k, *lamp.position, *(np.array(lamp.direction[:2]) / lamp.direction[2])]
+        estimate = [light.k, *lamp.position, *(np.array(lamp.direction[:2]) / lamp.direction[2])]
     ahead, behind = (
-        [_fall_off(found + sign * step, distance * rays) for step in STEP * np.eye(6)[: len(index)]]
+        [_fall_off(estimate + sign * step, distance * rays) for step in STEP * np.eye(6)[: len(index)]]
         for sign in (1, -1)
     )
     slopes = np.stack([(a - b) / (2 * STEP) for a, b in zip(ahead, behind, strict=True)], axis=-1)

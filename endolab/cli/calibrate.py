@@ -63,11 +63,11 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     if arguments.fold is not None and read_target(target).fold is None:
         raise ValueError(f"--fold is of a folded target, and {target} is flat")
     names = ("video", "noise", "bits", "outliers", "motion", "seed", "overwrite")
-    how = {name: value for name in names if (value := getattr(arguments, name)) is not None}
-    how["fold"] = math.radians(20.0 if arguments.fold is None else arguments.fold)
-    how["inputs"] = [arguments.calibration, target]
+    chosen = {name: value for name in names if (value := getattr(arguments, name)) is not None}
+    chosen["fold"] = math.radians(20.0 if arguments.fold is None else arguments.fold)
+    chosen["inputs"] = [arguments.calibration, target]
     with _bar() as bar:
-        save_sheet_video(arguments.out, target, calibration, frames, progress=bar, **how)
+        save_sheet_video(arguments.out, target, calibration, frames, progress=bar, **chosen)
     what = "sheet.mkv" if arguments.video else f"{frames} pictures"
     print(f"written to {arguments.out}: {what}, truth.json")
 
@@ -122,22 +122,22 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     frames = open_frames(*arguments.source)
     many = min(arguments.frames, len(frames))
     names = [frames.names[i] for i in np.linspace(0, len(frames) - 1, many).round().astype(int)]
-    how: dict[str, Any] = {"gamma": arguments.gamma, "otherwise": arguments.k}
+    light: dict[str, Any] = {"gamma": arguments.gamma, "otherwise": arguments.k}
     if arguments.albedo is not None:
-        how["albedo"] = arguments.albedo
+        light["albedo"] = arguments.albedo
     read = (framed(name, picture) for name, picture in frames.read(names) if picture is not None)
     out = {"overwrite": arguments.overwrite, "inputs": [arguments.camera, *arguments.source]}
     with staged_file(arguments.out, **out) as temporary, _bar() as bar:
-        found = estimate_light(read, camera, progress=lambda done, _: bar("light", done, many), **how)
-        if found.status is Status.STOPPED:
+        estimate = estimate_light(read, camera, progress=lambda done, _: bar("light", done, many), **light)
+        if estimate.status is Status.STOPPED:
             raise KeyboardInterrupt
-        Calibration(camera, found.photometry, found.evidence).save(temporary)
-    for reason in found.refused.values():
+        Calibration(camera, estimate.photometry, estimate.evidence).save(temporary)
+    for reason in estimate.refused.values():
         print(f"left out: {reason}")
-    unread = sorted({*names} - {*found.names} - {*found.refused})
+    unread = sorted({*names} - {*estimate.names} - {*estimate.refused})
     if unread:
         print(f"cannot be read: {', '.join(unread)}")
-    print(found.verdict)
+    print(estimate.verdict)
     print(f"written to {arguments.out}; the gain is unknown, so distances are relative")
 
 
@@ -212,22 +212,22 @@ def add_calibration_commands(commands: Any) -> None:
     option("--out", required=True, metavar="CAL.json", help="the report goes into CAL_report beside it")
     add_overwrite(command.add_argument)
     option("--camera", metavar="CAL.json", help="calibrate the light only, with the camera of this file")
-    how = "one frame of a video in N goes into the geometry (default 20)"
-    option("--every", type=count, default=20, metavar="N", help=how)
-    how = "frames, by their names in the report, that the calibration is to do without"
-    option("--leave-out", nargs="+", action="extend", default=[], metavar="NAME", help=how)
-    how = "whose response: grey (default), red, green or blue"
-    option("--channel", choices=("grey", "red", "green", "blue"), default="grey", help=how)
-    how = "a number (default 2.2), a number and its standard deviation (2.2,0.1), or free"
-    option("--gamma", type=_known, default=2.2, metavar="γ", help=how)
-    for name, usual, other, how in (
+    text = "one frame of a video in N goes into the geometry (default 20)"
+    option("--every", type=count, default=20, metavar="N", help=text)
+    text = "frames, by their names in the report, that the calibration is to do without"
+    option("--leave-out", nargs="+", action="extend", default=[], metavar="NAME", help=text)
+    text = "whose response: grey (default), red, green or blue"
+    option("--channel", choices=("grey", "red", "green", "blue"), default="grey", help=text)
+    text = "a number (default 2.2), a number and its standard deviation (2.2,0.1), or free"
+    option("--gamma", type=_known, default=2.2, metavar="γ", help=text)
+    for name, usual, other, text in (
         ("--brdf", "tabulated", "lambertian", "of the paper: tabulated (default) or lambertian"),
         ("--gain", "free", "locked", "free (default), or locked: the same in all frames"),
         ("--light", "centred", "free", "centred (default), or free: its offset and direction are fitted too"),
     ):
-        option(name, choices=(usual, other), default=usual, help=how)
-    how = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"
-    option("--reflectance", type=_known, action="append", default=[], metavar="R", help=how)
+        option(name, choices=(usual, other), default=usual, help=text)
+    text = "of the grey patches relative to white: 0.5, or 0.5,0.02 with its standard deviation, or free"
+    option("--reflectance", type=_known, action="append", default=[], metavar="R", help=text)
     option("--record", action="store_true", help="write a recording for the Rerun viewer too")
 
     command = add_command(
@@ -240,12 +240,12 @@ def add_calibration_commands(commands: Any) -> None:
     )
     option = command.add_argument
     option("source", nargs="+", metavar="SOURCE", help="a video, a folder of pictures, or pictures")
-    how = "endoscope.json, of which the camera is taken; or a known endoscope's name"
-    option("--camera", required=True, metavar="CAL", help=how)
+    text = "endoscope.json, of which the camera is taken; or a known endoscope's name"
+    option("--camera", required=True, metavar="CAL", help=text)
     option("--out", required=True, metavar="CAL.json")
     add_overwrite(command.add_argument)
-    how = f"so many, spread evenly (default {LIGHT_FRAMES}); each takes some seconds"
-    option("--frames", type=count, default=LIGHT_FRAMES, metavar="N", help=how)
+    text = f"so many, spread evenly (default {LIGHT_FRAMES}); each takes some seconds"
+    option("--frames", type=count, default=LIGHT_FRAMES, metavar="N", help=text)
     option("--gamma", type=number, default=2.2, metavar="γ", help="which frames don't tell (default 2.2)")
     option("--albedo", type=albedo, metavar="A", help="of the wall's green, or R,G,B, if known")
     option("--k", type=number, default=2.5, metavar="K", help="if it is not found (default 2.5)")
@@ -259,9 +259,9 @@ def add_calibration_commands(commands: Any) -> None:
         "endolab convert geometry.xml photometry.xml --out endoscope.json",
     )
     option = command.add_argument
-    how = "of Vicalib; or a folder Endoscope_XX with both files"
-    option("geometry", metavar="GEOMETRY.xml", help=how)
-    how = "without it, the camera alone is written"
-    option("photometry", nargs="?", metavar="PHOTOMETRY.xml", help=how)
+    text = "of Vicalib; or a folder Endoscope_XX with both files"
+    option("geometry", metavar="GEOMETRY.xml", help=text)
+    text = "without it, the camera alone is written"
+    option("photometry", nargs="?", metavar="PHOTOMETRY.xml", help=text)
     option("--out", required=True, metavar="CAL.json")
     add_overwrite(command.add_argument)

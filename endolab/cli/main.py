@@ -63,14 +63,14 @@ def _simulate(arguments: argparse.Namespace) -> None:
         simulate_sheet(arguments, calibration)
         return
     names = ("noise", "bits", "seed", *FRAME_OPTIONS)
-    how = {name: value for name in names if (value := getattr(arguments, name)) is not None}
+    chosen = {name: value for name in names if (value := getattr(arguments, name)) is not None}
     inputs = [arguments.calibration]
     with staged_folder(arguments.out, overwrite=arguments.overwrite, inputs=inputs) as folder:
-        rendered = render(SCENES[arguments.scene], calibration.camera, calibration.photometry, **how)
+        rendered = render(SCENES[arguments.scene], calibration.camera, calibration.photometry, **chosen)
         write_image(folder / "frame.png", rendered.image, arguments.bits)
         replace(calibration, photometry=rendered.photometry).save(folder / "endoscope.json")
         save_depth(folder / "truth.npz", rendered, True)
-        write_atomically(folder / "report.json", as_json({"endolab": 1, "scene": arguments.scene} | how))
+        write_atomically(folder / "report.json", as_json({"endolab": 1, "scene": arguments.scene} | chosen))
     known = rendered.distance[rendered.mask]
     print(f"{arguments.scene}: {known.min():.1f} to {known.max():.1f} mm, median {np.median(known):.1f} mm")
     print(f"written to {arguments.out}: endoscope.json, frame.png, report.json, truth.npz")

@@ -109,8 +109,8 @@ def add_overwrite(option: Callable[..., Any]) -> None:
 
 def add_threads(option: Callable[..., Any]) -> None:
     """Add the option of every command that solves."""
-    how = "cores at most (default: ENDOLAB_THREADS, or all)"
-    option("--threads", type=count, metavar="N", help=how)
+    text = "cores at most (default: ENDOLAB_THREADS, or all)"
+    option("--threads", type=count, metavar="N", help=text)
 
 
 def add_solving_options(
@@ -125,43 +125,43 @@ def add_solving_options(
     add = most_used
     add("--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name")
     add("--width", type=count, metavar="PX", help="shrink the frame to this width first")
-    how = f"weight of the regulariser; larger is smoother (default 1){weights}"
-    add("--lam", type=kinds[1], metavar="λ", help=how)
-    how = "auto (default): all three colours, indirect light removed, if the frame allows it; separated: "
-    how += "always; red, green, blue or grey: this channel as it is (green with the paper's solvers)"
-    add("--channel", choices=CHANNELS, metavar="NAME", help=how)
+    text = f"weight of the regulariser; larger is smoother (default 1){weights}"
+    add("--lam", type=kinds[1], metavar="λ", help=text)
+    text = "auto (default): all three colours, indirect light removed, if the frame allows it; separated: "
+    text += "always; red, green, blue or grey: this channel as it is (green with the paper's solvers)"
+    add("--channel", choices=CHANNELS, metavar="NAME", help=text)
 
     add = parser.add_argument_group("surface").add_argument
-    how = f"first, second, curvature or auto (default): curvature, or second if light bounced{orders}"
-    add("--regulariser", type=kinds[0], metavar="ORDER", help=how)
-    how = "whether folds may hide what is behind them; auto (default): if that explains the picture better"
-    add("--contours", choices=tuple(CONTOURS), help=how)
-    how = f"the map that is made smooth: 1/z, d or 1/d (default){more}"
-    add("--xi", type=kinds[0], metavar="ξ", help=how)
+    text = f"first, second, curvature or auto (default): curvature, or second if light bounced{orders}"
+    add("--regulariser", type=kinds[0], metavar="ORDER", help=text)
+    text = "whether folds may hide what is behind them; auto (default): if that explains the picture better"
+    add("--contours", choices=tuple(CONTOURS), help=text)
+    text = f"the map that is made smooth: 1/z, d or 1/d (default){more}"
+    add("--xi", type=kinds[0], metavar="ξ", help=text)
     add("--solver", metavar="NAME", help="facing, fast_marching, gauss_newton (default) or primal_dual")
     add("--max-iterations", type=count, metavar="N", help="steps of the solver at most")
-    how = "derivative of ξ above which the penalty grows linearly (default 1e-3)"
-    add("--epsilon", type=number, metavar="ε", help=how)
-    how = "error of a stored value above which the penalty grows linearly (default 0.05)"
-    add("--threshold", type=number, metavar="ρ", help=how)
+    text = "derivative of ξ above which the penalty grows linearly (default 1e-3)"
+    add("--epsilon", type=number, metavar="ε", help=text)
+    text = "error of a stored value above which the penalty grows linearly (default 0.05)"
+    add("--threshold", type=number, metavar="ρ", help=text)
 
     add = parser.add_argument_group("frame and light").add_argument
     if not swept:
         add("--mask", metavar="M.png", help="bright where the frame is to be used")
-        how = "settings that the tuner exported; options given here win"
-        add("--settings", metavar="FILE.json", help=how)
-    how = "of a matt wall, or R,G,B, in place of the calibration's BRDF"
-    add("--albedo", type=albedo, metavar="A", help=how)
-    how = "mirrored light (default: ignore with auto and separated, else keep)"
-    add("--highlights", choices=("keep", "ignore", "inpaint"), help=how)
+        text = "settings that the tuner exported; options given here win"
+        add("--settings", metavar="FILE.json", help=text)
+    text = "of a matt wall, or R,G,B, in place of the calibration's BRDF"
+    add("--albedo", type=albedo, metavar="A", help=text)
+    text = "mirrored light (default: ignore with auto and separated, else keep)"
+    add("--highlights", choices=("keep", "ignore", "inpaint"), help=text)
     add("--smooth", type=number, metavar="PX", help="blur the light first (default: by the noise)")
 
     add = parser.add_argument_group("scale, where the gain is unknown").add_argument
     add("--median-distance", type=number, metavar="MM", help="of the result")
     if not swept:
         add("--known-distance", type=_distance, metavar="MM,COLUMN,ROW", help="of the surface at a pixel")
-        how = "between the surface at two pixels: a polyp, the lumen"
-        add("--known-diameter", type=_diameter, metavar="MM,COLUMN1,ROW1,COLUMN2,ROW2", help=how)
+        text = "between the surface at two pixels: a polyp, the lumen"
+        add("--known-diameter", type=_diameter, metavar="MM,COLUMN1,ROW1,COLUMN2,ROW2", help=text)
 
 
 # What they stand for --------------------------------------------------------------------

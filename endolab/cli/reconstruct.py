@@ -147,12 +147,13 @@ def _tell(result: Any, solver: str, prepared: Any, uncertainty: Any) -> None:
     from endolab.reconstruction.plausible import doubts
     from endolab.reports.result import trusted
 
-    near, middle, far = np.percentile(result.distance[result.mask], [1, 50, 99])
+    nearest, median, farthest = np.percentile(result.distance[result.mask], [1, 50, 99])
     steps = f"{result.iterations} iteration" + "s" * (result.iterations != 1)
     energy = f"energy {result.history[0]['energy']:.3e} to {result.energy:.3e}"
     print(f"{result.status.name}: {result.status.value}")
     print(f"{solver}, {steps}, {result.seconds:.2f} s, {energy}, {int(result.mask.sum())} pixels")
-    print(f"distance: median {middle:.4g}, 1 % below {near:.4g}, 1 % above {far:.4g} ({result.problem.unit})")
+    unit = result.problem.unit
+    print(f"distance: median {median:.4g}, 1 % below {nearest:.4g}, 1 % above {farthest:.4g} ({unit})")
     if not result.metric:
         ways = "--median-distance, --known-distance or --known-diameter fixes the scale."
         print(f"The gain is unknown, so distances have no unit; {ways}")
@@ -191,7 +192,7 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
                 bar.set_postfix_str(f"energy {row['energy']:.3e}", refresh=False)
             bar.update(done - bar.n)
 
-        found = reconstruct_video(
+        video = reconstruct_video(
             arguments.frame,
             calibration,
             arguments.out,
@@ -203,19 +204,19 @@ def _reconstruct_video(arguments: argparse.Namespace) -> None:
             progress=show,
             **keywords,
         )
-    done = [row for row in found.rows if not row["error"]]
-    for row in found.rows:
+    done = [row for row in video.rows if not row["error"]]
+    for row in video.rows:
         if row["error"]:
             print(f"not done: {row['error']}")
     seconds, warm = sum(row["seconds"] for row in done), sum(row["warm"] for row in done)
-    print(f"{len(done)} of {len(found.rows)} frames, {warm} started from the last, {seconds:.2f} s")
-    if found.done_before:
-        print(f"done by an earlier call: {found.done_before} of them")
+    print(f"{len(done)} of {len(video.rows)} frames, {warm} started from the last, {seconds:.2f} s")
+    if video.done_before:
+        print(f"done by an earlier call: {video.done_before} of them")
     middle = [row["median_distance"] for row in done]
     print(f"median distance: {min(middle):.4g} to {max(middle):.4g} ({done[0]['unit']})")
     if done[0]["unit"] != "mm":
         print("The gain is unknown: distances have no unit, but nearly the same one in all frames.")
-    written = [path.name for path in found.paths]
+    written = [path.name for path in video.paths]
     if "recording.rrd" not in written:
         print(f"There is no recording.rrd: {lacking('rerun')}.")
     print(f"written to {arguments.out}: {', '.join(written)}")
@@ -335,26 +336,26 @@ def add_reconstruct_commands(commands: Any) -> None:
         "endolab reconstruct video.mp4 --calibration paper --every 5 --out video",
         "endolab reconstruct 0 --calibration endoscope.json --live",
     )
-    how = "PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video; or a camera's number or URL"
-    command.add_argument("frame", nargs="+", metavar="FRAME", help=how)
+    text = "PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these, or a video; or a camera's number or URL"
+    command.add_argument("frame", nargs="+", metavar="FRAME", help=text)
     most_used = command.add_argument_group("most used").add_argument
     most_used("--out", metavar="DIR", help="folder for the results; --live does without")
     add_solving_options(command, most_used)
     option = command.add_argument_group("output").add_argument
     add_overwrite(option)
-    how = "add σ, the standard deviation of every pixel's distance; takes one to three times as long"
-    option("--uncertainty", action="store_true", help=how)
+    text = "add σ, the standard deviation of every pixel's distance; takes one to three times as long"
+    option("--uncertainty", action="store_true", help=text)
     option("--mesh", action="store_true", help="write mesh.ply too: triangles, torn at folds")
-    how = "leave out text and dark lumen, undo interlacing, and draw it all: preparation.png"
-    option("--prepare", action="store_true", help=how)
-    how = f"of fast_marching in the recording (default {SNAPSHOTS})"
-    option("--snapshots", type=whole, metavar="N", help=how)
+    text = "leave out text and dark lumen, undo interlacing, and draw it all: preparation.png"
+    option("--prepare", action="store_true", help=text)
+    text = f"of fast_marching in the recording (default {SNAPSHOTS})"
+    option("--snapshots", type=whole, metavar="N", help=text)
     add_threads(option)
     option = command.add_argument_group("a video or a camera").add_argument
     option("--every", type=count, metavar="N", help="every N-th frame only")
     option("--limit", type=count, metavar="N", help="N frames at most")
-    how = "show the newest frame's surface as it comes; by default 320 px wide and from green alone"
-    option("--live", action="store_true", help=how)
+    text = "show the newest frame's surface as it comes; by default 320 px wide and from green alone"
+    option("--live", action="store_true", help=text)
 
     command = add_command(
         commands,
@@ -372,6 +373,6 @@ def add_reconstruct_commands(commands: Any) -> None:
     option = command.add_argument_group("output").add_argument
     option("--truth", nargs="+", metavar="T.npz", help="truth.npz of each frame")
     option("--jobs", type=whole, default=1, metavar="N", help="at once; -1: as many as cores")
-    how = "loky (processes, the default), threading or dask"
-    option("--backend", choices=("loky", "threading", "dask"), default="loky", metavar="NAME", help=how)
+    text = "loky (processes, the default), threading or dask"
+    option("--backend", choices=("loky", "threading", "dask"), default="loky", metavar="NAME", help=text)
     add_threads(option)

@@ -113,10 +113,10 @@ def add_tune_command(commands: Any) -> None:
     )
     option = command.add_argument
     option("frame", metavar="FRAME", help="PNG, JPEG or TIFF, 8 or 16 bits; or a folder of these")
-    how = "endoscope.json, or a known endoscope's name"
-    option("--calibration", required=True, metavar="CAL", help=how)
+    text = "endoscope.json, or a known endoscope's name"
+    option("--calibration", required=True, metavar="CAL", help=text)
     option("--truth", metavar="T", help="truth.npz of the frame, or its depth map of a published data set")
     option("--width", type=wide, default=320, metavar="PX", help="to begin with (default 320)")
     option("--port", type=whole, default=PORT, metavar="N", help=f"the next free one (default {PORT})")
-    how = "print the link, and open no browser"
-    option("--no-browser", action="store_false", dest="browser", help=how)
+    text = "print the link, and open no browser"
+    option("--no-browser", action="store_false", dest="browser", help=text)

@@ -72,25 +72,25 @@ class _Part:
 
     def all(self, name: str) -> list[_Part]:
         """Return the children of a name, at least one."""
-        found = self.element.findall(name)
-        if not found:
+        elements = self.element.findall(name)
+        if not elements:
             raise self.error(name, "missing")
         where = "/".join(filter(None, (self.where, name)))
-        return [_Part(element, where, self.file) for element in found]
+        return [_Part(element, where, self.file) for element in elements]
 
     def one(self, name: str) -> _Part:
         """Return the only child of a name."""
-        found = self.all(name)
-        if len(found) > 1:
-            raise self.error(name, f"expected one, found {len(found)}")
-        return found[0]
+        elements = self.all(name)
+        if len(elements) > 1:
+            raise self.error(name, f"expected one, found {len(elements)}")
+        return elements[0]
 
     def kind(self, choices: tuple[str, ...]) -> str:
         """Return the attribute `type`, which must be one of a few."""
-        found = self.element.get("type")
-        if found not in choices:
-            raise self.error("", f"expected the type {' or '.join(choices)}, found {shortened(str(found))}")
-        return str(found)
+        kind = self.element.get("type")
+        if kind not in choices:
+            raise self.error("", f"expected the type {' or '.join(choices)}, found {shortened(str(kind))}")
+        return str(kind)
 
     def numbers(self, name: str, count: int) -> tuple[float, ...]:
         """Read `[ a; b; … ]`, or one bare number."""
@@ -218,13 +218,13 @@ def read_endomapper(geometry: PathLike, photometry: PathLike) -> Calibration:
 
 def find_calibrations(folder: PathLike) -> tuple[Path, Path | None]:
     """Find `*_geometrical.xml` and, if it is there, `*_photometrical.xml` in a folder `Endoscope_XX`."""
-    place, found = Path(folder), []
+    place, calibrations = Path(folder), []
     for kind in ("geometrical", "photometrical"):
         paths = sorted(place.glob(f"*_{kind}.xml"))
         if len(paths) > 1:
             raise ValueError(f"{place}: expected one *_{kind}.xml, found {len(paths)}")
-        found.append(paths[0] if paths else None)
-    geometry, photometry = found
+        calibrations.append(paths[0] if paths else None)
+    geometry, photometry = calibrations
     if geometry is None:
         raise FileNotFoundError(
             f"{place}: expected a file *_geometrical.xml, as EndoMapper's Endoscope_01 has"

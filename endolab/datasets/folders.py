@@ -73,26 +73,26 @@ def open_dataset(path: PathLike, camera: Camera | None = None) -> Folder:
         layout: {name: match for name in listed if (match := pattern.fullmatch(name))}
         for layout, pattern in _LAYOUTS.items()
     }
-    fitting = [layout for layout, found in matches.items() if found]
+    fitting = [layout for layout, matched in matches.items() if matched]
     if len(fitting) != 1:
         raise ValueError(
             f"{place}: expected C3VD's NNNN_color.png, SimCol3D's FrameBuffer_NNNN.png or UCL 2019's "
             f"…_FrameBuffer_NNNN.png, found {' and '.join(fitting) or 'other files'}"
         )
     layout = fitting[0]
-    found = matches[layout]
+    matched = matches[layout]
     if layout == "ucl2019" and camera is None:
         raise ValueError(f"{place}: the camera of UCL 2019 is not published; give one")
     if layout != "ucl2019" and camera is not None:
         raise ValueError(f"{place}: the camera of {layout} is known; give none")
 
     def read(name: str) -> Sample:
-        index = int(found[name]["index"])
+        index = int(matched[name]["index"])
         if layout == "ucl2019" and camera is not None:
-            return read_ucl2019(place, found[name]["series"], index, camera)
+            return read_ucl2019(place, matched[name]["series"], index, camera)
         return (read_c3vd if layout == "c3vd" else read_simcol3d)(place, index)
 
-    return Folder(place, layout, tuple(found), read)
+    return Folder(place, layout, tuple(matched), read)
 
 
 def find_dataset(layout: str, prefer: str = "") -> Folder | None:
@@ -116,11 +116,11 @@ def find_dataset(layout: str, prefer: str = "") -> Folder | None:
     inside = [] if place is None else [place, *sorted(entry for entry in place.iterdir() if entry.is_dir())]
     for folder in sorted(inside, key=lambda folder: prefer not in folder.name):
         try:
-            found = open_dataset(folder)
+            dataset = open_dataset(folder)
         except (OSError, ValueError):  # other files, or other data
             continue
-        if found.layout == layout:
-            return found
+        if dataset.layout == layout:
+            return dataset
     return None
 
 

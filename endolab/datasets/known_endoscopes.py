@@ -85,12 +85,12 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
     """
     name = str(name_or_path)
     if name in CALIBRATIONS and not os.path.exists(name):
-        found = CALIBRATIONS[name]
+        calibration = CALIBRATIONS[name]
     elif not os.path.exists(name) and Path(name).suffix.lower() != ".json":
         raise unknown_name("calibration", name, CALIBRATIONS, "a JSON file")
     else:
-        found = Calibration.load(name)
+        calibration = Calibration.load(name)
     if width is None:
-        return found
-    height = found.camera.height * number("width", width, 1, WIDEST) / found.camera.width
-    return found.resize(width, round(height))
+        return calibration
+    height = calibration.camera.height * number("width", width, 1, WIDEST) / calibration.camera.width
+    return calibration.resize(width, round(height))

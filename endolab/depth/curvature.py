@@ -51,11 +51,11 @@ def plane_shares(field: RayField, mask: BoolArray, discontinuities: BoolArray | 
     """a, b and c of each second difference of the rays, (uu, uv, vv; a, b, c; H, W); 0 where not known."""
     rays = np.where(mask[..., None], field.rays, 0.0)
     each = [_derivatives(rays[..., i], mask, discontinuities) for i in range(3)]
-    (ray_u, ray_v), second = (np.stack(one, axis=-1) for one in zip(*each, strict=True))
+    (ray_u, ray_v), second = (np.stack(parts, axis=-1) for parts in zip(*each, strict=True))
     known = whole(mask, discontinuities)
     basis = np.stack([ray_u, ray_v, rays], axis=-1)
     basis[~known.any(axis=0)] = np.eye(3)
-    shares = [np.linalg.solve(basis, one[..., None])[..., 0] for one in second]
+    shares = [np.linalg.solve(basis, parts[..., None])[..., 0] for parts in second]
     return np.moveaxis(np.where(known[..., None], shares, 0.0), -1, 1)
 
 

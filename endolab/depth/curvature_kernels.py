@@ -174,9 +174,9 @@ def add_bending_row(
     _measure_row(form, metric, link, i, size, twofold)
     epsilon *= CREASE
     for j in range(out.size):
-        one, two = size[j], abs(twofold[j])
-        less, little = min(one, epsilon), min(two, epsilon)
-        cost = less * (one - 0.5 * less) + TWOFOLD * (little * (two - 0.5 * little))
+        size_here, twofold_here = size[j], abs(twofold[j])
+        less, little = min(size_here, epsilon), min(twofold_here, epsilon)
+        cost = less * (size_here - 0.5 * less) + TWOFOLD * (little * (twofold_here - 0.5 * little))
         out[j] += weight[j + 2] * cost / epsilon
 
 

@@ -128,18 +128,18 @@ def _root(terms: Terms, low: float, y0: float, table: Table) -> float:
 
 @kernel
 def _difference(
-    value: FloatArray, place: IndexArray, ways: BitArray, near: int, k: int, width: int
+    value: FloatArray, place: IndexArray, ways: BitArray, neighbour: int, k: int, width: int
 ) -> tuple[Step, float]:
     """Step from a pixel to its accepted k-th neighbour, and that one's value.
 
     First order: neighbour - y. Second order: 2 neighbour - next/2 - 3y/2, if the next pixel out
     can be stepped to, is accepted and lower.
     """
-    if ways[near] >> k & 1:
-        far = near + _AROUND[k, 0] * width + _AROUND[k, 1]
-        if place[far] == _ACCEPTED and value[far] <= value[near]:
-            return (-1.5, 2 * value[near] - 0.5 * value[far]), value[near]
-    return (-1.0, value[near]), value[near]
+    if ways[neighbour] >> k & 1:
+        far = neighbour + _AROUND[k, 0] * width + _AROUND[k, 1]
+        if place[far] == _ACCEPTED and value[far] <= value[neighbour]:
+            return (-1.5, 2 * value[neighbour] - 0.5 * value[far]), value[neighbour]
+    return (-1.0, value[neighbour]), value[neighbour]
 
 
 @kernel
@@ -206,12 +206,12 @@ def _advance(count: int, size: int, front: Front, y0: FloatArray, metric: FloatA
             nearness = (guu * gvv - guv * guv) / (
                 gvv * a[0] * a[0] - 2 * guv * a[0] * a[1] + guu * a[1] * a[1]
             )
-            best = value[pixel]
+            least = value[pixel]
             y = _along_edge(step_a, ya, nearness, limit, table)
             if np.isnan(y):
                 y = _along_edge((-1.0, ya), ya, nearness, limit, table)
-            if y < best:
-                best = y
+            if y < least:
+                least = y
             for side in (1, 7):
                 # All three sides of the triangle: y is interpolated along the third too.
                 j, third = k + side & 7, k + side * (2 + (k & 1)) & 7
@@ -226,10 +226,10 @@ def _advance(count: int, size: int, front: Front, y0: FloatArray, metric: FloatA
                 y = _across_triangle(a, b, step_a, step_b, low, g, limit, table)
                 if np.isnan(y):
                     y = _across_triangle(a, b, (-1.0, ya), (-1.0, yb), low, g, limit, table)
-                if y < best:
-                    best = y
-            if best < value[pixel]:
-                value[pixel] = best
+                if y < least:
+                    least = y
+            if least < value[pixel]:
+                value[pixel] = least
                 if place[pixel] == _FAR:
                     heap[size] = pixel
                     place[pixel] = size

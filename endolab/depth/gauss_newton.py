@@ -105,43 +105,43 @@ class _State:
             delta, steps, unsolved = multigrid.solve(descent, PRECISION, MOST_INNER_STEPS)
             promise = max(0.5 * dot(descent, delta) / self.grid.count, 0.0)
             slants = self.grid.slants(delta)
-            best = self._along(delta, promise)
-            if best is not self:
+            lowest = self._along(delta, promise)
+            if lowest is not self:
                 break
         room: dict[str, Any] = {"coefficients": coefficients, "multigrid": multigrid}
         room |= {"steps": steps, "damping": damping}
         left = promise * (1 + unsolved)
-        if best is self:
+        if lowest is self:
             return replace(self, share=0.0, left=left, fall=0.0, rate=1.0, **room)
         if self.slants is not None:
             slants = np.sqrt(slants * self.slants)
-        if best.share == 1:
+        if lowest.share == 1:
             slants *= RELIEF
-        fall = self.energy - best.energy
+        fall = self.energy - lowest.energy
         before = self.rate if np.isnan(self.fall) else min(fall / self.fall, SLOWEST)
         slow = rate = (self.rate + before) / 2
-        if best.share == 1 and fall > promise > 0:
+        if lowest.share == 1 and fall > promise > 0:
             slow = max(rate, min(fall / promise - 1, SLOWEST) ** 2)
         left = max(left, fall * slow / (1 - slow))
-        return replace(best, left=left, fall=fall, rate=rate, slants=slants, **room)
+        return replace(lowest, left=left, fall=fall, rate=rate, slants=slants, **room)
 
     def _along(self, delta: FloatArray, promise: float) -> _State:
         """Go the share of a step that lowers the energy most, of 1, 1/2, 1/4, ...; nowhere if none does.
 
         Half a step is promised 3/4 of what the whole is: no need to try it where the whole kept more.
         """
-        best, share, there = self, 1.0, np.empty_like(self.v)
+        lowest, share, there = self, 1.0, np.empty_like(self.v)
         while share >= SHORTEST:
             advance(self.v, delta, share, LONGEST_STEP, self.grid.ceiling, there)
             tried = replace(self, v=there, terms=self.grid.terms(there, self.lam), share=share)
-            if tried.energy < best.energy:
-                best, there = tried, np.empty_like(self.v)
-            elif best is not self:
+            if tried.energy < lowest.energy:
+                lowest, there = tried, np.empty_like(self.v)
+            elif lowest is not self:
                 break
-            if self.energy - best.energy > 0.75 * promise:
+            if self.energy - lowest.energy > 0.75 * promise:
                 break
             share /= 2
-        return best
+        return lowest
 
     def descended(self, tolerance: float) -> _State:
         """Take up to `COARSE_STEPS` steps."""
@@ -209,7 +209,7 @@ def _adapted(finest: Grid, start: FloatArray, tolerance: float) -> FloatArray:
         coarse, fine = grids[level + 1], grids[level]
         change = coarse.finer(state.v - starts[level + 1], fine)
         maps = coarse.finer(state.v, fine), starts[level] + change
-        state = min((_State.at(fine, v, lam) for v in maps), key=lambda one: one.energy)
+        state = min((_State.at(fine, v, lam) for v in maps), key=lambda state: state.energy)
         if level > 0:
             state = state.descended(tolerance)
     given = padded(np.nan_to_num(finest.inflow))

@@ -123,7 +123,7 @@ class Grid:
             self,
             image=image,
             log_scale=self.restrict(self.log_scale),
-            metric=np.stack([self.restrict(one) for one in self.metric]) / 4,
+            metric=np.stack([self.restrict(component) for component in self.metric]) / 4,
             factor=self.restrict(self.factor),
             edge=self.restrict(self.edge),
             active=halved(self.active),
@@ -131,7 +131,9 @@ class Grid:
             whole=whole,
             evidence=evidence,
             # A plane's 1/d is linear in the ray, so that block means of both stay a plane.
-            rays=np.stack([self.restrict(one) for one in self.rays]) if self.rays.size else self.rays,
+            rays=np.stack([self.restrict(component) for component in self.rays])
+            if self.rays.size
+            else self.rays,
             inflow=np.where(inner(halved(given)) > 0, inflow, np.nan),
             scale=self.scale / (2 if self.problem.regulariser == "first" else 4),
         )

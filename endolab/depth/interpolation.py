@@ -30,9 +30,9 @@ def _prolong_add(rows: Span, x: RealArray, share: SingleArray, step: RealArray) 
         for cj in range(between.size):
             between[cj] = 3 * step[ci, cj] + step[ci + ni, cj]
         for cj in range(between.size - 2 * PAD):
-            near, left, right = 3 * between[cj + 2], between[cj + 1], between[cj + 3]
-            x[i, 2 * cj + 2] += share[i, 2 * cj + 2] * (near + left)
-            x[i, 2 * cj + 3] += share[i, 2 * cj + 3] * (near + right)
+            nearest, left, right = 3 * between[cj + 2], between[cj + 1], between[cj + 3]
+            x[i, 2 * cj + 2] += share[i, 2 * cj + 2] * (nearest + left)
+            x[i, 2 * cj + 3] += share[i, 2 * cj + 3] * (nearest + right)
 
 
 @on_cores(cost=2)
@@ -136,7 +136,7 @@ class Interpolation(NamedTuple):
         most = 3 * _fill_shares(pixels.active, main, blocks, share)
         strands = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most)
         count = _fill_strands(pixels, main, blocks, share, strands)
-        return cls(share, *(one[:count] for one in strands))
+        return cls(share, *(strand[:count] for strand in strands))
 
     def add(self, step: RealArray, x: RealArray) -> None:
         """x += the blocks' step, interpolated."""

@@ -289,8 +289,8 @@ class Structure:
             # Blocks of pixels that are given have rays, too: their neighbours' second differences need them.
             inside, known = block_sums(self.main), block_sums(rays.any(axis=0).astype(np.int8))
             count = np.maximum(np.where(inside > 0, inside, known), 1)
-            sums = (np.where(inside > 0, block_sums(one * self.main), block_sums(one)) for one in rays)
-            rays = np.stack([one / count for one in sums])
+            sums = (np.where(inside > 0, block_sums(ray * self.main), block_sums(ray)) for ray in rays)
+            rays = np.stack([ray / count for ray in sums])
         return Structure(active, link, whole, rays, self.kind)
 
     @cached_property

@@ -204,9 +204,9 @@ def _along_row(
     if ends[i + 1] > ends[i]:
         for j in range(width):
             sums[j + INDEX(1)] = sums[j] + lines[0, j + reach]
-        for one in range(ends[i], ends[i + 1]):
-            j = odd[one, 0]
-            p[k, i, j] = share[0, i, j] * (sums[odd[one, 2]] - sums[odd[one, 1]])
+        for n in range(ends[i], ends[i + 1]):
+            j = odd[n, 0]
+            p[k, i, j] = share[0, i, j] * (sums[odd[n, 2]] - sums[odd[n, 1]])
 
 
 @kernel
@@ -238,8 +238,8 @@ def _along_columns(
             for j in range(begin, end):
                 sums[k, i + 1, j] = sums[k, i, j] + p[k, i, j]
         for j in range(columns[0], columns[1]):
-            for one in range(ends[j], ends[j + 1]):
-                i, above, below = odd[one, 0], odd[one, 1], odd[one, 2]
+            for n in range(ends[j], ends[j + 1]):
+                i, above, below = odd[n, 0], odd[n, 1], odd[n, 2]
                 out[k, i, j] = share[1, i, j] * (sums[k, below, j] - sums[k, above, j])
 
 
@@ -418,7 +418,7 @@ def _brdf_table(photometry: Photometry) -> SingleArray:
 
 def _single(*arrays: FloatArray) -> tuple[SingleArray, ...]:
     """Copies in single precision."""
-    return tuple(one.astype(SINGLE) for one in arrays)
+    return tuple(array.astype(SINGLE) for array in arrays)
 
 
 @dataclass

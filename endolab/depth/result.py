@@ -126,9 +126,9 @@ class Result:
         v, (least, most) = self.iterate.log_distance[self.mask], np.log(RANGES["distance"])
         if not (np.all(v >= least) and np.all(v <= most)):
             with np.errstate(over="ignore"):
-                found = f"{np.exp(v.min()):.3g} to {np.exp(v.max()):.3g} {self.problem.unit}"
+                span = f"{np.exp(v.min()):.3g} to {np.exp(v.max()):.3g} {self.problem.unit}"
             cause = "the gain, or the length that fixes the scale, is wrong by powers of ten"
-            raise ValueError(f"distances would be {found}: {cause}")
+            raise ValueError(f"distances would be {span}: {cause}")
 
     @property
     def problem(self) -> Problem:
@@ -180,17 +180,17 @@ class _Kept:
     """What is kept of one stage: its history, its last iterate and the one of least energy."""
 
     def __init__(self, first: Iterate) -> None:
-        self.last = self.best = first
+        self.last = self.lowest = first
         self.history: list[dict[str, float]] = []
 
     def add(self, iterate: Iterate, seconds: float) -> None:
         self.last = iterate
-        self.best = iterate if iterate.energy < self.best.energy else self.best
+        self.lowest = iterate if iterate.energy < self.lowest.energy else self.lowest
         row = {"k": iterate.k, "energy": iterate.energy, **iterate.terms, "change": iterate.change}
         self.history.append(row | {"seconds": seconds, **iterate.scalars})
 
     def answer(self, status: Status) -> Iterate:
-        return self.last if status is Status.CONVERGED else self.best
+        return self.last if status is Status.CONVERGED else self.lowest
 
 
 def _bounded(
@@ -273,13 +273,13 @@ def run(
         if not kept:
             raise ValueError(NOTHING)
         before = 0.0
-        for one in kept:
-            shown, after = one.last, one.history[-1]["seconds"]
-            stages.append(Stage(shown.stage, shown.round, shown.k, one.best.energy, after - before))
+        for stage in kept:
+            shown, after = stage.last, stage.history[-1]["seconds"]
+            stages.append(Stage(shown.stage, shown.round, shown.k, stage.lowest.energy, after - before))
             before = after
-        found = kept[-1].answer(status)
-        answer = found if last is None else last(found)
-        if answer is not found:
+        result = kept[-1].answer(status)
+        answer = result if last is None else last(result)
+        if answer is not result:
             for observer in watching:
                 observer(answer)
     return Result(answer, status, kept[-1].history, before, tuple(stages))

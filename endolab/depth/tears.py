@@ -37,12 +37,12 @@ def _main_parts(active: ByteArray, link: ByteArray, whole: ByteArray, out: ByteA
                         if steps[k]:
                             part[k] = part[(k + 1) % 4] = min(part[k], part[(k + 1) % 4])
             largest, most = 0, 0
-            for one in range(4):
+            for label in range(4):
                 size = 0
                 for k in range(4):
-                    size += active[pixels[k, 0], pixels[k, 1]] if part[k] == one else 0
+                    size += active[pixels[k, 0], pixels[k, 1]] if part[k] == label else 0
                 if size > most:
-                    largest, most = one, size
+                    largest, most = label, size
             for k in range(4):
                 i, j = pixels[k]
                 out[i, j] = active[i, j] if part[k] == largest else 0

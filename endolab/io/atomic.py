@@ -84,8 +84,8 @@ def is_own(folder: Path) -> bool:
 def check_folder(folder: Path) -> None:
     """Raise OSError in one sentence, unless a folder is new, empty or endolab's own."""
     with one_sentence(f"cannot write to the folder {folder}"):
-        found = [path.name for path in folder.iterdir()] if folder.exists() else []
-    others = [name for name in found if not name.startswith(_TEMPORARY)]  # which a killed run may leave
+        names = [path.name for path in folder.iterdir()] if folder.exists() else []
+    others = [name for name in names if not name.startswith(_TEMPORARY)]  # which a killed run may leave
     if others and not is_own(folder):
         content = f"holds {min(others)} and no results of endolab's; choose another folder"
         raise FileExistsError(f"{folder} {content}, {ASK}")

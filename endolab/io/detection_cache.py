@@ -27,7 +27,7 @@ def read_detections(path: Path, head: str) -> tuple[Found, tuple[int, int] | Non
     A line of JSON is a frame; what is cut off or damaged is left out. Nothing, and None, if the head is
     another.
     """
-    found: Found = {}
+    known: Found = {}
     size = None
     first, *lines = read_bytes(path).decode(errors="replace").split("\n")
     for line in lines if first == head else ():
@@ -35,8 +35,8 @@ def read_detections(path: Path, head: str) -> tuple[Found, tuple[int, int] | Non
             name, (width, height), ids, pixels, reason = json.loads(line)
             places = np.array(pixels, dtype=np.float64).reshape(len(ids), 2)
             size = int(width), int(height)
-            found[str(name)] = Detection(np.array(ids, dtype=np.int64), places, str(reason))
-    return found, size
+            known[str(name)] = Detection(np.array(ids, dtype=np.int64), places, str(reason))
+    return known, size
 
 
 def _line(name: str, detection: Detection, size: tuple[int, int]) -> str:
@@ -72,7 +72,7 @@ def detect_cached(
     if known and say is not None:
         say(f"{len(known)} of {len(frames)} frames were searched before; going on from there")
     # What was read is written again: a line that was cut off must not be gone on with.
-    before = [_line(name, one, size) for name, one in known.items() if size is not None]
+    before = [_line(name, entry, size) for name, entry in known.items() if size is not None]
     write_atomically(path, "".join([head, "\n", *before]).encode())
 
     def keep(name: str, detection: Detection, size: tuple[int, int]) -> None:
@@ -81,16 +81,16 @@ def detect_cached(
         known[name] = detection
 
     rest = [name for name in frames.names if name not in known]
-    how = {"count": len(rest), "progress": progress, "found": keep, "size": size, "camera": camera}
+    reading = {"count": len(rest), "progress": progress, "keep": keep, "size": size, "camera": camera}
     try:
-        found, size = detect_all(frames.read(rest), target, **how)  # type: ignore[arg-type]
+        detections, size = detect_all(frames.read(rest), target, **reading)  # type: ignore[arg-type]
     except KeyboardInterrupt:
         progress_so_far = f"interrupted; {len(known)} of {len(frames)} frames are searched and kept"
         raise KeyboardInterrupt(progress_so_far) from None
     finally:
         if not known:  # nothing to go on from
             path.unlink(missing_ok=True)
-    everything = known | found
+    everything = known | detections
     if frames.is_video:
         for name in reversed(frames.names):
             if everything[name].reason != UNREADABLE:

@@ -57,9 +57,9 @@ def as_png(figure: Figure) -> bytes:
     return _as_png(np.asarray(canvas.buffer_rgba())[..., 2::-1], DEFLATED)
 
 
-def _as_png(stored: np.ndarray, how: Sequence[int] = ()) -> bytes:
+def _as_png(stored: np.ndarray, options: Sequence[int] = ()) -> bytes:
     """Encode stored values, channels in OpenCV's order."""
-    return cv2.imencode(".png", stored, how)[1].tobytes()
+    return cv2.imencode(".png", stored, options)[1].tobytes()
 
 
 def write_figure(path: PathLike, figure: Figure) -> None:
@@ -163,8 +163,8 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
         check_size(str(path), (columns, rows), calibration.camera)
     inside = np.ones((rows, columns), dtype=bool) if mask is None else read_mask(mask)
     if inside.shape != (rows, columns):
-        found = f"{inside.shape[1]}x{inside.shape[0]} px"
-        raise ValueError(f"the mask {mask} is {found}, the frame {columns}x{rows} px")
+        shape = f"{inside.shape[1]}x{inside.shape[0]} px"
+        raise ValueError(f"the mask {mask} is {shape}, the frame {columns}x{rows} px")
     if not inside.any():
         raise ValueError(f"the mask {mask} is empty: no pixel in it is brighter than half")
     return Frame(image, inside, Path(path).name)

@@ -31,7 +31,7 @@ def save_sheet_video(
     overwrite: bool = False,
     inputs: Collection[PathLike | None] = (),
     progress: Progress = silent,
-    **how: Any,
+    **options: Any,
 ) -> None:
     """Write a simulated calibration video, as pictures or as `sheet.mkv`, and `truth.json`.
 
@@ -49,7 +49,7 @@ def save_sheet_video(
     sheet = read_target(target)
     fold = fold if sheet.fold is not None else 0.0
     light = replace(endoscope.photometry, brdf=PAPER_SHEET)
-    frames = simulate_video(sheet, endoscope.camera, light, count, fold=fold, **how)
+    frames = simulate_video(sheet, endoscope.camera, light, count, fold=fold, **options)
     truth: list[dict[str, Any]] = []
 
     def images() -> Iterator[FloatArray]:

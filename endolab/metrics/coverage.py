@@ -74,7 +74,7 @@ def coverage_of(
     factor = scale_to(truth[known], distance[known], scale)
     error = np.abs(1 - truth[known] / (factor * distance[known]))
     share = sigma[known] / distance[known]
-    best = float(np.sqrt(np.mean(error**2)))
+    rms = float(np.sqrt(np.mean(error**2)))
     return Coverage(
         pixels=int(known.sum()),
         scale=factor,
@@ -84,8 +84,8 @@ def coverage_of(
         spearman=spearman(share, error),
         log_score=float(np.mean(log_score(error, share))),
         crps_percent=float(100 * np.mean(crps(error, share))),
-        constant_percent=100 * best,
-        constant_log_score=float(np.mean(log_score(error, best))),
+        constant_percent=100 * rms,
+        constant_log_score=float(np.mean(log_score(error, rms))),
         constant_crps_percent=float(100 * np.mean(crps(error, _best_for_crps(error)))),
     )
 

@@ -82,10 +82,10 @@ def resampled_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
         raise ValueError(
             f"the depth map is {columns}x{rows} px, the truth {width}x{height} px, of other proportions"
         )
-    how = cv2.INTER_AREA if columns <= width else cv2.INTER_LINEAR
+    interpolation = cv2.INTER_AREA if columns <= width else cv2.INTER_LINEAR
 
     def mean(a: FloatArray) -> FloatArray:
-        return np.asarray(cv2.resize(a, (columns, rows), interpolation=how), dtype=np.float64)
+        return np.asarray(cv2.resize(a, (columns, rows), interpolation=interpolation), dtype=np.float64)
 
     known: BoolArray = np.all(np.isfinite(truth).reshape(height, width, -1), axis=-1)
     share = mean(known.astype(np.float64))
@@ -114,7 +114,7 @@ def known_in_all(mask: BoolArray | None, **maps: FloatArray) -> tuple[list[Float
     known = np.ones(shape, dtype=bool) if mask is None else mask_array("mask", mask)
     if known.shape != shape:
         raise ValueError(f"mask has shape {known.shape}, the depth map {shape}")
-    return arrays, np.logical_and.reduce([known, *(np.isfinite(one) & (one > 0) for one in arrays)])
+    return arrays, np.logical_and.reduce([known, *(np.isfinite(array) & (array > 0) for array in arrays)])
 
 
 def scale_to(truth: FloatArray, distance: FloatArray, scale: str) -> float:

@@ -89,9 +89,9 @@ def distance_to(
     if not (len(own) and size):
         raise ValueError(f"nothing to measure: the mesh has {len(own)} vertices, the truth {size} parts")
     if triangles is None:
-        found = scipy.spatial.cKDTree(vertices).query(own)[0]
+        distance = scipy.spatial.cKDTree(vertices).query(own)[0]
     else:
         place = load_open3d().core.Tensor(own.astype(np.float32))
-        found = caster(vertices, triangles).compute_distance(place).numpy().astype(np.float64)
-    mean, median, most = np.mean(found), np.median(found), np.percentile(found, 95)
-    return SurfaceDistance(found, float(mean), float(median), float(most))
+        distance = caster(vertices, triangles).compute_distance(place).numpy().astype(np.float64)
+    mean, median, most = np.mean(distance), np.median(distance), np.percentile(distance, 95)
+    return SurfaceDistance(distance, float(mean), float(median), float(most))

@@ -80,17 +80,17 @@ def _fill_exchange(
             # A patch is no point: half of each area bounds the share that its neighbour gets.
             both = here * there / (square * (np.pi * square + 0.5 * (own + area[j])))
             facing[j] = both if min(here, there) > 0.0 else 0.0
-        row, column, near = down_at[i], across_at[i], inverse[i]
+        row, column, nearness = down_at[i], across_at[i], inverse[i]
         for j in range(i):
             if facing[j] > 0.0:
-                down, across, change = down_at[j] - row, across_at[j] - column, inverse[j] - near
+                down, across, change = down_at[j] - row, across_at[j] - column, inverse[j] - nearness
                 steps = max(abs(down), abs(across))
                 k = 1
                 # In a picture 1/distance is nearly linear along a straight chord.
                 while k < steps:
                     share = k / steps
                     i_at, j_at = np.rint(row + share * down), np.rint(column + share * across)
-                    if near + share * change < limit[int(i_at), int(j_at)]:
+                    if nearness + share * change < limit[int(i_at), int(j_at)]:
                         break
                     k += 1
                 if k >= steps:
@@ -202,8 +202,8 @@ class Walls:
 
     def bounced(self, albedo: ArrayLike) -> FloatArray:
         """S of every patch, (N,), for walls of one albedo; (N, n) for n albedos."""
-        one = np.asarray(albedo, dtype=np.float64)
-        return bounced_and_slope(self.orders, one.ravel())[0].reshape(len(self.lit), *one.shape)
+        rho = np.asarray(albedo, dtype=np.float64)
+        return bounced_and_slope(self.orders, rho.ravel())[0].reshape(len(self.lit), *rho.shape)
 
     def indirect_ratio(self, albedo: ArrayLike) -> FloatArray:
         """ι of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
@@ -222,8 +222,8 @@ class Walls:
         fine = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
         lit = self.direct > 0
         share = fine.reshape(height, width, -1) / np.where(lit, self.direct, 1.0)[..., None]
-        found = np.where(lit[..., None], np.minimum(share, MOST_INDIRECT), 0.0)
-        return found if np.ndim(albedo) else found[..., 0]
+        ratio = np.where(lit[..., None], np.minimum(share, MOST_INDIRECT), 0.0)
+        return ratio if np.ndim(albedo) else ratio[..., 0]
 
 
 def bounced_and_slope(orders: FloatArray, albedo: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -83,10 +83,10 @@ class Photometry:
             return self
         if name == "grey":
             # The gain and geometry are common, so the grey value has an albedo of its own.
-            one = float(GREY_WEIGHTS @ np.asarray(albedo) ** (1 / self.gamma)) ** self.gamma
+            own = float(GREY_WEIGHTS @ np.asarray(albedo) ** (1 / self.gamma)) ** self.gamma
         else:
-            one = albedo[CHANNELS.index(name)]
-        return replace(self, brdf=Lambertian(one))
+            own = albedo[CHANNELS.index(name)]
+        return replace(self, brdf=Lambertian(own))
 
     def simplified(self) -> Photometry:
         """Replace the lights by one virtual light at the optical centre (Section III-C).

@@ -12,24 +12,24 @@ LARGEST_WHOLE = 2**53  # of whole numbers; beyond, a float holds them no more
 LONGEST_VALUE = 80  # characters of a value of a file in a sentence
 
 
-def nearest(found: object, choices: Iterable[str]) -> str:
+def nearest(given: object, choices: Iterable[str]) -> str:
     """The one of some names that a misspelt one is like, whatever its case; "" if there is none."""
     plain = {name.lower(): name for name in choices}
-    if len(str(found)) > LONGEST_VALUE:
+    if len(str(given)) > LONGEST_VALUE:
         return ""
-    return next((plain[name] for name in difflib.get_close_matches(str(found).lower(), plain, 1)), "")
+    return next((plain[name] for name in difflib.get_close_matches(str(given).lower(), plain, 1)), "")
 
 
-def unknown_name(what: str, found: object, choices: Iterable[str], other: str = "") -> ValueError:
+def unknown_name(what: str, given: object, choices: Iterable[str], other: str = "") -> ValueError:
     """Make the error that names all there is to choose, and the nearest if one is misspelt.
 
     `other` is what can be given beside the choices, such as a file.
     """
     names = list(choices)
-    meant = nearest(found, names)
+    meant = nearest(given, names)
     *most, last = [*names, other] if other else names
     hint = f"; did you mean {meant}?" if meant else ""
-    return ValueError(f"unknown {what} {shortened(repr(found))}; choose {', '.join(most)} or {last}{hint}")
+    return ValueError(f"unknown {what} {shortened(repr(given))}; choose {', '.join(most)} or {last}{hint}")
 
 
 def quoted(value: object) -> str:

@@ -27,12 +27,12 @@ def number(name: str, value: Any, least: float = -math.inf, most: float = math.i
     plain = np.asarray(value) if isinstance(value, int | float | np.ndarray | np.generic) else np.empty(0)
     if plain.ndim or plain.dtype.kind not in "iuf":
         raise ValueError(f"{name} must be a number, got {excerpt(value)}")
-    found = float(plain)
-    if not (math.isfinite(found) and least <= found <= most):
+    plain_number = float(plain)
+    if not (math.isfinite(plain_number) and least <= plain_number <= most):
         bounds = "be finite" if math.isinf(least) else f"be finite and at least {least:g}"
         bounds = bounds if math.isinf(most) else f"lie in [{least:g}, {most:g}]"
         raise ValueError(f"{name} must {bounds}, got {excerpt(value)}")
-    return found
+    return plain_number
 
 
 def whole(name: str, value: Any, least: int = 0) -> int:
@@ -45,20 +45,20 @@ def whole(name: str, value: Any, least: int = 0) -> int:
 def real_array(name: str, value: Any) -> FloatArray:
     """Return an array of real numbers, as it is if it is one; else ValueError."""
     try:
-        found = np.asarray(value)
+        array = np.asarray(value)
     except ValueError as error:  # lists of unequal length
         raise ValueError(f"{name} must be an array of real numbers, got {excerpt(value)}") from error
-    if found.dtype.kind not in "fiub":
+    if array.dtype.kind not in "fiub":
         raise ValueError(f"{name} must be an array of real numbers, got {excerpt(value)}")
-    return found.astype(np.float64, copy=False)
+    return array.astype(np.float64, copy=False)
 
 
 def mask_array(name: str, value: Any) -> BoolArray:
     """Return an array of truth values, for which whole numbers will do, or 0.0 and 1.0; else ValueError."""
-    found = real_array(name, value)
-    if np.asarray(value).dtype.kind == "f" and not np.all((found == 0) | (found == 1)):
+    array = real_array(name, value)
+    if np.asarray(value).dtype.kind == "f" and not np.all((array == 0) | (array == 1)):
         raise ValueError(f"{name} must be an array of True and False, got {excerpt(value)}")
-    return found != 0
+    return array != 0
 
 
 def owned(array: np.ndarray) -> np.ndarray:

@@ -53,9 +53,9 @@ def _derivative(f: FloatArray, inside: BoolArray, link: BoolArray, axis: int, ed
     if edge_order == 2:
         # A border pixel takes the three-point formula, as accurate as the central one.
         far = link & shifted(link, 1, axis, False)
-        near = before & shifted(before, -1, axis, False)
+        both = before & shifted(before, -1, axis, False)
         bend = np.select(
-            [far, near],
+            [far, both],
             [forward - shifted(forward, 1, axis, 0.0), backward - shifted(backward, -1, axis, 0.0)],
             0.0,
         )

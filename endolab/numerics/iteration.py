@@ -87,7 +87,7 @@ def checked_observers(observers: Any) -> list[Any]:
     """Return the observers, if all can be called; else ValueError."""
     given = list(observers) if isinstance(observers, Iterable) else [observers]
     if not isinstance(observers, Iterable) or not all(map(callable, given)):
-        wrong = next((one for one in given if not callable(one)), observers)
+        wrong = next((observer for observer in given if not callable(observer)), observers)
         raise ValueError(f"observers must be several that can be called, got {excerpt(wrong)}")
     return given
 

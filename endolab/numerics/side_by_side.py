@@ -23,10 +23,10 @@ def side_by_side(function: Callable[[Item], Found], items: Iterable[Item], pixel
     wanted = list(items)
     count = min(threads(), len(wanted))
     if pixels < WORTH_THREADS or count <= 1:
-        return [function(one) for one in wanted]
+        return [function(item) for item in wanted]
     contexts = [copy_context() for _ in wanted]
     with ThreadPoolExecutor(count) as pool:
-        return list(pool.map(lambda context, one: context.run(function, one), contexts, wanted))
+        return list(pool.map(lambda context, item: context.run(function, item), contexts, wanted))
 
 
 def by_rows(function: Callable[[slice], object], shape: tuple[int, ...]) -> None:

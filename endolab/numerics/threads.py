@@ -96,8 +96,8 @@ class _OnCores:
                     work(parts[0], now)
                 finally:
                     wait(helped)
-                for one in helped:
-                    one.result()  # or what it raised, such as that memory ran out
+                for done in helped:
+                    done.result()  # or what it raised, such as that memory ran out
         finally:
             _cores.release()
 

@@ -41,8 +41,8 @@ def _arrows(ax: Axes, at: FloatArray, off: FloatArray, magnify: float, most: flo
     """Draw differences of pixels, longer than they are by a factor; they end at `most` px."""
     length = np.linalg.norm(off, axis=1, keepdims=True)
     shown = off * np.minimum(1, most / np.maximum(length, 1e-12))
-    how: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / magnify, "width": 0.0025}
-    ax.quiver(*at.T, *shown.T, **how, **look)
+    style: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / magnify, "width": 0.0025}
+    ax.quiver(*at.T, *shown.T, **style, **look)
 
 
 @house()
@@ -137,13 +137,13 @@ def show_coverage(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
 
 def best_frame(session: Session) -> str:
     """Name the frame to show: of those that were located, the one with many features seen large."""
-    found = session.detections
+    detections = session.detections
 
     def worth(name: str) -> float:
-        pixels = found[name].pixels
+        pixels = detections[name].pixels
         return float(len(pixels) * np.sqrt(np.prod(np.ptp(pixels, axis=0)))) if len(pixels) else 0.0
 
-    return max(session.poses or found, key=worth)
+    return max(session.poses or detections, key=worth)
 
 
 def samples_of(session: Session, name: str) -> BoolArray:
@@ -194,14 +194,14 @@ def show_found(image: FloatArray, session: Session, name: str, ax: Axes | None =
     name : str
         Of the frame.
     """
-    expected, found = session.expected(name), session.detections[name].pixels
-    error, low, high = max(session.errors[name], 1e-6), found.min(axis=0), found.max(axis=0)
+    expected, detected = session.expected(name), session.detections[name].pixels
+    error, low, high = max(session.errors[name], 1e-6), detected.min(axis=0), detected.max(axis=0)
     room = 0.1 * float(np.max(high - low)) + 10
     magnify = round_length(0.4 * room / error)
     ax = show_picture(image, ax, f"{name}: {error:.3f} px, arrows × {magnify:g}")
     ax.plot(*expected.T, "o", ms=8, mfc="none", mec=ORANGE, mew=1.4, label="expected")
-    ax.plot(*found.T, "o", ms=3, color=SKY, label="found")
-    _arrows(ax, expected, found - expected, magnify, LONGEST_ARROW * error, color=VERMILION)
+    ax.plot(*detected.T, "o", ms=3, color=SKY, label="found")
+    _arrows(ax, expected, detected - expected, magnify, LONGEST_ARROW * error, color=VERMILION)
     (left, top), (right, bottom) = low - room, high + room
     ax.set(xlim=(left, right), ylim=(bottom, top))
     ax.legend(loc="upper right", frameon=True)
@@ -250,8 +250,8 @@ def geometry_figure(session: Session, image: FloatArray) -> Figure:
         raise ValueError("session has no geometry to draw: its camera was given")
     with house(PAGE_SIZE):
         figure = Figure(figsize=(16, 11.2), dpi=100, layout="constrained")
-        ((found, arrows), (covered, spread)) = figure.subplots(2, 2)
-        show_detection(image, session.detections[best_frame(session)], session.target, found)
+        ((detected, arrows), (covered, spread)) = figure.subplots(2, 2)
+        show_detection(image, session.detections[best_frame(session)], session.target, detected)
         show_reprojection(session.geometry, arrows)
         show_coverage(session.geometry, covered)
         show_reprojection_histogram(session.geometry, spread)

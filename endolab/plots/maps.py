@@ -37,10 +37,10 @@ SPARE = np.array([[-0.25, -0.15], [0.0, 0.15]])
 NEW_LINE = "\n"
 
 
-def _draw(picture: FloatArray, ax: Axes | None, title: str, **how: object) -> tuple[Axes, ScalarMappable]:
+def _draw(picture: FloatArray, ax: Axes | None, title: str, **options: object) -> tuple[Axes, ScalarMappable]:
     """Show a map on pixel axes."""
     ax = style.new_axes(ax)
-    shown = ax.imshow(picture, interpolation="nearest", **how)  # type: ignore[arg-type]
+    shown = ax.imshow(picture, interpolation="nearest", **options)  # type: ignore[arg-type]
     style.decorate(ax, title, "column u [px]", "row v [px]", grid=False).set_facecolor(style.LEFT_OUT)
     ax.locator_params(nbins=3)
     return ax, shown

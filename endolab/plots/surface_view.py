@@ -111,8 +111,8 @@ def _bounds(seen: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatAr
     `seen`, (n, ..., 2), are places in the viewer's frame, `distance`, (n,), their distances from the
     camera: a plane that runs to the horizon must not make what is near small.
     """
-    near = seen[distance <= FARTHEST * np.median(distance)].reshape(-1, 2)
-    return np.minimum(near.min(axis=0), 0), np.maximum(near.max(axis=0), 0)
+    nearby = seen[distance <= FARTHEST * np.median(distance)].reshape(-1, 2)
+    return np.minimum(nearby.min(axis=0), 0), np.maximum(nearby.max(axis=0), 0)
 
 
 def _mark_camera(ax: Axes, title: str) -> None:

@@ -59,15 +59,15 @@ def _flood(order: IntArray, slope: FloatArray, steps: IntArray, shallow: float, 
                     first, other = other, first
                 parent[other] = first
     number, basins = np.empty(count, np.int64), 0
-    for one in range(count):
-        if parent[one] == one:
-            number[one] = basins
+    for label in range(count):
+        if parent[label] == label:
+            number[label] = basins
             basins += 1
     for pixel in order:
-        one = region[pixel]
-        while parent[one] != one:
-            one = parent[one]
-        region[pixel] = number[one]
+        label = region[pixel]
+        while parent[label] != label:
+            label = parent[label]
+        region[pixel] = number[label]
     return basins
 
 
@@ -122,10 +122,10 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     along = np.concatenate([slope[where] for where in places])
     steep = _medians(along, line, both.shape[1])
     steep[_joins_a_limb(both, region, count, log_facing, LIMB * unit)] = 0.0
-    for found, where, those in zip(
+    for by_axis, where, those in zip(
         steepness, places, np.split(steep[line], [places[0][0].size]), strict=True
     ):
-        found[where] = those
+        by_axis[where] = those
     return steepness
 
 
@@ -141,8 +141,8 @@ def _joins_a_limb(both: Any, region: Any, count: int, log_facing: FloatArray, th
     is_thin = 2 * deepest + 1 < thin
     far = _medians(log_facing[known], region[known], count)
     lightest = far.copy()
-    for one, other in (both, both[::-1]):
-        np.minimum.at(lightest, one, far[other])
+    for end, far_end in (both, both[::-1]):
+        np.minimum.at(lightest, end, far[far_end])
     limit = lightest + SHARE * (far - lightest)
-    one, other = both
-    return (is_thin[one] & (far[other] < limit[one])) | (is_thin[other] & (far[one] < limit[other]))
+    end, far_end = both
+    return (is_thin[end] & (far[far_end] < limit[end])) | (is_thin[far_end] & (far[end] < limit[far_end]))

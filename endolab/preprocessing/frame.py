@@ -80,9 +80,9 @@ class Frame:
         used = image if self.mask.all() else image[self.mask]
         low, high = used.min(), used.max()
         if not (low >= 0 and high <= 1):  # either is nan where any value is
-            found = f"found {low:.4g} to {high:.4g}"
+            span = f"found {low:.4g} to {high:.4g}"
             remedy = "; divide bytes by 255" if np.asarray(self.image).dtype == np.uint8 else ""
-            raise ValueError(f"{self.name}: values must be finite and lie in [0, 1], {found}{remedy}")
+            raise ValueError(f"{self.name}: values must be finite and lie in [0, 1], {span}{remedy}")
         object.__setattr__(self, "image", owned(image))
 
     @property
@@ -152,7 +152,7 @@ class Frame:
             return np.clip(np.where(kept, light / part, plain), 0.0, 1.0) ** (1 / gamma)
 
         # One by one: of twelve million pixels, 0.1 GB each.
-        channels = [averaged(one) for one in np.moveaxis(np.atleast_3d(self.image), -1, 0)]
+        channels = [averaged(plane) for plane in np.moveaxis(np.atleast_3d(self.image), -1, 0)]
         silent = None if self.silent is None else shrunk(self.silent) > 0
         image = np.stack(channels, axis=-1).reshape(height, width, *self.image.shape[2:])
         return Frame(image, kept, self.name, silent)

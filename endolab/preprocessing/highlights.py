@@ -73,7 +73,7 @@ def _palest_colour(light: FloatArray, wide: float) -> FloatArray:
     window, reach = np.ones((width, width), np.uint8), width // 2
     levels = np.clip(COLOUR_STEPS * ratio + 0.5, 0, 255).astype(np.uint8)
     framed = cv2.copyMakeBorder(levels, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
-    pale = np.stack([rank.percentile(one, window, p0=0.75) for one in cv2.split(framed)], axis=-1)
+    pale = np.stack([rank.percentile(plane, window, p0=0.75) for plane in cv2.split(framed)], axis=-1)
     pale = pale[reach:-reach, reach:-reach] / COLOUR_STEPS
     return np.asarray(cv2.resize(pale, (across, high), interpolation=cv2.INTER_LINEAR), dtype=np.float64)
 
@@ -90,18 +90,18 @@ def _white_part(light: FloatArray, colour: FloatArray, spread: FloatArray) -> tu
 
 def _led_to(tissue: FloatArray, step: int) -> FloatArray:
     """Brightest value to which the tissue's slopes lead from eight sides."""
-    best = np.log(np.maximum(tissue, 1e-4)).astype(np.float32)
-    edge, (rows, columns) = 2 * step, best.shape
-    padded = cv2.copyMakeBorder(best, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
+    log_tissue = np.log(np.maximum(tissue, 1e-4)).astype(np.float32)
+    edge, (rows, columns) = 2 * step, log_tissue.shape
+    padded = cv2.copyMakeBorder(log_tissue, edge, edge, edge, edge, cv2.BORDER_REPLICATE)
 
     def moved(reach: int, turn: float) -> Any:
         down, across = edge + round(reach * np.sin(turn)), edge + round(reach * np.cos(turn))
         return padded[down : down + rows, across : across + columns]
 
     for turn in np.arange(8) * np.pi / 4:
-        one, other = moved(step, turn), moved(edge, turn)
-        np.maximum(best, one + np.clip(one - other, -STEEPEST, STEEPEST), out=best)
-    return np.exp(best.astype(np.float64))
+        ahead, beside = moved(step, turn), moved(edge, turn)
+        np.maximum(log_tissue, ahead + np.clip(ahead - beside, -STEEPEST, STEEPEST), out=log_tissue)
+    return np.exp(log_tissue.astype(np.float64))
 
 
 def grown(region: BoolArray, reach: float) -> BoolArray:
@@ -160,7 +160,7 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
         much = np.minimum(excess, white) > over * (base + STRAY)
         return mask & much & (np.minimum(excess / spread, white / doubt) > sigmas)
 
-    found = np.zeros(mask.shape, dtype=bool)
+    mirrored = np.zeros(mask.shape, dtype=bool)
     demand = 1.0 if coloured else GREY
     for reach, seed, skirt in ((SMALL, SEED, SKIRT), (LARGE, LARGE_SEED, LARGE_SKIRT)):
         lowest = cv2.morphologyEx(calm, cv2.MORPH_OPEN, np.ones((_odd(reach * wide),) * 2, np.uint8))
@@ -168,12 +168,12 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
         opened = np.asarray(lowest, dtype=np.float64)
         base = _led_to(opened, 2 * max(1, round(reach * wide)))
         certain = evidence(base, demand * seed, SURE)
-        found |= _holding(certain, evidence(base, demand * skirt, LIKELY))
+        mirrored |= _holding(certain, evidence(base, demand * skirt, LIKELY))
         if reach == SMALL:
-            near = grown(certain, SKIRT_WIDTH * wide)
-            found |= _holding(certain, near & evidence(opened, demand * skirt, LIKELY))
+            around = grown(certain, SKIRT_WIDTH * wide)
+            mirrored |= _holding(certain, around & evidence(opened, demand * skirt, LIKELY))
     # Small holes are the highlights' own tops, where even white is clipped.
-    closed = cv2.morphologyEx(found.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
+    closed = cv2.morphologyEx(mirrored.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
     return closed & mask
 
 
@@ -197,13 +197,13 @@ def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray | None = None) 
     log = np.log(np.maximum(extended(np.where(np.isfinite(image), image, 0.0), known), ROUNDING))
     number, shown, wanted = np.arange(holes.size).reshape(holes.shape), shown.ravel(), holes.ravel()
     sides = (number[:, :-1], number[:, 1:]), (number[:-1], number[1:])
-    one, other = np.concatenate([np.stack([a.ravel(), b.ravel()]) for a, b in sides], axis=1)
-    pairs = shown[one] & shown[other] & (wanted[one] | wanted[other])
-    one, other = one[pairs], other[pairs]
-    step = np.arange(one.size)
+    here, there = np.concatenate([np.stack([a.ravel(), b.ravel()]) for a, b in sides], axis=1)
+    pairs = shown[here] & shown[there] & (wanted[here] | wanted[there])
+    here, there = here[pairs], there[pairs]
+    step = np.arange(here.size)
     differences = scipy.sparse.coo_array(
-        (np.repeat([1.0, -1.0], one.size), (np.tile(step, 2), np.concatenate([one, other]))),
-        shape=(one.size, holes.size),
+        (np.repeat([1.0, -1.0], here.size), (np.tile(step, 2), np.concatenate([here, there]))),
+        shape=(here.size, holes.size),
     ).tocsc()
     # A hint of the nearest value keeps a hole definite that the mask's rim cuts off on all sides.
     hint, inner, log = 1e-6, differences[:, wanted], log.reshape(holes.size, -1)

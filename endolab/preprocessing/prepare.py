@@ -93,7 +93,7 @@ def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
     """
     shade = np.nan_to_num(_brightest(image))
     apart = ~grown(mask, 4) & (shade > 4 * FRAME)
-    found = grown(apart, 1) & ~mask if apart.any() else apart
+    text = grown(apart, 1) & ~mask if apart.any() else apart
     pale = image if image.ndim == 2 else np.nan_to_num(image).min(axis=-1)
     reach = 2 * max(4, max(image.shape[:2]) // 60) + 1
     stroke = cv2.morphologyEx(pale, cv2.MORPH_OPEN, np.ones((reach, reach), np.uint8))
@@ -111,8 +111,8 @@ def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
         left, right = boxes[row[0]][0], boxes[row[-1]][0] + boxes[row[-1]][2]
         line = np.zeros(mask.shape, dtype=bool)
         line[max(0, top - tall // 2) : bottom + tall // 2, max(0, left - tall) : right + tall] = True
-        found |= grown(marks & line, max(2.0, 0.1 * tall))
-    return found
+        text |= grown(marks & line, max(2.0, 0.1 * tall))
+    return text
 
 
 def interlaced(image: FloatArray, mask: BoolArray) -> bool:
@@ -128,9 +128,9 @@ def interlaced(image: FloatArray, mask: BoolArray) -> bool:
     for rows, known in ((green, inside), (green.T, inside.T)):
         if len(rows) < 3 or not known[1:-1].any():
             return False
-        one = cv2.blur((rows[1:-1] - rows[:-2]) ** 2, (15, 15))
+        of_rows = cv2.blur((rows[1:-1] - rows[:-2]) ** 2, (15, 15))
         two = cv2.blur((rows[2:] - rows[:-2]) ** 2, (15, 15))
-        shares.append(float((one > 1.2 * two + (1 / 255) ** 2)[known[1:-1]].mean()))
+        shares.append(float((of_rows > 1.2 * two + (1 / 255) ** 2)[known[1:-1]].mean()))
     return shares[0] - shares[1] >= COMBED
 
 
@@ -281,6 +281,6 @@ def prepare(
     if undistort:
         ready, camera = undistorted(ready, camera)
         notes.append(f"Undistorted to a pinhole camera of {camera.width}x{camera.height} px, 90° across.")
-    found: dict[str, Any] = {"field_of_view": field, "lumen": lumen, "highlights": mirrored, "text": text}
-    found |= {"interlaced": fields, "undistorted": undistort, "inpainted": inpainted}
-    return Prepared(frame, ready, camera, canonical, **found, notes=tuple(notes))
+    done: dict[str, Any] = {"field_of_view": field, "lumen": lumen, "highlights": mirrored, "text": text}
+    done |= {"interlaced": fields, "undistorted": undistort, "inpainted": inpainted}
+    return Prepared(frame, ready, camera, canonical, **done, notes=tuple(notes))

@@ -33,22 +33,22 @@ def notes(result: Result | Iterate) -> tuple[str, ...]:
 
 
 def _of_scale(result: Result | Iterate) -> Iterator[str]:
-    scale, how = result.problem.provenance.scale, scale_of(result)
-    if how == "gain":
+    scale, kind = result.problem.provenance.scale, scale_of(result)
+    if kind == "gain":
         yield "Distances are in mm, because the gain of the endoscope is known."
-    elif how == "median distance" and scale:
+    elif kind == "median distance" and scale:
         yield f"Distances are in mm, because their median was given as {scale.length:g} mm."
-    elif how == "known distance" and scale:
+    elif kind == "known distance" and scale:
         mm, *pixel = scale.length
         where = pixel_name((pixel[0], pixel[1]))
         yield f"Distances are in mm, because the surface at {where} was given as {mm:g} mm away."
-    elif how == "known diameter" and scale:
-        mm, one, other = scale.length
-        where = f"{pixel_name(one)} and {pixel_name(other)}"
+    elif kind == "known diameter" and scale:
+        mm, start, end = scale.length
+        where = f"{pixel_name(start)} and {pixel_name(end)}"
         yield f"Distances are in mm, because the points at {where} were given as {mm:g} mm apart."
     elif result.problem.metric:
         yield "Distances are in mm, and the scale is carried over from the frame before."
-    elif how == "none":
+    elif kind == "none":
         yield "The gain is unknown: distances show the shape, and their unit is arbitrary."
     else:
         yield "The gain is unknown: distances have an arbitrary unit, nearly that of the frame before."
@@ -75,7 +75,7 @@ def _of_bounces(result: Result | Iterate) -> str:
             "Indirect light, which bounced from wall to wall, counts as direct; in simulated colons it adds "
             "about 120 % to red, 30 % to green and 20 % to blue."
         )
-    values = ", ".join(f"{one:.2g}" for one in albedo)
+    values = ", ".join(f"{value:.2g}" for value in albedo)
     return f"Indirect light was computed with albedos {values} (R, G, B) and removed."
 
 
@@ -85,7 +85,7 @@ def _of_gamma(result: Result | Iterate) -> str:
     informative = problem.mask if problem.evidence is None else problem.mask & (problem.evidence != NONE)
     image = problem.image[informative & (problem.image > 0)]
     low, middle, high = np.percentile(image, [5, 50, 95]) if image.size else np.ones(3)
-    dark, bright = (abs(GAMMA_STEP / 2 * np.log(one / middle)) for one in (low, high))
+    dark, bright = (abs(GAMMA_STEP / 2 * np.log(limit / middle)) for limit in (low, high))
     gamma = problem.photometry.gamma
     return (
         f"If γ were {gamma + GAMMA_STEP:.4g} instead of {gamma:.4g}, the brightest twentieth of the pixels "

@@ -96,7 +96,7 @@ class Light:
 
     def describe(self, given: bool, medians: FloatArray) -> str:
         """Say what was found; `medians` are those of the direct light's shares that bounced, in per cent."""
-        albedos = ", ".join(f"{one:.2f}" for one in self.albedo)
+        albedos = ", ".join(f"{value:.2f}" for value in self.albedo)
         red, green, blue = medians
         shares = f"red {red:.0f} %, green {green:.0f} %, blue {blue:.0f} % of the direct light"
         if self.refused:
@@ -144,11 +144,15 @@ class Patches:
         gamma, k = colours[1].photometry.gamma, colours[1].photometry.k
         exact = all_exact(colours) & (walls.direct > 0)
         lit = [walls.under(lamp * k) for lamp in LAMPS]
-        maps = [one.image**gamma for one in colours] + [one.direct for one in lit] + [lobe(walls.cosine)]
+        maps = (
+            [colour.image**gamma for colour in colours]
+            + [colour.direct for colour in lit]
+            + [lobe(walls.cosine)]
+        )
         sums = walls.sums(np.where(exact[..., None], np.dstack([np.ones(exact.shape), *maps]), 0.0))
         full = np.all(sums[:, :4] > 0, axis=1) & (sums[:, 0] > walls.step**2 / 2)
         means = sums[full, 1:] / sums[full, :1]
-        orders = [one.orders[:, : walls.count][:, full] for one in lit]
+        orders = [colour.orders[:, : walls.count][:, full] for colour in lit]
         return cls(np.log(means[:, :3]), means[:, 3:-1].T, orders, means[:, -1])
 
     def beside_and_slopes(
@@ -177,7 +181,11 @@ class Patches:
 def all_exact(colours: Sequence[Problem]) -> BoolArray:
     """Where all three colours say how bright the wall is, (H, W)."""
     return np.all(
-        [one.mask if one.evidence is None else one.mask & (one.evidence == EXACT) for one in colours], axis=0
+        [
+            colour.mask if colour.evidence is None else colour.mask & (colour.evidence == EXACT)
+            for colour in colours
+        ],
+        axis=0,
     )
 
 
@@ -273,23 +281,23 @@ def found_light(patches: Patches, belief: Belief) -> Light:
         sigma = max(1.48 * float(np.median(np.abs(unexplained(x) @ tint.T))), FLOOR)
     light = unexplained(x)
     misfit = float(np.abs(light - light.mean(axis=1, keepdims=True)).mean())
-    found = Light(np.exp(x[3:]), float(x[0]), float(x[1]), float(x[2]), misfit)
-    if belief.widths != GIVEN and np.ptp(found.albedo) < ALIKE * found.albedo.max():
+    estimate = Light(np.exp(x[3:]), float(x[0]), float(x[1]), float(x[2]), misfit)
+    if belief.widths != GIVEN and np.ptp(estimate.albedo) < ALIKE * estimate.albedo.max():
         raise NoColour("they are as good as equal")
-    why = _unlikely(found)
-    if not why and found.factor < NONE_BOUNCED and found.film < SEEN:
-        found = replace(
-            belief.light if belief.widths == GIVEN else found, factor=0.0, film=0.0, misfit=misfit
+    why = _unlikely(estimate)
+    if not why and estimate.factor < NONE_BOUNCED and estimate.film < SEEN:
+        estimate = replace(
+            belief.light if belief.widths == GIVEN else estimate, factor=0.0, film=0.0, misfit=misfit
         )
-    return replace(belief.light, misfit=misfit, refused=why) if why else found
+    return replace(belief.light, misfit=misfit, refused=why) if why else estimate
 
 
-def _unlikely(found: Light) -> str:
+def _unlikely(estimate: Light) -> str:
     """Why what was found is no answer, in words; else ""."""
-    if found.factor > AT_BOUND * LARGEST_FACTOR:
+    if estimate.factor > AT_BOUND * LARGEST_FACTOR:
         return "more light than can have bounced"
-    if found.film > AT_BOUND * SHINIEST:
+    if estimate.film > AT_BOUND * SHINIEST:
         return "more mirrored light than a film returns"
-    if found.albedo.max() > AT_BOUND * ALBEDOS[1] or found.albedo.min() < ALBEDOS[0] / AT_BOUND:
+    if estimate.albedo.max() > AT_BOUND * ALBEDOS[1] or estimate.albedo.min() < ALBEDOS[0] / AT_BOUND:
         return "albedos that no tissue has"
-    return "no one direct light" if found.misfit > MISFIT else ""
+    return "no one direct light" if estimate.misfit > MISFIT else ""

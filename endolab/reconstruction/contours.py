@@ -71,9 +71,9 @@ def torn_near(problem: Problem, coarse: BoolArray) -> Problem:
     beside = np.asarray(coarse[0] | coarse[1])
     beside[:, 1:] |= coarse[0, :, :-1]
     beside[1:] |= coarse[1, :-1]
-    near = cv2.dilate(np.asarray(beside, np.uint8), np.ones((3, 3), np.uint8))
-    near = cv2.resize(near, problem.mask.shape[::-1], interpolation=cv2.INTER_NEAREST)
-    return replace(problem, discontinuities=problem.discontinuities & (near > 0))
+    wide = cv2.dilate(np.asarray(beside, np.uint8), np.ones((3, 3), np.uint8))
+    wide = cv2.resize(wide, problem.mask.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    return replace(problem, discontinuities=problem.discontinuities & (wide > 0))
 
 
 def torn_where_it_pays(
@@ -86,10 +86,10 @@ def torn_where_it_pays(
     torn = torn_at_contours(smooth.problem)
     if torn.discontinuities is None:
         return smooth
-    found = yield from staged(
+    surface = yield from staged(
         gauss_newton(torn, start=smooth.log_distance, max_iterations=TORN_SOLVE_STEPS), CONTOURS
     )
-    return found if always or pays(found, smooth, price) else smooth
+    return surface if always or pays(surface, smooth, price) else smooth
 
 
 def bar_of(problem: Problem) -> float | None:

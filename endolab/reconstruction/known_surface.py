@@ -91,7 +91,7 @@ def measure_light(
     """
     if not frames or len(frames) != len(distances):
         raise ValueError(f"frames and distances must be as many, got {len(frames)} and {len(distances)}")
-    seen = [_Patches.of(*one, camera, lamp) for one in zip(frames, distances, strict=True)]
+    seen = [_Patches.of(*pair, camera, lamp) for pair in zip(frames, distances, strict=True)]
     fitted = _fitted(seen, lamp)
     parts = [_fitted(seen, lamp, fitted, part) for part in range(2 * SECTORS)]
     apart = np.array(parts)[:, :5] - np.mean(parts, axis=0)[:5]
@@ -101,12 +101,12 @@ def measure_light(
     k, gamma, *logs = fitted[:5] + heard @ (usual - fitted[1:5])
     spread = np.sqrt(np.diag(covariance - heard @ covariance[1:]))
     albedo = np.clip(np.exp(logs), *ALBEDOS)
-    red, green, blue = (round(float(one), 2) for one in albedo)
+    red, green, blue = (round(float(rho), 2) for rho in albedo)
     errors = dict(zip(("k", "gamma", *CHANNELS), [*spread[:2], *(albedo * spread[2:])], strict=True))
     light = Photometry(
         round(max(float(k), 0.0), 2), round(float(gamma), 2), brdf=Lambertian((red, green, blue))
     )
-    left = np.concatenate([np.ravel(one) for one in _left(fitted, seen, lamp)])
+    left = np.concatenate([np.ravel(part) for part in _left(fitted, seen, lamp)])
     names = tuple(frame.name for frame in frames)
     return MeasuredLight(
         light, {n: float(e) for n, e in errors.items()}, float(np.median(np.abs(left))), names
@@ -146,7 +146,7 @@ class _Patches:
         usable &= np.nan_to_num(field.cos_alpha, nan=-1.0) > np.cos(np.deg2rad(WIDEST))
         lit = [walls.under(lamp * k) for k in EXPONENTS]
         aside = np.log(np.where(usable, field.cos_alpha, 1.0))
-        maps = np.dstack([usable, 255 * small.image, aside, *(one.direct for one in lit)])
+        maps = np.dstack([usable, 255 * small.image, aside, *(lit_colour.direct for lit_colour in lit)])
         sums = walls.sums(np.where(usable[..., None], maps, 0.0))
         full = sums[:, 0] > walls.step**2 / 2
         if full.sum() < LEAST_PATCHES:
@@ -154,7 +154,7 @@ class _Patches:
         means, points = sums[full, 1:] / sums[full, :1], walls.points[: walls.count][full]
         around = (np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) % 1 * SECTORS).astype(int)
         far = np.linalg.norm(points, axis=-1)
-        orders = np.array([one.orders[:, : walls.count][:, full] for one in lit])
+        orders = np.array([lit_colour.orders[:, : walls.count][:, full] for lit_colour in lit])
         return cls(
             means[:, :3], means[:, 3], np.log(means[:, 4:].T), orders, 2 * around + (far > np.median(far))
         )
@@ -176,8 +176,10 @@ def _left(x: FloatArray, seen: Sequence[_Patches], lamp: float) -> list[FloatArr
     x holds k, γ, the logarithms of three albedos, and three of the brightness for each frame.
     """
     levels = x[5:].reshape(len(seen), 3)
-    made = [one.light(x[0], np.exp(x[2:5]), lamp) + level for one, level in zip(seen, levels, strict=True)]
-    return [255 * np.exp(light / x[1]) - one.grey for light, one in zip(made, seen, strict=True)]
+    made = [
+        patches.light(x[0], np.exp(x[2:5]), lamp) + level for patches, level in zip(seen, levels, strict=True)
+    ]
+    return [255 * np.exp(light / x[1]) - patches.grey for light, patches in zip(made, seen, strict=True)]
 
 
 def _fitted(
@@ -187,17 +189,20 @@ def _fitted(
     if start is None:
         albedo = np.array(TISSUE)
         levels = [
-            np.median(GAMMA[0] * np.log(np.maximum(one.grey, 1) / 255) - one.light(1.5, albedo, lamp), axis=0)
-            for one in seen
+            np.median(
+                GAMMA[0] * np.log(np.maximum(patches.grey, 1) / 255) - patches.light(1.5, albedo, lamp),
+                axis=0,
+            )
+            for patches in seen
         ]
         start = np.concatenate([[1.5, GAMMA[0]], np.log(albedo), *levels])
 
     def residual(x: FloatArray) -> FloatArray:
-        left = [r[one.part != but].ravel() for r, one in zip(_left(x, seen, lamp), seen, strict=True)]
+        left = [r[patches.part != but].ravel() for r, patches in zip(_left(x, seen, lamp), seen, strict=True)]
         return np.concatenate(left) / USUAL
 
     low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
     low[:5], high[:5] = [0, GAMMAS[0], *np.log(3 * [ALBEDOS[0]])], [4, GAMMAS[1], *np.log(3 * [ALBEDOS[1]])]
     inside = np.clip(start, low + 1e-3, high - 1e-3)
-    found: FloatArray = scipy.optimize.least_squares(residual, inside, bounds=(low, high), loss="soft_l1").x
-    return found
+    fitted: FloatArray = scipy.optimize.least_squares(residual, inside, bounds=(low, high), loss="soft_l1").x
+    return fitted

@@ -82,16 +82,16 @@ def make_problems(
         raise ValueError(f"smooth must not exceed the frame's width of {frame.width} px, got {smooth}")
     picture, known = frame.image, frame.mask & camera.field.valid
     silent = np.zeros_like(known) if frame.silent is None else frame.silent
-    found = silent if highlights == "keep" else silent | find_highlights(picture, known, photometry.gamma)
+    mirrored = silent if highlights == "keep" else silent | find_highlights(picture, known, photometry.gamma)
     treated = frame
-    if found.any():
-        treated = replace(frame, image=inpaint(picture, found, known))
-    silent = found if highlights == "ignore" else silent
+    if mirrored.any():
+        treated = replace(frame, image=inpaint(picture, mirrored, known))
+    silent = mirrored if highlights == "ignore" else silent
 
     def prepared(wanted: str | None) -> Problem:
         name, image = treated.channel(wanted)
         called = frame.name if picture.ndim == 2 else f"{frame.name} in {name}"
-        one = photometry.simplified().channel(name)
+        own = photometry.simplified().channel(name)
         seen = frame.seen(image) & camera.field.valid
         clipped = image >= BRIGHT
         # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
@@ -106,8 +106,8 @@ def make_problems(
             image=image,
             mask=usable(image, seen, camera.field.cos_alpha, called),
             camera=camera,
-            photometry=one if one.gain is not None else replace(one, gain=1.0),
-            metric=one.gain is not None,
+            photometry=own if own.gain is not None else replace(own, gain=1.0),
+            metric=own.gain is not None,
             evidence=evidence if evidence[seen].any() else None,
             picture=frame.image,
             provenance=Provenance(picture_size=size, smooth=blur),
@@ -180,7 +180,7 @@ def resampled(surface: Iterate, problem: Problem) -> FloatArray:
     shape = problem.mask.shape
     share = enlarged(surface.mask.astype(np.float64), shape)
     v = enlarged(np.where(surface.mask, surface.log_distance, 0.0), shape)
-    gains = [one.photometry.gain or 1.0 for one in (problem, surface.problem)]
+    gains = [side.photometry.gain or 1.0 for side in (problem, surface.problem)]
     return np.where(share > 0, v / np.where(share > 0, share, 1) + 0.5 * np.log(gains[0] / gains[1]), np.nan)
 
 

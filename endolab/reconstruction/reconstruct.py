@@ -101,8 +101,8 @@ def _prepared(
     if preparation.channel != AUTO:
         return OneChannel.of(frame, calibration, preparation, search)
     grey = replace(preparation, channel=None, highlights=preparation.highlights or "ignore")
-    one = OneChannel.of(frame, calibration, grey, search)
-    return replace(one, fine=remarked(one.fine, GREY))
+    prepared = OneChannel.of(frame, calibration, grey, search)
+    return replace(prepared, fine=remarked(prepared.fine, GREY))
 
 
 def _stages(
@@ -121,11 +121,11 @@ def _stages(
     """
     before, begin = (start, None) if isinstance(start, Result) else (None, start)
     if isinstance(prepared, Colours):
-        problem, near = yield from direct_light(prepared, contours, before)
+        problem, around = yield from direct_light(prepared, contours, before)
     else:
-        problem, near = yield from choose_bar(prepared, contours, before)
+        problem, around = yield from choose_bar(prepared, contours, before)
     if begin is None:
-        begin = near if near is not None or before is None else on_grid(before.iterate, problem)
+        begin = around if around is not None or before is None else on_grid(before.iterate, problem)
     if begin is not None and "start" in options_of(solver):
         options = options | {"start": begin}
     if choose_order and problem.provenance.albedo is None and knows_curvature(solver, problem.xi):

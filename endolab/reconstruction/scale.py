@@ -58,20 +58,20 @@ def factor_of_distance(result: Result | Iterate, mm: float, column: float, row: 
     return mm / float(np.linalg.norm(_surface_at(result, (column, row))))
 
 
-def factor_of_diameter(result: Result | Iterate, mm: float, one: Pixel, other: Pixel) -> float:
+def factor_of_diameter(result: Result | Iterate, mm: float, start: Pixel, end: Pixel) -> float:
     """What distances must be multiplied by so that two points of the surface are this far apart, mm.
 
     The length is straight from point to point: the width of a polyp or of an open forceps, the lumen's
     diameter. The pixels are as for `factor_of_distance`, at least `APART` of the result apart.
     """
-    check_scale(known_diameter=(mm, one, other))
-    apart = float(np.hypot(*(own_pixel(result.problem, one) - own_pixel(result.problem, other))))
+    check_scale(known_diameter=(mm, start, end))
+    apart = float(np.hypot(*(own_pixel(result.problem, start) - own_pixel(result.problem, end))))
     if apart < APART:
         raise ValueError(
-            f"the pixels {pixel_name(one)} and {pixel_name(other)} are {apart:.2g} px apart "
+            f"the pixels {pixel_name(start)} and {pixel_name(end)} are {apart:.2g} px apart "
             f"in the depth map, too near to measure by; at least {APART} are needed"
         )
-    return mm / float(np.linalg.norm(_surface_at(result, one) - _surface_at(result, other)))
+    return mm / float(np.linalg.norm(_surface_at(result, start) - _surface_at(result, end)))
 
 
 def in_unit(iterate: Iterate, factor: float, metric: bool = True, scale: Scale | None = None) -> Iterate:

@@ -126,19 +126,19 @@ def direct_light(
         contours = False  # they are known
     try:
         if before is None:
-            found = yield from separate(colours.coarse, given, contours)
+            separation = yield from separate(colours.coarse, given, contours)
         else:
             bar = None if contours is False else bar_of(before.problem)
             surface = resampled(before.iterate, colours.coarse[1])
-            found = yield from continued(colours.coarse, given, bar, surface)
+            separation = yield from continued(colours.coarse, given, bar, surface)
     except NoColour as error:
         index = max((1, 2, 0), key=lambda index: _signal(colours.fine[index]))  # of equals, not red
         note = f"The colours tell nothing of bounced light ({error}), so {CHANNELS[index]} is taken as it is."
         clearest = OneChannel(remarked(colours.fine[index], note), colours.coarse[index])
         return (yield from choose_bar(clearest, contours, before))
     three = given is not None and given.ndim == 1
-    problem = _in_full(colours.fine, found, three, contours is not False)
-    return problem, on_grid(found.surface, problem)
+    problem = _in_full(colours.fine, separation, three, contours is not False)
+    return problem, on_grid(separation.surface, problem)
 
 
 def separate(
@@ -193,7 +193,7 @@ def _none_bounced(trial: Separation) -> bool:
 
 
 def _bear_witness(trials: Sequence[Separation]) -> bool:
-    return not any(one.light.refused or one.light.factor > WITNESS for one in trials[:2])
+    return not any(trial.light.refused or trial.light.factor > WITNESS for trial in trials[:2])
 
 
 def _goes_on(trials: Sequence[Separation]) -> bool:
@@ -201,7 +201,7 @@ def _goes_on(trials: Sequence[Separation]) -> bool:
     if _none_bounced(trials[0]):
         return True
     last = trials[-1].light.misfit
-    return _bear_witness(trials) and last <= WORSE * min(one.light.misfit for one in trials)
+    return _bear_witness(trials) and last <= WORSE * min(trial.light.misfit for trial in trials)
 
 
 def _chosen(trials: Sequence[Separation], always: bool) -> Separation:
@@ -217,8 +217,8 @@ def _chosen(trials: Sequence[Separation], always: bool) -> Separation:
         return replace(min(allowed, key=charged), cue=ENERGY)
     if not _bear_witness(trials):
         return replace(torn if always or pays(torn.surface, whole.surface) else whole, cue=ENERGY)
-    least = min(one.light.misfit for one in allowed)
-    chosen = next(one for one in allowed if one.light.misfit <= AS_GOOD * least)
+    least = min(trial.light.misfit for trial in allowed)
+    chosen = next(trial for trial in allowed if trial.light.misfit <= AS_GOOD * least)
     return replace(chosen, cue=THE_COLOURS)
 
 
@@ -248,33 +248,33 @@ def _round(
     return Separation(indirect_ratio, light, (yield from staged(solver, BOUNCED, number)))
 
 
-def _in_full(fine: list[Problem], found: Separation, given: bool, asked: bool) -> Problem:
+def _in_full(fine: list[Problem], separation: Separation, given: bool, asked: bool) -> Problem:
     """Return the problem of the light that has not bounced, at full size.
 
     `given`: whether the albedos were, `asked`: whether contours were looked for.
     """
     shape = fine[1].mask.shape
-    problem = merged(fine, enlarged(found.indirect_ratio, shape), found.light.albedo)
-    discontinuities = found.surface.problem.discontinuities
+    problem = merged(fine, enlarged(separation.indirect_ratio, shape), separation.light.albedo)
+    discontinuities = separation.surface.problem.discontinuities
     if discontinuities is not None:
         if discontinuities.shape[1:] == shape:
             problem = replace(
-                problem, discontinuities=discontinuities, provenance=found.surface.problem.provenance
+                problem, discontinuities=discontinuities, provenance=separation.surface.problem.provenance
             )
         else:
-            problem = torn_at_contours(problem, bar_of(found.surface.problem) or BARS[0])
-            if found.cue == ENERGY:  # colours choose a bar, the energy these very lines
+            problem = torn_at_contours(problem, bar_of(separation.surface.problem) or BARS[0])
+            if separation.cue == ENERGY:  # colours choose a bar, the energy these very lines
                 problem = torn_near(problem, discontinuities)
-    medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in found.indirect_ratio.T]
-    note = found.light.describe(given, np.array(medians))
+    medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in separation.indirect_ratio.T]
+    note = separation.light.describe(given, np.array(medians))
     problem = noted(problem, channel=SEPARATED, contours=problem.discontinuities is not None)
-    if found.indirect_ratio.any():
-        albedo = tuple(float(one) for one in found.light.albedo)
+    if separation.indirect_ratio.any():
+        albedo = tuple(float(value) for value in separation.light.albedo)
         problem = noted(
             replace(problem, provenance=replace(problem.provenance, albedo=albedo)), albedo=list(albedo)
         )
     problem = remarked(problem, note)
-    return in_units(remarked_on_contours(problem, found.cue) if asked else problem)
+    return in_units(remarked_on_contours(problem, separation.cue) if asked else problem)
 
 
 # Colours --------------------------------------------------------------------------------
@@ -287,17 +287,17 @@ def merged(colours: Sequence[Problem], indirect_ratio: FloatArray, albedo: Float
     noise, its texture and what may be wrong with ι; what is saturated does not.
     """
     gamma = colours[1].photometry.gamma
-    mask = np.any([one.mask for one in colours], axis=0)
-    kinds = np.stack([np.where(one.mask, _evidence(one), NONE) for one in colours])
+    mask = np.any([colour.mask for colour in colours], axis=0)
+    kinds = np.stack([np.where(colour.mask, _evidence(colour), NONE) for colour in colours])
     evidence = kinds.min(axis=0).astype(np.int8)  # EXACT before AT_LEAST before NONE
-    noises = [max(noise_level(one.image, one.mask), QUIET) for one in colours]
+    noises = [max(noise_level(colour.image, colour.mask), QUIET) for colour in colours]
     image = np.empty(mask.shape)
 
     def merge(rows: slice) -> None:
         total, weights = np.zeros(mask[rows].shape), np.zeros(mask[rows].shape)
-        for c, (one, noise, rho, texture) in enumerate(zip(colours, noises, albedo, TEXTURE, strict=True)):
-            s, speaks = indirect_ratio[rows, :, c], one.mask[rows] & (kinds[c, rows] == evidence[rows])
-            shade = np.maximum(one.image[rows], noise)
+        for c, (colour, noise, rho, texture) in enumerate(zip(colours, noises, albedo, TEXTURE, strict=True)):
+            s, speaks = indirect_ratio[rows, :, c], colour.mask[rows] & (kinds[c, rows] == evidence[rows])
+            shade = np.maximum(colour.image[rows], noise)
             doubt = (gamma * noise / shade) ** 2 + (DOUBT * s / (1 + s)) ** 2 + texture**2
             weight = np.where(speaks, 1 / doubt, 0.0)
             total += weight * (gamma * np.log(shade) - np.log1p(s) + np.log(albedo[1] / rho))
@@ -327,10 +327,10 @@ def _signal(problem: Problem) -> float:
 
 def _check_colours(colours: Sequence[Problem]) -> None:
     """Raise NoColour if the three are one picture, such as a grey one that was stored as RGB."""
-    mask = np.all([one.mask for one in colours], axis=0)
+    mask = np.all([colour.mask for colour in colours], axis=0)
     if mask.any():
-        images = [one.image[mask] for one in colours]
-        if max(np.median(np.abs(one / images[1] - 1)) for one in images) < SAME:
+        images = [colour.image[mask] for colour in colours]
+        if max(np.median(np.abs(colour / images[1] - 1)) for colour in images) < SAME:
             raise NoColour("red, green and blue are one")
 
 
@@ -350,7 +350,7 @@ def _bounced(colours: Sequence[Problem], surface: Iterate, belief: Belief) -> tu
     green, v = colours[1], surface.log_distance
     if not all_exact(colours).any():
         raise NoColour("no pixel shows all three of them")
-    mask = np.any([one.mask for one in colours], axis=0) & np.isfinite(v)
+    mask = np.any([colour.mask for colour in colours], axis=0) & np.isfinite(v)
     walls = Walls.of(v, mask, green.field, green.photometry.k, surface.problem.discontinuities)
     light = found_light(Patches.of(colours, walls), belief)
     return light.indirect_ratio(walls, green.photometry.k), light

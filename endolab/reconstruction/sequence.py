@@ -140,19 +140,19 @@ def reconstruct_sequence(
         try:
             frame = framed(name, picture)
             light = _light(frame, calibration.photometry.gamma)
-            how = options if surface is None else {k: v for k, v in options.items() if k not in SCALES}
+            own = options if surface is None else {k: v for k, v in options.items() if k not in SCALES}
             result, warm, least, age = None, False, np.inf, 0
             if carried is not None:
                 least, age = carried.least, carried.age
             if carried is not None and can_start:
                 last = carried.result
                 start = last if known_gain else _as_bright(last, light / carried.light)
-                result = reconstruct(frame, calibration, start=start, **how)
+                result = reconstruct(frame, calibration, start=start, **own)
                 warm = result.status is Status.STOPPED or (
                     result.status is Status.CONVERGED and result.energy <= WORSE * least and age < REFRESH
                 )
             if result is None or not warm:
-                cold = reconstruct(frame, calibration, **how)
+                cold = reconstruct(frame, calibration, **own)
                 least, age = cold.energy, 0
                 warm = result is not None and result.energy < cold.energy
                 if result is None or not warm:

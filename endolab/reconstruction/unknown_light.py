@@ -91,10 +91,10 @@ class LightEstimate:
     def evidence(self) -> dict[str, Any]:
         """All of it in plain numbers, for `endoscope.json`."""
         plain = ("k", "standard_error", "outcome", "verdict", "places", "refused")
-        found: dict[str, Any] = {name: getattr(self, name) for name in plain}
-        found |= {"interval": list(self.interval), "exponents": self.exponents.tolist()}
+        record: dict[str, Any] = {name: getattr(self, name) for name in plain}
+        record |= {"interval": list(self.interval), "exponents": self.exponents.tolist()}
         costs = np.round(self.costs, 4).tolist()
-        return {"unknown_light": found | {"costs": dict(zip(self.names, costs, strict=True))}}
+        return {"unknown_light": record | {"costs": dict(zip(self.names, costs, strict=True))}}
 
 
 def estimate_light(
@@ -196,7 +196,7 @@ def _scanned(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, _
             coloured = False
     if not coloured:
         surfaces = yield from _grey(frame, calibration)
-    costs = np.array([_cost(one) for one in surfaces])
+    costs = np.array([_cost(surface) for surface in surfaces])
     mask, v = surfaces[FIRST].mask, surfaces[FIRST].log_distance
     fall = np.log(surfaces[FIRST].problem.field.cos_alpha[mask])
     if not (np.all(np.isfinite(costs)) and np.ptp(fall) > 0):
@@ -216,12 +216,12 @@ def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, 
     colours = Colours.of(frame, calibration, preparation)
 
     def solve(k: float, before: Iterate | None) -> Chain:
-        problems = [_under(one, k) for one in colours.fine]
+        problems = [_under(colour, k) for colour in colours.fine]
         if before is None:
-            found = yield from separate(problems, colours.albedo, False)
+            separation = yield from separate(problems, colours.albedo, False)
         else:
-            found = yield from continued(problems, colours.albedo, None, _moved(before, k))
-        return found.surface
+            separation = yield from continued(problems, colours.albedo, None, _moved(before, k))
+        return separation.surface
 
     return (yield from _chained(solve))
 
@@ -262,9 +262,9 @@ def _moved(surface: Iterate, k: float) -> FloatArray:
 
 def _cost(surface: Iterate) -> float:
     """What a surface costs for its contrast, c."""
-    near = 1 / surface.distance[surface.mask]
+    nearness = 1 / surface.distance[surface.mask]
     with np.errstate(divide="ignore"):
-        return float(np.log(surface.energy) - CONTRAST * np.log(near.std() / near.mean()))
+        return float(np.log(surface.energy) - CONTRAST * np.log(nearness.std() / nearness.mean()))
 
 
 # All of them ----------------------------------------------------------------------------
@@ -273,12 +273,14 @@ def _cost(surface: Iterate) -> float:
 def _weights(shapes: Sequence[FloatArray]) -> FloatArray:
     """What each of several frames counts: two that show one place count half each."""
     correlation = np.eye(len(shapes))
-    for i, one in enumerate(shapes):
+    for i, shape in enumerate(shapes):
         for j, other in enumerate(shapes[:i]):
-            both = np.isfinite(one) & np.isfinite(other) if one.shape == other.shape else np.zeros(1, bool)
-            if both.sum() > 1 and min(one[both].std(), other[both].std()) > 0:
+            both = (
+                np.isfinite(shape) & np.isfinite(other) if shape.shape == other.shape else np.zeros(1, bool)
+            )
+            if both.sum() > 1 and min(shape[both].std(), other[both].std()) > 0:
                 correlation[i, j] = correlation[j, i] = (
-                    max(np.corrcoef(one[both], other[both])[0, 1], 0.0) ** SAME
+                    max(np.corrcoef(shape[both], other[both])[0, 1], 0.0) ** SAME
                 )
     return np.asarray(1 / correlation.sum(axis=1))
 
@@ -315,11 +317,11 @@ def _estimate(
         verdict = f"k is not found: by {frames}, {why}; {usual.k:g} is taken."
     else:
         outcome = "found" if error <= FOUND else "roughly"
-        taken, near, instead = middle, "", ""
+        taken, roughly, instead = middle, "", ""
         if outcome == "roughly":
             taken = float(np.average([middle, usual.k], weights=[error**-2, USUAL_ERROR**-2]))
-            near, instead = "roughly ", f"; with {usual.k:g} in mind, {taken:.1f} is taken"
-        verdict = f"The light falls off with k = {near}{middle:.1f} ± {error:.1f}, by {frames}{instead}."
+            roughly, instead = "roughly ", f"; with {usual.k:g} in mind, {taken:.1f} is taken"
+        verdict = f"The light falls off with k = {roughly}{middle:.1f} ± {error:.1f}, by {frames}{instead}."
         usual = replace(usual, k=round(taken, 2))
     if weights.sum() < 0.75 * len(scans):
         verdict += f" They show much the same, and count as {weights.sum():.1f}."

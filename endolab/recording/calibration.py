@@ -105,15 +105,15 @@ class _Recording:
     def _log_curves(self, names: Sequence[str]) -> None:
         session, light = self.session, self.session.light
         number = np.array([names.index(name) for name in session.poses], int)
-        found = np.unique(session.samples.frame)
-        curves = {"distance": (found, mean_distances(session.samples, found))}
+        sampled = np.unique(session.samples.frame)
+        curves = {"distance": (sampled, mean_distances(session.samples, sampled))}
         if light is not None:
             known = np.isfinite(light.gain_errors)
             curves["gain"] = light.frames[known], light.gains[known]
             used, frame = light.used, session.samples.frame
-            spread = [float(np.std(light.residuals[used & (frame == f)])) for f in found]
-            some = np.array([np.sum(used & (frame == f)) > 1 for f in found], dtype=bool)
-            curves["residual"] = found[some], np.array(spread)[some]
+            spread = [float(np.std(light.residuals[used & (frame == f)])) for f in sampled]
+            some = np.array([np.sum(used & (frame == f)) > 1 for f in sampled], dtype=bool)
+            curves["residual"] = sampled[some], np.array(spread)[some]
         for name, (frames, values) in curves.items():
             for place, value in zip(number[frames].tolist(), values, strict=True):
                 self.sink.at(FRAME, place)

@@ -38,7 +38,9 @@ class Shown:
     def view(self, title: str, *entities: str) -> rrb.Spatial2DView:
         """A map, with what is laid over it, and the run's name in its title."""
         name = f"{title} · {self.run}" if self.run else title
-        return rrb.Spatial2DView(origin=self.at(""), contents=[self.at(one) for one in entities], name=name)
+        return rrb.Spatial2DView(
+            origin=self.at(""), contents=[self.at(entity) for entity in entities], name=name
+        )
 
 
 def _opened(layout: rrb.Container, timeline: str = TIMELINE, fps: float | None = None) -> Layout:
@@ -52,8 +54,8 @@ def _opened(layout: rrb.Container, timeline: str = TIMELINE, fps: float | None =
 
 
 def _depth(shown: Shown) -> rrb.Spatial2DView:
-    near, far = shown.limits
-    return shown.view(f"Distance, {near:.3g} to {far:.3g} {shown.unit}", "depth", "mask")
+    nearest, farthest = shown.limits
+    return shown.view(f"Distance, {nearest:.3g} to {farthest:.3g} {shown.unit}", "depth", "mask")
 
 
 def _residual(shown: Shown) -> rrb.Spatial2DView:
@@ -69,9 +71,11 @@ def _uncertainty(shown: Shown) -> list[rrb.View]:
 
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:
-    near, far = shown.limits
+    nearest, farthest = shown.limits
     name = f"Surface [{shown.unit}]" + (f" · {shown.run}" if shown.run else "")
-    return _space(name, np.array([0.0, 0.0, (near + far) / 2]), 1.2 * far, origin=shown.at("world"))
+    return _space(
+        name, np.array([0.0, 0.0, (nearest + farthest) / 2]), 1.2 * farthest, origin=shown.at("world")
+    )
 
 
 def _space(
@@ -126,7 +130,7 @@ def reconstruction(shown: Shown) -> Layout:
         rrb.Tabs(_residual(shown), *decided, *maps, active_tab=0),
     )
     documents = {"settings": "Settings", "end": "End"}
-    words = [rrb.TextDocumentView(origin=shown.at(one), name=name) for one, name in documents.items()]
+    words = [rrb.TextDocumentView(origin=shown.at(entity), name=name) for entity, name in documents.items()]
     steps = rrb.Vertical(_change([shown]), _solver(shown), name="Steps")
     stages = rrb.TextLogView(origin=shown.at("stage"), name="Stages")
     curves = rrb.Vertical(_energy(shown), stages, row_shares=[2, 1])
@@ -170,9 +174,9 @@ def calibration(centre: FloatArray, curves: Mapping[str, Sequence[str]], timelin
 
     The sheet is mostly at `centre`, (3,), mm; `curves` are titles of what lies below ``plots``.
     """
-    found = ["/picture", "/picture/detected", "/picture/reprojection"]
+    pictures = ["/picture", "/picture/detected", "/picture/reprojection"]
     frame = rrb.Vertical(
-        rrb.Spatial2DView(origin="/", contents=found, name="Detection"),
+        rrb.Spatial2DView(origin="/", contents=pictures, name="Detection"),
         rrb.Spatial2DView(origin="/", contents=["/picture", "/picture/samples"], name="Brightness"),
     )
     # From aside, between the camera and where the sheet mostly is.

@@ -75,12 +75,12 @@ class Painter:
         mask = np.ascontiguousarray(self.problem.mask[self.thin])
         return {
             "mask": classes(mask, MASK),
-            "prepared": classes(found(self.problem)[self.thin], PREPARED),
+            "prepared": classes(preparation_of(self.problem)[self.thin], PREPARED),
         }
 
 
-def found(problem: Problem) -> NDArray[np.uint8]:
-    """What was found in a frame, (H, W), as places in `PREPARED`."""
+def preparation_of(problem: Problem) -> NDArray[np.uint8]:
+    """What a frame's pixels were found to be, (H, W), as places in `PREPARED`."""
     places = np.zeros(problem.mask.shape, np.uint8)
     if problem.evidence is not None:
         places[problem.mask & (problem.evidence == AT_LEAST)] = 1

@@ -166,13 +166,13 @@ class Recording:
     @property
     def scalars(self) -> dict[str, tuple[NDArray[np.int64], FloatArray]]:
         """Energy, its terms, change and the solver's scalars: iterations and values, (n,) each."""
-        start, found = f"{self._start}plots/", {}
+        start, curves = f"{self._start}plots/", {}
         for entity in sorted(self._entities, key=lambda entity: entity != f"{start}energy"):
             at = self._at(entity, "scalars") if entity.startswith(start) else []
             if at:
                 values = [self._entities[entity]["scalars"][k][0].as_py() for k in at]
-                found[entity.removeprefix(start)] = np.array(at), np.array(values, float)
-        return found
+                curves[entity.removeprefix(start)] = np.array(at), np.array(values, float)
+        return curves
 
     def table(self) -> NDArray[np.void]:
         """All scalars, one row per iteration: a structured array (n,) with the field "iteration".

@@ -125,8 +125,10 @@ class Comparison:
     def _arrange(self, runs: list[Shown]) -> None:
         """Give the ends of all runs in one unit the same colours, and tell the viewer."""
         for shown in runs:
-            near, far = zip(*(one.limits for one in runs if one.unit == shown.unit), strict=True)
-            self._runs[shown.run].reach((min(near), max(far)))
+            nearest, farthest = zip(
+                *(other.limits for other in runs if other.unit == shown.unit), strict=True
+            )
+            self._runs[shown.run].reach((min(nearest), max(farthest)))
         self._sink.arrange(comparison([self._runs[shown.run].shown or shown for shown in runs]))
 
     def __enter__(self) -> Self:

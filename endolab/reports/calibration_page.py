@@ -64,11 +64,11 @@ def _page(session: Session, source: str, shown: str) -> str:
 
 def _pictures(frames: Named, names: Collection[str], session: Session) -> dict[str, FloatArray]:
     """Read some frames; black where one can no longer be read."""
-    found = dict.fromkeys(names, np.zeros((session.camera.height, session.camera.width)))
+    pictures = dict.fromkeys(names, np.zeros((session.camera.height, session.camera.width)))
     for name, image in frames.read(sorted(names)) if isinstance(frames, Frames) else frames:
-        if name in found and image is not None:
-            found[name] = image
-    return found
+        if name in pictures and image is not None:
+            pictures[name] = image
+    return pictures
 
 
 def write_report(
@@ -95,7 +95,7 @@ def write_report(
         else:
             write_figure(staging / "camera.png", figures.geometry_figure(session, image))
         if worst:
-            shown = {one: pictures[one] for one in worst}
+            shown = {name: pictures[name] for name in worst}
             write_figure(staging / "frames.png", figures.frames_figure(session, shown))
         if session.light is not None:
             write_figure(staging / "light.png", figures.light_figure(session, image))

@@ -93,8 +93,8 @@ def write_sheet(target: Target, path: PathLike, *, title: str | None = None) -> 
     suffix = Path(path).suffix.lower()
     dates: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
     if suffix not in dates:
-        found = suffix or "a file without suffix"
-        raise ValueError(f"{path}: a sheet is written as .pdf or .svg, not as {found}")
+        kind = suffix or "a file without suffix"
+        raise ValueError(f"{path}: a sheet is written as .pdf or .svg, not as {kind}")
     page = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "endolab", "path.simplify": False}):
         draw_sheet(target, title).savefig(page, format=suffix[1:], metadata=dates[suffix])

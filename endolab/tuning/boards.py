@@ -73,10 +73,10 @@ def _board(rows: Rows, room: tuple[int, int], text: int, margin: int = 0) -> Boa
 
     places = []
     for i, row in enumerate(rows):
-        for j, one in enumerate(row):
-            if one is None:
+        for j, cell in enumerate(row):
+            if cell is None:
                 continue
-            panel, answer = one
+            panel, answer = cell
             left, top = j * width, i * height
             if margin and isinstance(panel, Map) and panel.limits is not None:
                 strip = paper[top + 2 * text : top + height - text // 2, -margin:]
@@ -109,7 +109,7 @@ def of_two(a: Answer, b: Answer, view: View, room: tuple[int, int], text: int = 
     thirds = ratio_of(a, b), PANELS["section"](b, replace(view, like=a, beside=a))
     rows = []
     for name, third in zip(ROWS[:2], thirds, strict=True):
-        left, right = (PANELS[name](one, replace(view, like=a)) for one in (a, b))
+        left, right = (PANELS[name](answer, replace(view, like=a)) for answer in (a, b))
         rows.append([(_named("A", left), a), (_named("B", right), b), (third, b)])
     return _board(rows, room, text)
 
@@ -130,4 +130,4 @@ def of_several(
         shown = PANELS[name](answer, replace(view, like=like))
         return _named(label + error, shown) if name == ROWS[0] else shown, answer
 
-    return _board([[panel(name, *one) for one in answers] for name in ROWS], room, text, BAR * text)
+    return _board([[panel(name, *labelled) for labelled in answers] for name in ROWS], room, text, BAR * text)

@@ -304,9 +304,9 @@ class Tuner:
         if steps and before and settings == replace(before.settings, **moved):
             problem, start = replace(before.result.problem, **moved), before.result.iterate.log_distance
             solver = solve(problem, settings.solver, start=start, max_iterations=steps[0])
-            found = run(solver, [_watch(is_stale)])
+            result = run(solver, [_watch(is_stale)])
             seconds = time.perf_counter() - started
-            return Answer(settings, FIRST, seconds, subject, found, followed=found)
+            return Answer(settings, FIRST, seconds, subject, result, followed=result)
         if settings.width < LEAST_WIDTH:
             return None
         options: dict[str, Any] = {"max_iterations": steps[1]} if steps else {}

@@ -61,10 +61,12 @@ def _seen(answer: Answer) -> FloatArray:
     return answer.result.distance if answer.truth is None else answer.truth
 
 
-def _value_map(title: str, values: FloatArray, limits: Limits, palette: str, form: str, **how: Any) -> Map:
+def _value_map(
+    title: str, values: FloatArray, limits: Limits, palette: str, form: str, **options: Any
+) -> Map:
     """A map of numbers; `form` is how one of them is told."""
     colours = coloured(values, limits, palette)
-    return Map(title, colours, limits, palette, says=lambda i, j: form.format(values[i, j]), **how)
+    return Map(title, colours, limits, palette, says=lambda i, j: form.format(values[i, j]), **options)
 
 
 def _frame(answer: Answer, view: View) -> Panel:
@@ -228,9 +230,9 @@ def _lam_curve(answer: Answer, view: View) -> Panel:
     return Chart(title, "data term [1]", "roughness [°]", curves, dots, log=(True, True))
 
 
-def differs_by_lam(one: Settings, other: Settings) -> bool:
+def differs_by_lam(settings: Settings, other: Settings) -> bool:
     """Whether two settings differ by λ, if at all."""
-    return replace(one, lam=other.lam) == other
+    return replace(settings, lam=other.lam) == other
 
 
 def _surface(answer: Answer, view: View) -> Panel:

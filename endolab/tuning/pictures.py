@@ -97,9 +97,9 @@ def ticks(low: float, high: float) -> list[float]:
 def log_ticks(low: float, high: float) -> list[float]:
     """Logarithms, in [low, high], of 1, 2 and 5 times powers of ten, or of round numbers if they are few."""
     powers = range(int(np.floor(low)), int(np.ceil(high)))
-    found = [float(np.log10(factor) + power) for power in powers for factor in (1, 2, 5)]
-    found = [one for one in found if low <= one <= high]
-    return found if len(found) > 1 else [float(np.log10(one)) for one in ticks(10**low, 10**high)]
+    values = [float(np.log10(factor) + power) for power in powers for factor in (1, 2, 5)]
+    values = [value for value in values if low <= value <= high]
+    return values if len(values) > 1 else [float(np.log10(value)) for value in ticks(10**low, 10**high)]
 
 
 def _room(paper: Picture, title: str, text: int) -> Box:
@@ -135,8 +135,8 @@ class Map:
         scale = max(min(room / width, (bottom - top) / height), 1 / min(width, height))
         wide, tall = max(1, round(width * scale)), max(1, round(height * scale))
         left += (room - wide) // 2
-        how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-        shown = cv2.resize(self.picture, (wide, tall), interpolation=how)
+        interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        shown = cv2.resize(self.picture, (wide, tall), interpolation=interpolation)
         place = paper[top : top + tall, left : left + wide]
         place[:] = shown[: place.shape[0], : place.shape[1]]
         if self.line is not None:
@@ -226,7 +226,7 @@ class Chart:
         labelled(inner, self.y_label, 3, 0, text)
         dots = []
         for x_of, y_of, colour in self.dots:
-            right_of, down_of = (int(one) for one in place(self._points(x_of, y_of)))
+            right_of, down_of = (int(pixel) for pixel in place(self._points(x_of, y_of)))
             cv2.circle(inner, (right_of, down_of), text // 2, tuple(colour), -1, cv2.LINE_AA)
             dots.append((left + right_of, top + down_of))
         return None, dots

@@ -134,7 +134,7 @@ class Page:
         if self._ending is not None:
             self._ending.cancel()
         self._pages.add(page)
-        held = [one for one in self.widget.trait_values().values() if isinstance(one, AnyWidget)]
+        held = [child for child in self.widget.trait_values().values() if isinstance(child, AnyWidget)]
         for widget in (*held, self.widget):
             widget.send_state()
 

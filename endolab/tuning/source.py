@@ -72,7 +72,9 @@ class Settings:
         light = {"k": self.k, "gamma": self.gamma, "albedo": self.albedo}
         if known.photometry.gain is not None and self.gain != 1:
             light["gain"] = known.photometry.gain * self.gain
-        given = ({name: one for name, one in some.items() if one is not None} for some in (chosen, light))
+        given = (
+            {name: value for name, value in some.items() if value is not None} for some in (chosen, light)
+        )
         return SolvingSettings(*given)
 
     def code(self, calibration: Endoscope, grey: bool) -> str:

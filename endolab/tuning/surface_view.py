@@ -172,8 +172,8 @@ class SurfaceView(anywidget.AnyWidget):
         points = rays[every] * np.where(distance > 0, distance, np.nan)[every][..., None]
         colours = cv2.resize(textured(picture, lift), points.shape[1::-1], interpolation=cv2.INTER_AREA) / 255
         figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-        how: dict[str, Any] = {"angle": START[0], "elevation": START[1], "title": "", "lift": False}
-        show_cloud(points, colours, figure.subplots(), unit=unit, **how)
+        options: dict[str, Any] = {"angle": START[0], "elevation": START[1], "title": "", "lift": False}
+        show_cloud(points, colours, figure.subplots(), unit=unit, **options)
         content = io.BytesIO()
         figure.savefig(content, format="png", dpi=100)
         return content.getvalue()

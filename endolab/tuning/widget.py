@@ -253,8 +253,8 @@ class TunerBox(anywidget.AnyWidget):
             answer.uncertainty is not None
         ):  # in place of the one of the same settings, of which less was known
             both = (self.kept, self.now)
-            is_it = [one is not None and one.result is answer.result for one in both]
-            self.kept, self.now = (answer if it else one for it, one in zip(is_it, both, strict=True))
+            is_it = [held is not None and held.result is answer.result for held in both]
+            self.kept, self.now = (answer if it else held for it, held in zip(is_it, both, strict=True))
         else:
             self.now = answer
             if answer.stage == FINAL:
@@ -269,10 +269,10 @@ class TunerBox(anywidget.AnyWidget):
 
     def _dot(self, answer: Answer, kept: Answer | None) -> None:
         """Have an answer among the dots of the λ curve; `kept` is what a click on it brings back."""
-        one = answer.settings
-        others = [dot for dot in self.dots if dot.settings != one][-MOST_DOTS:]
+        settings = answer.settings
+        others = [dot for dot in self.dots if dot.settings != settings][-MOST_DOTS:]
         forgotten = [replace(dot, answer=None) for dot in others[:-REMEMBERED]]
-        new = Dot(kept, one, answer.data, answer.roughness)
+        new = Dot(kept, settings, answer.data, answer.roughness)
         self.dots = [*forgotten, *others[-REMEMBERED:], new]
 
     def bring_back(self, settings: Settings) -> None:
@@ -323,7 +323,7 @@ class TunerBox(anywidget.AnyWidget):
             values = [float(f"{now.settings.lam * times:.2g}") for times in LAMS]
         labels = [f"λ {value:g}" if what == "lam" else value for value in values]
         several = [replace(now.settings, **{what: value}) for value in values]
-        given = [now if one == now.settings else None for one in several]
+        given = [now if settings == now.settings else None for settings in several]
         self.columns, self.compared = list(zip(labels, given, strict=True)), what
         self.engine.compare(now, several, self._guarded(self._compared))
         self._show()
@@ -383,7 +383,7 @@ class TunerBox(anywidget.AnyWidget):
         return of_one(answer, self.names, self._view(), *self._pixels())
 
     def _pixels(self) -> tuple[tuple[int, int], int]:
-        wide, tall = (int(one * self._ratio) for one in self._room)
+        wide, tall = (int(side * self._ratio) for side in self._room)
         return (wide, tall), round(self._ratio * (LARGE_TEXT if self._room[0] > LARGE else TEXT))
 
     def _composed(self, answer: Answer) -> tuple[Board, bool]:
@@ -436,7 +436,7 @@ class TunerBox(anywidget.AnyWidget):
         if len(where) != 2:
             self.cursor_texts = []
             return
-        x, y = (min(max(float(one), 0.0), 1.0) for one in where)
+        x, y = (min(max(float(share), 0.0), 1.0) for share in where)
         self.cursor_texts = [place.says(x, y) for place in self.board.places]
 
     def choose(self, index: int, name: str) -> None:

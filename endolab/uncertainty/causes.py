@@ -87,10 +87,10 @@ class Texture:
         usual = float(np.median(left[self._informative > 0])) if self._informative.any() else 1.0
         unexplained, by_noise = self._in_light(self._surface.residual), self._in_light(noise)
         squares = [
-            around(one, self._informative, AROUND * self._scale) ** 2 for one in (unexplained, by_noise)
+            around(square, self._informative, AROUND * self._scale) ** 2 for square in (unexplained, by_noise)
         ]
-        found = np.sqrt(np.maximum(squares[0] - squares[1], 0.0))
-        return np.hypot(found / np.maximum(left, LEAST_LEFT * max(usual, 1e-6)), self._least)
+        strength = np.sqrt(np.maximum(squares[0] - squares[1], 0.0))
+        return np.hypot(strength / np.maximum(left, LEAST_LEFT * max(usual, 1e-6)), self._least)
 
 
 def named(
@@ -121,12 +121,12 @@ def named(
 def bounced_light(problem: Problem, log_distance: FloatArray) -> FloatArray:
     """log(1 + ι) of the light that the wall's green bounces, as this surface makes it."""
     albedo = problem.provenance.albedo
-    found = problem.settings.get("channel") == "separated"
-    if albedo is None and found:  # and there was none
+    separated = problem.settings.get("channel") == "separated"
+    if albedo is None and separated:  # and there was none
         return np.zeros(problem.mask.shape)
     brdf = problem.photometry.brdf
-    one = float(np.pi * brdf.value(np.ones(1), np.ones(1))[0]) if albedo is None else albedo[1]
-    one = min(one, 0.95)
+    rho = float(np.pi * brdf.value(np.ones(1), np.ones(1))[0]) if albedo is None else albedo[1]
+    rho = min(rho, 0.95)
     mask = problem.mask
     walls = Walls.of(
         np.where(mask, log_distance, np.nan),
@@ -135,7 +135,7 @@ def bounced_light(problem: Problem, log_distance: FloatArray) -> FloatArray:
         problem.photometry.k,
         problem.discontinuities,
     )
-    return np.where(mask, np.log1p(walls.indirect_ratio(np.full(3, one))[..., 1]), 0.0)
+    return np.where(mask, np.log1p(walls.indirect_ratio(np.full(3, rho))[..., 1]), 0.0)
 
 
 def perhaps_torn(problem: Problem) -> BoolArray | None:

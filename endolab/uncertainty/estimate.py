@@ -154,9 +154,9 @@ class _Estimate:
 
     def steps(self) -> Generator[Progress, None, Status]:
         """Solve for every cause, a step each."""
-        for found in self._found():
-            if found is not None:
-                self._answers.setdefault(found[0], []).append(found[1])
+        for step in self._found():
+            if step is not None:
+                self._answers.setdefault(step[0], []).append(step[1])
             yield Progress(self.done, self._asked)
         return Status.CONVERGED
 
@@ -214,8 +214,8 @@ class _Estimate:
         squares = {cause: self._squares(np.stack(maps)) for cause, maps in self._answers.items()}
 
         def sigma(squares: Iterable[FloatArray]) -> FloatArray:
-            found = np.minimum(np.sqrt(sum(squares, np.zeros(mask.shape))), LARGEST_SIGMA)
-            return enlarged(np.where(lost, LARGEST_SIGMA, found), mask, whole.mask)
+            capped = np.minimum(np.sqrt(sum(squares, np.zeros(mask.shape))), LARGEST_SIGMA)
+            return enlarged(np.where(lost, LARGEST_SIGMA, capped), mask, whole.mask)
 
         decided = np.where(whole.mask, DATA + np.argmax(parts, axis=0), OUTSIDE)
         scales = {cause: float(np.sqrt(scale)) for cause, (_, _, scale) in squares.items()}
@@ -240,7 +240,7 @@ class _Estimate:
             kept = 0 * common
         elif held:
             kept = np.mean([maps[:, row, column] for row, column in held], axis=0)
-        together, shape = (np.mean((maps - one[:, None, None]) ** 2, axis=0) for one in (kept, common))
+        together, shape = (np.mean((maps - level[:, None, None]) ** 2, axis=0) for level in (kept, common))
         return together, shape, float(np.mean((common - kept) ** 2))
 
 
@@ -255,7 +255,7 @@ def _held(problem: Problem) -> list[tuple[int, int]] | None:
     elif scale.by == "known diameter":
         pixels = list(scale.length[1:])
     most = np.array(problem.mask.shape) - 1
-    places = [np.clip(np.round(own_pixel(problem, one)[::-1]), 0, most) for one in pixels]
+    places = [np.clip(np.round(own_pixel(problem, pixel)[::-1]), 0, most) for pixel in pixels]
     return [(int(row), int(column)) for row, column in places]
 
 

@@ -48,5 +48,5 @@ def enlarged(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
     filled = a[(..., *nearest)].reshape(-1, *known.shape)
     size = mask.shape[::-1]
-    large = np.stack([cv2.resize(one, size, interpolation=cv2.INTER_LINEAR) for one in filled])
+    large = np.stack([cv2.resize(small, size, interpolation=cv2.INTER_LINEAR) for small in filled])
     return np.where(mask, large.reshape(*a.shape[:-2], *mask.shape), np.nan)

@@ -42,9 +42,9 @@ class Linearised:
         mask = problem.mask
         v = np.where(mask, log_distance, 0.0)
         grid = Grid.of(problem)
-        found, _ = grid.linearised(padded(v), problem.lam)
+        coefficients, _ = grid.linearised(padded(v), problem.lam)
         # Pixels that the solver holds beneath their ceiling are as free to be wrong as others.
-        coefficients = Coefficients(found.parts, grid.structure(grid.free))
+        coefficients = Coefficients(coefficients.parts, grid.structure(grid.free))
         model = np.where(mask, model_image(problem, v), 0.0)
         residual = np.where(mask, model - problem.image, 0.0)
         return cls(grid, coefficients, Multigrid(coefficients, DAMPING), model, residual)
@@ -69,8 +69,8 @@ class Linearised:
     def _by_slopes(self) -> tuple[FloatArray, FloatArray]:
         """b of J, by the sums of the differences to both sides."""
         right, left, below, above = self._sides()
-        one = inner(self.coefficients.by_v_u) * (1 - 0.5 * right * left)
-        return one, inner(self.coefficients.by_v_v) * (1 - 0.5 * below * above)
+        root = inner(self.coefficients.by_v_u) * (1 - 0.5 * right * left)
+        return root, inner(self.coefficients.by_v_v) * (1 - 0.5 * below * above)
 
     def applied(self, x: FloatArray) -> FloatArray:
         """J x: how the picture changes with v."""
@@ -83,7 +83,7 @@ class Linearised:
     def adjoint(self, f: FloatArray) -> FloatArray:
         """Jᵀ f."""
         right, left, below, above = self._sides()
-        by_u, by_w = (one * f for one in self._by_slopes())
+        by_u, by_w = (factor * f for factor in self._by_slopes())
         out = inner(self.coefficients.by_v) * f + by_u * (left - right) + by_w * (above - below)
         out += shifted(by_u * right, -1, 1, 0.0) - shifted(by_u * left, 1, 1, 0.0)
         return out + shifted(by_w * below, -1, 0, 0.0) - shifted(by_w * above, 1, 0, 0.0)

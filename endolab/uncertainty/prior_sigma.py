@@ -43,28 +43,28 @@ class PriorSigma:
     notes: tuple[str, ...] = ()  # sentences: which of them are measured, which stated
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            if one.name != "notes":
-                number(f"the doubt about {one.name}", getattr(self, one.name), 0)
+        for choice in fields(self):
+            if choice.name != "notes":
+                number(f"the doubt about {choice.name}", getattr(self, choice.name), 0)
 
     @classmethod
     def of(cls, calibration: Endoscope | None = None) -> PriorSigma:
         """Standard errors of a calibration's evidence, as far as it has them, or that nobody measured it."""
         evidence, stated = getattr(calibration, "evidence", None) or {}, cls()
-        found, nominal = _standard_errors(evidence), _is_nominal(evidence)
+        errors, nominal = _standard_errors(evidence), _is_nominal(evidence)
         if nominal:
             stated = replace(stated, k=NOMINAL["k"], gamma=NOMINAL["gamma"])
         notes = []
-        if found:
-            listed = ", ".join(f"{name} ± {value:.2g}" for name, value in found.items())
+        if errors:
+            listed = ", ".join(f"{name} ± {value:.2g}" for name, value in errors.items())
             notes.append(f"Standard errors of the calibration: {listed}.")
-        if len(found) < 2:
-            listed = ", ".join(f"{n} ± {getattr(stated, n):g}" for n in ("k", "gamma") if n not in found)
+        if len(errors) < 2:
+            listed = ", ".join(f"{n} ± {getattr(stated, n):g}" for n in ("k", "gamma") if n not in errors)
             why = "The calibration states no standard errors"
             if nominal:
-                why = "Light partly uncalibrated" if found else "Light uncalibrated"
+                why = "Light partly uncalibrated" if errors else "Light uncalibrated"
             notes.append(f"{why}; assuming {listed}.")
-        k, gamma = (found.get(name, getattr(stated, name)) for name in ("k", "gamma"))
+        k, gamma = (errors.get(name, getattr(stated, name)) for name in ("k", "gamma"))
         return replace(stated, k=k, gamma=gamma, notes=tuple(notes))
 
 

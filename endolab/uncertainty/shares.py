@@ -54,16 +54,16 @@ class Bumps:
     def try_one(self) -> FloatArray:
         """What is not found of a field of bumps of unit variance."""
         bump = self._there * correlated(self._rng, self._there.shape, self._length)
-        found = self._surface.to_picture(self._surface.applied(bump))
+        answer = self._surface.to_picture(self._surface.applied(bump))
         here, length = self._there, self._length
-        self._seen += around(bump + found, here, length) ** 2 - around(bump - found, here, length) ** 2
+        self._seen += around(bump + answer, here, length) ** 2 - around(bump - answer, here, length) ** 2
         self._whole += 4 * around(bump, here, length) ** 2
-        return np.asarray(bump - found)
+        return np.asarray(bump - answer)
 
     def shares(self, log_distance: FloatArray) -> FloatArray:
         """Shares of data, border or contour, and prior, (3, H, W): 1 in all in the mask, 0 outside."""
         follows = Rim(self._surface, log_distance).moved(np.ones(log_distance.shape))
         border = np.clip(follows, 0.0, 1.0)
-        found = np.clip(self._seen / np.maximum(self._whole, 1e-12), 0.0, 1.0)
-        data = (1 - border) * found
+        share = np.clip(self._seen / np.maximum(self._whole, 1e-12), 0.0, 1.0)
+        data = (1 - border) * share
         return self._there * np.stack([data, border, 1 - border - data])

@@ -110,18 +110,20 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     # The two find about as many, but not the same; the first says no more quickly.
     flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
     sharp, corners = cv2.findChessboardCornersSB(picture, pattern, flags=flags)
-    found = sharp
-    if not found:
+    is_there = sharp
+    if not is_there:
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
-        found, corners = cv2.findChessboardCorners(picture, pattern, flags=flags)
-    if not found:
+        is_there, corners = cv2.findChessboardCorners(picture, pattern, flags=flags)
+    if not is_there:
         return nothing("no chessboard of this size, or not all of it is in view")
     along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
     shortest = min(np.hypot(step[..., 0], step[..., 1]).min() for step in (along, down))
     half = max(int(WINDOW * shortest), 2)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)
     refined = cv2.cornerSubPix(picture, corners.copy(), (half, half), (-1, -1), stop)
-    grid, given = (one.reshape(pattern[1], pattern[0], 2).astype(np.float64) for one in (refined, corners))
+    grid, given = (
+        corner.reshape(pattern[1], pattern[0], 2).astype(np.float64) for corner in (refined, corners)
+    )
     # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
     if sharp and _roughness(given) < SPOILT * _roughness(grid):
         grid = given

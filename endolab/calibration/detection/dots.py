@@ -69,7 +69,7 @@ def _placements(
     Returns the best two shifts of each turn, best first, as the sum of products, the turn and the
     shift; and how many were tried. A piece must lie within the table.
     """
-    found: list[tuple[float, int, int, int]] = []
+    placements: list[tuple[float, int, int, int]] = []
     trials = 0
     for number, turn in enumerate(_TURNS):
         spot = places @ turn.T
@@ -82,8 +82,8 @@ def _placements(
         trials += len(i)
         score = table[spot[:, 0] + i[:, None], spot[:, 1] + j[:, None]] @ value
         i, j = i - low[0], j - low[1]
-        found += [(float(score[k]), number, int(i[k]), int(j[k])) for k in np.argsort(-score)[:2]]
-    return sorted(found, reverse=True), trials
+        placements += [(float(score[k]), number, int(i[k]), int(j[k])) for k in np.argsort(-score)[:2]]
+    return sorted(placements, reverse=True), trials
 
 
 def _placed(shape: tuple[int, int], placement: tuple[float, int, int, int]) -> IntArray:
@@ -98,18 +98,18 @@ def match_code(size: FloatArray, code: IntArray) -> IntArray | None:
     Returns row and column on the sheet for each place, (h, w, 2); None where no match is clear.
     """
     value = np.clip(size[np.isfinite(size)], -1, 1)
-    found, trials = _placements(np.argwhere(np.isfinite(size)), value, np.pad(2.0 * code - 1, PAD))
-    if not found:
+    placements, trials = _placements(np.argwhere(np.isfinite(size)), value, np.pad(2.0 * code - 1, PAD))
+    if not placements:
         return None
     total = np.abs(value).sum()
-    best = found[0][0]
-    second = found[1][0] if len(found) > 1 else -np.inf
+    score = placements[0][0]
+    second = placements[1][0] if len(placements) > 1 else -np.inf
     # Chance of so few errors for random bits, times the placements tried (Chernoff's bound).
-    wrong = np.clip((1 - best / total) / 2, 1e-9, 0.5)
+    wrong = np.clip((1 - score / total) / 2, 1e-9, 0.5)
     rarity = total * (np.log(2) + wrong * np.log(wrong) + (1 - wrong) * np.log(1 - wrong))
-    if wrong > MOST_WRONG or rarity < np.log(trials) + SURETY or best - second < 3:
+    if wrong > MOST_WRONG or rarity < np.log(trials) + SURETY or score - second < 3:
         return None
-    return _placed(size.shape, found[0]) - PAD
+    return _placed(size.shape, placements[0]) - PAD
 
 
 def _cover(target: DotGrid | CircleGrid, cell: float) -> tuple[float, float]:
@@ -176,31 +176,31 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
     number[tuple(spot.T)] = np.arange(count)
     outline = np.pad(np.where(number >= 0, 1.0, -1.0), PAD, constant_values=-1.0)
     same_turned = np.array_equal(outline, outline[::-1, ::-1])
-    best = np.full(number.shape, -1)
+    of_sheet = np.full(number.shape, -1)
     for piece in find_lattices(blobs, _cover(target, 2 * target.spacing**2), 2 * sum(outline.shape) + 5):
-        found, _ = _placements(np.argwhere(piece >= 0), np.ones((piece >= 0).sum()), outline)
+        placements, _ = _placements(np.argwhere(piece >= 0), np.ones((piece >= 0).sum()), outline)
         if same_turned:  # of two opposite orders take the one whose rows run to the right
-            found = [one for one in found if _runs_right(one[1], piece, blobs)]
-        if not found:
+            placements = [placement for placement in placements if _runs_right(placement[1], piece, blobs)]
+        if not placements:
             continue
         # Turned by 180° and shifted, all but the ends of a grid look the same.
-        stray = (piece >= 0).sum() > found[0][0]
-        if len(found) > 1 and found[0][0] - found[1][0] < (4 if stray else 2):
+        stray = (piece >= 0).sum() > placements[0][0]
+        if len(placements) > 1 and placements[0][0] - placements[1][0] < (4 if stray else 2):
             continue
-        at = _placed(piece.shape, found[0]) - PAD
+        at = _placed(piece.shape, placements[0]) - PAD
         on = (piece >= 0) & np.all((at >= 0) & (at < number.shape), axis=-1)
         sheet = np.full(number.shape, -1)
         sheet[tuple(at[on].T)] = piece[on]
         sheet[number < 0] = -1
         fits, _ = fitting(_places(sheet, blobs), np.zeros(number.shape, int), least=4)
         sheet = np.where(fits, sheet, -1)
-        if (sheet >= 0).sum() > (best >= 0).sum():
-            best = sheet
-    if (best >= 0).sum() < LEAST_SEEN * count:
+        if (sheet >= 0).sum() > (of_sheet >= 0).sum():
+            of_sheet = sheet
+    if (of_sheet >= 0).sum() < LEAST_SEEN * count:
         return nothing("the dark spots form no such grid, or too little of it is in view")
-    ids = number[best >= 0]
+    ids = number[of_sheet >= 0]
     order = np.argsort(ids)
-    return ids[order], blobs.centres[best[best >= 0]][order], ""
+    return ids[order], blobs.centres[of_sheet[of_sheet >= 0]][order], ""
 
 
 def _runs_right(turn: int, piece: IntArray, blobs: Blobs) -> bool:

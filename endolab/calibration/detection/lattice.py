@@ -55,7 +55,7 @@ def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: f
     """
     owner, centres = owner.copy(), blobs.centres
     tree = scipy.spatial.cKDTree(centres)
-    near = min(4, len(centres))
+    neighbours = min(4, len(centres))
     limit = tolerance / 3
     for _ in range(3 * sum(owner.shape)):
         taken = owner >= 0
@@ -72,11 +72,11 @@ def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: f
             break
         row, column = row[sought], column[sought]
         guess, along, down = guess[sought], along[sought], down[sought]
-        which = tree.query(guess, k=near)[1].reshape(len(row), -1)
+        which = tree.query(guess, k=neighbours)[1].reshape(len(row), -1)
         offset = _in_cells(centres[which] - guess[:, None], along[:, None], down[:, None])
         distance = np.hypot(offset[..., 0], offset[..., 1])
-        best = distance.argmin(axis=1)
-        which, distance = (a[np.arange(len(row)), best] for a in (which, distance))
+        closest = distance.argmin(axis=1)
+        which, distance = (a[np.arange(len(row)), closest] for a in (which, distance))
         covered = blobs.ink[which] / np.abs(cross(along, down))
         close = (distance < limit) & ~np.isin(which, owner) & (covered > cover[0]) & (covered < cover[1])
         order = np.flatnonzero(close)[np.argsort(distance[close], kind="stable")]
@@ -104,13 +104,13 @@ def _windows(grid: FloatArray, row: IntArray, column: IntArray) -> FloatArray:
 def _predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the lattice passes the middle of windows, and its steps there: three (n, 2), px."""
     i, j = np.array(_AROUND).T
-    one, two, three = (window[:, SIDE - n * i, SIDE - n * j] for n in (1, 2, 3))
-    step, before = one - two, two - three
+    first, second, third = (window[:, SIDE - n * i, SIDE - n * j] for n in (1, 2, 3))
+    step, before = first - second, second - third
     # Perspective and fisheye shrink steps by about the same factor each time.
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.hypot(step[..., 0], step[..., 1]) / np.hypot(before[..., 0], before[..., 1])
     ratio = np.where(np.isfinite(ratio), np.clip(ratio, 0.5, 2), 1.0)
-    ahead = one + step * ratio[..., None]
+    ahead = first + step * ratio[..., None]
     i, j = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]).T
     beside = window[:, SIDE + i, SIDE] + window[:, SIDE, SIDE + j] - window[:, SIDE + i, SIDE + j]
     inner = window[:, 1:-1, 1:-1]
@@ -128,8 +128,8 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
     centres = blobs.centres
     if len(centres) < 9:
         return pieces
-    near = min(17, len(centres))
-    which = scipy.spatial.cKDTree(centres).query(centres, k=near)[1][:, 1:]
+    neighbours = min(17, len(centres))
+    which = scipy.spatial.cKDTree(centres).query(centres, k=neighbours)[1][:, 1:]
     vectors = centres[which] - centres[:, None]
     length = np.linalg.norm(vectors, axis=-1)
     # A step of the lattice has its opposite.
@@ -148,20 +148,20 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
     with np.errstate(invalid="ignore", divide="ignore"):
         offset = _in_cells(vectors[:, None] - around[:, :, None], a[:, None, None], b[:, None, None])
     distance = np.where(usable[:, None, None], np.linalg.norm(offset, axis=-1), np.inf)
-    found = distance.min(axis=2) < 0.3
+    is_hit = distance.min(axis=2) < 0.3
     neighbour = which[every[:, None], distance.argmin(axis=2)]
-    score = found.sum(axis=1) - np.where(found, distance.min(axis=2), 0).sum(axis=1) / 8
+    score = is_hit.sum(axis=1) - np.where(is_hit, distance.min(axis=2), 0).sum(axis=1) / 8
     free = np.ones(len(centres), bool)
     for seed in np.argsort(-score, kind="stable"):
         if score[seed] < 6 or len(pieces) == MOST_PIECES:
             break
-        taken = neighbour[seed][found[seed]]
+        taken = neighbour[seed][is_hit[seed]]
         if not (free[seed] and free[taken].all()):
             continue
         owner = np.full((size, size), -1)
         middle = size // 2
         owner[middle, middle] = seed
-        for (i, j), blob, there in zip(_AROUND, neighbour[seed], found[seed], strict=True):
+        for (i, j), blob, there in zip(_AROUND, neighbour[seed], is_hit[seed], strict=True):
             if there:
                 owner[middle + i, middle + j] = blob
         free_now = np.flatnonzero(free)

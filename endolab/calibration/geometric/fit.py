@@ -90,7 +90,7 @@ def _approach(model: Reprojection, start: Geometry) -> Geometry:
 
 def _start(views: Sequence[View], target: Target, width: int, height: int) -> KannalaBrandt:
     """Return the equidistant camera that explains the views best."""
-    best, least = None, np.inf
+    start, least = None, np.inf
     some = views[:: -(-len(views) // SOME)]
     for focal in FOCAL_LENGTHS * width:
         camera = KannalaBrandt(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
@@ -101,10 +101,10 @@ def _start(views: Sequence[View], target: Target, width: int, height: int) -> Ka
             misses[: len(kept)] = model.medians(Geometry.of(camera_vector(camera), poses))
         # The lower median: half of the views may be useless.
         if (cost := np.sort(misses)[(len(some) - 1) // 2]) < least:
-            best, least = camera, cost
-    if best is None:
+            start, least = camera, cost
+    if start is None:
         raise ValueError(f"most views are of no use: {_reasons(dropped)}")
-    return best
+    return start
 
 
 def _drop(
@@ -125,10 +125,10 @@ def _far_off(model: Reprojection, geometry: Geometry) -> list[str]:
     return [f"its points are off by {m:.1f} px, {others}" if m > limit else "" for m in median]
 
 
-def _disagreeing(found: Fit, model: Reprojection) -> list[str]:
+def _disagreeing(fitted: Fit, model: Reprojection) -> list[str]:
     """Say of which views fewer than half the points agree with the fit."""
-    facing = found.iterate.unknowns.facing
-    used = np.bincount(model.group, weights=found.iterate.used).astype(int)
+    facing = fitted.iterate.unknowns.facing
+    used = np.bincount(model.group, weights=fitted.iterate.used).astype(int)
     total = np.bincount(model.group)
     few = used < np.maximum(LEAST_POINTS, total / 2)
     shares = (f"{some} of its {of}" for some, of in zip(used, total, strict=True))
@@ -149,10 +149,10 @@ def _fit_views(
         if not views:
             raise ValueError(f"no view is left to calibrate from: {_reasons(dropped)}")
         model = Reprojection(views, target, EVERYTHING, usual)
-        found = fit(model, geometry, observers, smallest=FINEST)
-        fewer, geometry, more = _drop(views, found.iterate.unknowns, target, _disagreeing(found, model))
-        if not more or found.status is Status.STOPPED:
-            return found, views, dropped
+        fitted = fit(model, geometry, observers, smallest=FINEST)
+        fewer, geometry, more = _drop(views, fitted.iterate.unknowns, target, _disagreeing(fitted, model))
+        if not more or fitted.status is Status.STOPPED:
+            return fitted, views, dropped
         views, dropped = fewer, dropped | more
 
 
@@ -209,8 +209,8 @@ def calibrate_camera(
         model = Reprojection(kept, target, basis, np.array(camera.k), discs=False)
         geometry = _approach(model, geometry)
     kept, geometry, more = _drop(kept, geometry, target, _far_off(model, geometry))
-    found, kept, disagreeing = _fit_views(kept, geometry, target, np.array(camera.k), list(observers))
-    result = _result(found, kept, dropped | more | disagreeing, target, (width, height))
+    fitted, kept, disagreeing = _fit_views(kept, geometry, target, np.array(camera.k), list(observers))
+    result = _result(fitted, kept, dropped | more | disagreeing, target, (width, height))
     if start is None:
         _refuse_few(len(result.views), result.dropped)
         _refuse_untold(result)
@@ -218,16 +218,16 @@ def calibrate_camera(
 
 
 def _result(
-    found: Fit,
+    fitted: Fit,
     views: Sequence[View],
     dropped: dict[str, str],
     target: Target,
     size: tuple[int, int],
 ) -> GeometricFit:
-    geometry: Geometry = found.iterate.unknowns
-    used, residual = found.iterate.used, found.iterate.residual
+    geometry: Geometry = fitted.iterate.unknowns
+    used, residual = fitted.iterate.used, fitted.iterate.residual
     discontinuities = np.cumsum([len(view.ids) for view in views])[:-1]
-    covariance = found.covariance.common
+    covariance = fitted.covariance.common
     errors = np.sqrt(np.diag(covariance)).tolist()
     angles = Reprojection(views, target, np.zeros((8, 0)), np.zeros(4)).angles(geometry)
     return GeometricFit(
@@ -237,13 +237,13 @@ def _result(
         dropped=dropped,
         residuals=tuple(np.split(residual, discontinuities)),
         inliers=tuple(np.split(used, discontinuities)),
-        sigma=found.iterate.sigma,
+        sigma=fitted.iterate.sigma,
         rmse=float(np.sqrt(np.mean(np.sum(residual[used] ** 2, axis=1)))),
         standard_errors=dict(zip(NAMES, errors, strict=True)),
         covariance=covariance,
         max_angle_seen=float(angles[used].max()),
-        status=found.status,
-        history=found.history,
+        status=fitted.status,
+        history=fitted.history,
     )
 
 
@@ -255,18 +255,18 @@ def _refuse_few(count: int, dropped: dict[str, str]) -> None:
 
 def _places(poses: Iterable[Pose]) -> int:
     """Count the poses that differ by a degree, or a fiftieth of the distance, up to as many as needed."""
-    found: list[Pose] = []
+    places: list[Pose] = []
     for pose in poses:
         reach = 0.02 * np.linalg.norm(pose.translation)
         if all(
             np.trace(pose.rotation.T @ other.rotation) < 1 + 2 * np.cos(np.radians(1))
             or np.linalg.norm(pose.translation - other.translation) > reach
-            for other in found
+            for other in places
         ):
-            found.append(pose)
-        if len(found) == LEAST_VIEWS:
+            places.append(pose)
+        if len(places) == LEAST_VIEWS:
             break
-    return len(found)
+    return len(places)
 
 
 def _refuse_untold(result: GeometricFit) -> None:
@@ -276,14 +276,14 @@ def _refuse_untold(result: GeometricFit) -> None:
         hardly = f"the sheet hardly moves in the {len(result.poses)} views"
         raise ValueError(f"{NEEDED}, got {places}: {hardly}")
     tilt = max(pose.tilt for pose in result.poses)
-    found = f"the sheet's largest tilt is {np.degrees(tilt):.1f}°"
+    fact = f"the sheet's largest tilt is {np.degrees(tilt):.1f}°"
     if tilt < LEAST_TILT:
         square = "views square to the axis cannot tell the focal length from the distance"
-        raise ValueError(f"{square}: {found}; tilt the sheet by 20° or more in some views")
+        raise ValueError(f"{square}: {fact}; tilt the sheet by 20° or more in some views")
     focal = np.sqrt(result.camera.fx * result.camera.fy)
     for name in NAMES[:4]:
         error = result.standard_errors[name]
         if not error < LARGEST_ERROR * focal:
             lie = f"points lie up to {np.degrees(result.max_angle_seen):.0f}° off the axis"
-            why = f"its standard error is {error:.0f} px; {found}, and {lie}"
+            why = f"its standard error is {error:.0f} px; {fact}, and {lie}"
             raise ValueError(f"the views do not tell {name}: {why}; add tilted views that fill the picture")

@@ -142,8 +142,8 @@ def project(
     if len(fan.x) > 1:
         (xx, xy, yx, yy), plane = _centroid_weights(fan.x, fan.y)
     else:
-        one, none = np.ones_like(fan.x), np.zeros_like(fan.x)
-        (xx, xy, yx, yy), plane = (one, none, none, one), np.stack([fan.x[0], fan.y[0]])
+        ones, zeros = np.ones_like(fan.x), np.zeros_like(fan.x)
+        (xx, xy, yx, yy), plane = (ones, zeros, zeros, ones), np.stack([fan.x[0], fan.y[0]])
     focal = vector[:2]
     n = plane.shape[1]
     by_camera = np.zeros((n, 2, 8))

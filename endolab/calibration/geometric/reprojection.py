@@ -135,8 +135,8 @@ def find_pose(view: View, target: Target, camera: KannalaBrandt) -> tuple[Pose, 
     """
     pose = linear_pose(view, target, camera)
     model = Reprojection([view], target, np.zeros((8, 0)), np.array(camera.k))
-    found = fit(model, Geometry.of(camera_vector(camera), [pose]), smallest=FINEST)
-    inliers = found.iterate.used
+    fitted = fit(model, Geometry.of(camera_vector(camera), [pose]), smallest=FINEST)
+    inliers = fitted.iterate.used
     if inliers.sum() < max(LEAST_POINTS, len(inliers) / 2):
         raise ValueError(f"only {inliers.sum()} of its {len(inliers)} points agree with one pose")
-    return found.iterate.unknowns.poses[0], inliers, found.iterate.residual
+    return fitted.iterate.unknowns.poses[0], inliers, fitted.iterate.residual

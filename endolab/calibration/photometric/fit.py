@@ -66,8 +66,8 @@ def checked_gamma(gamma: float | tuple[float, float] | str) -> Known:
         return None
     known, (low, high) = _number_or_pair(gamma), GAMMA_BOUNDS
     if known is None or not low < np.ravel(known)[0] < high:
-        how = "alone or with a positive standard deviation"
-        raise ValueError(f"gamma must lie between {low:g} and {high:g}, {how}, got {excerpt(gamma)}")
+        allowed = "alone or with a positive standard deviation"
+        raise ValueError(f"gamma must lie between {low:g} and {high:g}, {allowed}, got {excerpt(gamma)}")
     return known
 
 
@@ -213,10 +213,10 @@ def calibrate_light(
     expected = identifiability.strengths(model, begin, sigma)
     identifiability.refuse(model, expected)
     stiff = identifiability.held(model, expected)
-    found = fit(stiff, begin, observers)
-    covariance = identifiability.widened(found.covariance.common, model, stiff)
-    found = replace(found, covariance=Covariance(covariance, found.covariance.own))
-    return _result(model, frames, expected, found)
+    fitted = fit(stiff, begin, observers)
+    covariance = identifiability.widened(fitted.covariance.common, model, stiff)
+    fitted = replace(fitted, covariance=Covariance(covariance, fitted.covariance.own))
+    return _result(model, frames, expected, fitted)
 
 
 def _nodes(samples: Samples, count: int, levels: tuple[float, float]) -> tuple[FloatArray, int]:
@@ -275,17 +275,19 @@ def _standard_errors(
     return {name: float(error) for name, error in errors.items()}
 
 
-def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], found: Fit) -> PhotometricFit:
+def _result(
+    model: LightModel, frames: IntArray, expected: dict[str, Strength], fitted: Fit
+) -> PhotometricFit:
     """Check a fit and put it into words."""
-    last, used, samples = found.iterate, found.iterate.used, model.samples
+    last, used, samples = fitted.iterate, fitted.iterate.used, model.samples
     unknowns: LightUnknowns = last.unknowns
-    covariance = found.covariance.common
+    covariance = fitted.covariance.common
     deviation = np.sqrt(np.diag(covariance))
     spread = dict(zip(model.names, deviation.tolist(), strict=True))
     _check_bounds(model, unknowns, spread)
     errors = _standard_errors(unknowns, spread, covariance)
     f, gains = np.exp(unknowns.log_brdf), np.exp(unknowns.log_gain)
-    gain_errors = gains * np.sqrt(found.covariance.own[:, 0, 0])
+    gain_errors = gains * np.sqrt(fitted.covariance.own[:, 0, 0])
     locked = len(gains) == 1 and len(frames) > 1
     matt = len(f) == 1
     surface: BRDF = Lambertian(float(np.pi * f[0])) if matt else TabulatedBRDF(tuple(model.nodes), tuple(f))
@@ -299,8 +301,8 @@ def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], 
     known = np.isfinite(gain_errors)
     jumps = [] if locked else identifiability.gain_jumps(frames[known], gains[known])
     verdict = identifiability.describe_verdict(model, unknowns, expected, errors, last.sigma, ranges, jumps)
-    if found.status is not Status.CONVERGED:
-        verdict.insert(0, f"The fit did not end as it should: {found.status.value}")
+    if fitted.status is not Status.CONVERGED:
+        verdict.insert(0, f"The fit did not end as it should: {fitted.status.value}")
     residuals = last.residual[:, 0]
     return PhotometricFit(
         photometry=Photometry(k, unknowns.gamma, gain, surface, lights),
@@ -319,6 +321,6 @@ def _result(model: LightModel, frames: IntArray, expected: dict[str, Strength], 
         mean=float(residuals[used].mean()),
         **{f"{name}_range": ends for name, ends in ranges.items()},
         verdict=verdict,
-        status=found.status,
-        history=found.history,
+        status=fitted.status,
+        history=fitted.history,
     )

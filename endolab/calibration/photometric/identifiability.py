@@ -117,16 +117,16 @@ def strengths(model: LightModel, unknowns: LightUnknowns, sigma: float) -> dict[
         sd = sigma / np.sqrt(max(information, tiny))
         return Strength(sd, np.sqrt(squares / total), np.sqrt(alone / total))
 
-    found = {"k": left(geometry.log_cos_psi)}
+    strength = {"k": left(geometry.log_cos_psi)}
     if not isinstance(model.gamma, float):
         columns.append(geometry.log_cos_psi[:, None])
-        found["gamma"] = left(geometry.falloff + model.known_log_reflectance[model.samples.material])
-    return found
+        strength["gamma"] = left(geometry.falloff + model.known_log_reflectance[model.samples.material])
+    return strength
 
 
-def refuse(model: LightModel, found: dict[str, Strength]) -> None:
+def refuse(model: LightModel, evidence: dict[str, Strength]) -> None:
     """Raise, saying what to do, if the samples cannot tell k, or a γ that is to be found from them alone."""
-    k, normals = found["k"], model.samples.normals
+    k, normals = evidence["k"], model.samples.normals
     frames, tabulated = len(np.unique(model.samples.frame)), len(model.nodes) > 1
     if tabulated and k.signal < LEAST_SIGNAL["k"]:
         raise NotIdentifiableError(
@@ -146,7 +146,7 @@ def refuse(model: LightModel, found: dict[str, Strength]) -> None:
         raise NotIdentifiableError("k", f"{why}; take more of them, over a wider field")
     if model.gamma is not None:
         return
-    gamma = found["gamma"]
+    gamma = evidence["gamma"]
     if gamma.signal < LEAST_SIGNAL["gamma"] or gamma.sd > LARGEST_ERROR["gamma"]:
         ways = "fold the sheet, print grey patches of known ratio, or lock the gain and vary the distance"
         raise NotIdentifiableError(
@@ -158,7 +158,7 @@ def refuse(model: LightModel, found: dict[str, Strength]) -> None:
         )
 
 
-def held(model: LightModel, found: dict[str, Strength]) -> LightModel:
+def held(model: LightModel, evidence: dict[str, Strength]) -> LightModel:
     """Hold what is roughly known at its value (to `HELD` of its sd) where the samples cannot tell it.
 
     Left to the fit, such an unknown would follow the error of interpolating the BRDF between few
@@ -166,9 +166,9 @@ def held(model: LightModel, found: dict[str, Strength]) -> LightModel:
     """
     gamma, reflectance = model.gamma, model.reflectance
     if not isinstance(gamma, float):
-        if isinstance(gamma, tuple) and found["gamma"].signal < LEAST_SIGNAL["gamma"]:
+        if isinstance(gamma, tuple) and evidence["gamma"].signal < LEAST_SIGNAL["gamma"]:
             gamma = (gamma[0], HELD * gamma[1])
-        if found["gamma"].alone < LEAST_SIGNAL["gamma"]:
+        if evidence["gamma"].alone < LEAST_SIGNAL["gamma"]:
             reflectance = tuple((r[0], HELD * r[1]) if isinstance(r, tuple) else r for r in reflectance)
     return replace(model, gamma=gamma, reflectance=reflectance)
 
@@ -214,8 +214,8 @@ def describe_verdict(
     lambertian = len(model.nodes) == 1
     locked = int(model.group[-1]) == 0 and len(np.unique(model.samples.frame)) > 1
     ratio = f"k/γ = {k / gamma:.4f} ± {errors['k/gamma']:.4f}"
-    found: list[str] = []
-    say = found.append
+    sentences: list[str] = []
+    say = sentences.append
     if isinstance(model.gamma, float):
         given = f"γ = {gamma:g} was given, not measured: where it is wrong by 1 %, k is wrong by 1 %"
         say(f"{ratio} is determined by how the light falls off across the frames; {given}.")
@@ -263,4 +263,4 @@ def describe_verdict(
         named = ", ".join(f"{frame} (×{jump:.2g})" for frame, jump in sorted(jumps[:JUMPS_NAMED]))
         more = f" and {len(jumps) - JUMPS_NAMED} more" if len(jumps) > JUMPS_NAMED else ""
         say(f"The gain jumps at frame {named}{more}.")
-    return found
+    return sentences

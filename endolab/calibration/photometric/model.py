@@ -166,12 +166,12 @@ class LightModel:
     @cached_property
     def _priors(self) -> list[tuple[int, int, float, float]]:
         """Column, material (0 stands for γ), mean and sd of what is roughly known, in its logarithm but γ."""
-        found = [(1, 0, *self.gamma)] if isinstance(self.gamma, tuple) else []
+        priors = [(1, 0, *self.gamma)] if isinstance(self.gamma, tuple) else []
         for material, value in enumerate(self.reflectance, start=1):
             if isinstance(value, tuple):
                 column = self.names.index(f"reflectance {material}")
-                found.append((column, material, float(np.log(value[0])), value[1] / value[0]))
-        return found
+                priors.append((column, material, float(np.log(value[0])), value[1] / value[0]))
+        return priors
 
     def _prior(self, unknowns: LightUnknowns) -> FloatArray:
         logs, gamma = unknowns.log_reflectance, unknowns.gamma

@@ -63,8 +63,8 @@ class PhotometricFit:
 
     def _shape(self, samples: Samples) -> FloatArray:
         """Stored values at a gain of 1."""
-        one = replace(self.photometry, gain=1.0)
-        level = one.intensity(samples.points, samples.normals)
+        unit_gain = replace(self.photometry, gain=1.0)
+        level = unit_gain.intensity(samples.points, samples.normals)
         return level * self.reflectance[samples.material] ** (1 / self.photometry.gamma)
 
     def predict(self, samples: Samples) -> FloatArray:

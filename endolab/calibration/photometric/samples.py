@@ -178,7 +178,7 @@ def sample_surface(
     frames = np.full(len(rows), frame)
     materials = (np.full(len(rows), channel) for channel in range(channels.shape[-1]))
     parts = zip(level.T, materials, strict=True)
-    return Samples.concatenate([Samples(frames, one, places, towards, which) for one, which in parts])
+    return Samples.concatenate([Samples(frames, colour, places, towards, which) for colour, which in parts])
 
 
 def sample_depth(
@@ -188,7 +188,7 @@ def sample_depth(
     mask: BoolArray,
     *,
     smooth: float = 2.0,
-    **how: int,
+    **options: int,
 ) -> Samples:
     """Read the brightness of a surface whose distance map, (H, W), mm, is known; its normals are computed.
 
@@ -202,4 +202,4 @@ def sample_depth(
     reach = int(np.ceil(3 * smooth)) + 1
     inner = scipy.ndimage.binary_erosion(known & ~jump, np.ones((3, 3)), iterations=reach)
     v = np.where(known, scipy.ndimage.gaussian_filter(v, smooth), np.nan)
-    return sample_surface(image, points_of(v, field), normals_of(v, field), inner, **how)
+    return sample_surface(image, points_of(v, field), normals_of(v, field), inner, **options)

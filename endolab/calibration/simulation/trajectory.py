@@ -89,10 +89,10 @@ def trajectory(
     towards the axis, then goes away, until it is reached; by default 0.25, or 1 for targets that are found
     whole only.
     """
-    near, far = distance
+    nearest, farthest = distance
     whole("count", count, 1)
-    if not 0 < near <= far < np.inf:
-        raise ValueError(f"distance must be two growing positive numbers (mm), got {near} and {far}")
+    if not 0 < nearest <= farthest < np.inf:
+        raise ValueError(f"distance must be two growing positive numbers (mm), got {nearest} and {farthest}")
     for name, value, most in (("tilt", tilt, 1.4), ("reach", reach, 1.4), ("fold", fold, 2.0)):
         number(name, value, 0, most)
     if fold and target.fold_x is None:
@@ -102,7 +102,7 @@ def trajectory(
     number("seen", seen, 0, 1)
     wander = _wander(count, 6, np.random.default_rng([whole("seed", seed), 0]))
     lean, aside = tilt * _disc(wander[:, :2]), reach * _disc(wander[:, 2:4])
-    depth = np.exp(np.interp(wander[:, 4], [-1, 1], np.log([near, far])))
+    depth = np.exp(np.interp(wander[:, 4], [-1, 1], np.log([nearest, farthest])))
     axis = np.column_stack([-lean[:, 1], lean[:, 0], np.zeros(count)])
     turns = Rotation.from_rotvec(axis) * Rotation.from_euler("z", np.pi * wander[:, 5:])
     left, top, width, height = target.sheet
@@ -112,7 +112,7 @@ def trajectory(
         """Poses with the sheet pulled to the axis (0 to 1) and then away to the far end (1 to 2)."""
         side = aside[which] * np.clip(1 - pull, 0, 1)[:, None]
         angle = np.linalg.norm(side, axis=1, keepdims=True)
-        z = depth[which] * (far / depth[which]) ** np.clip(pull - 1, 0, 1)
+        z = depth[which] * (farthest / depth[which]) ** np.clip(pull - 1, 0, 1)
         away = np.column_stack([side * np.tan(angle) / np.where(angle > 0, angle, 1), np.ones(len(which))])
         flat = zip(turns[which].as_matrix(), away * z[:, None], strict=True)
         return [folded(target, Pose(turn, centre - turn @ middle), fold) for turn, centre in flat]

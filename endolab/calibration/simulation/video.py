@@ -33,7 +33,7 @@ def simulate_video(
     *,
     locked: bool = False,
     seed: int = 0,
-    **how: Any,
+    **sensor: Any,
 ) -> Iterator[SheetFrame]:
     """Simulate a calibration video of `count` frames; each has a gain of its own, whatever the photometry's.
 
@@ -41,12 +41,12 @@ def simulate_video(
     tilt, reach and seen as for `trajectory`; noise, bits, blur, motion, outliers and black as for
     `render_sheet`.
     """
-    motion = {name: how.pop(name) for name in MOTION if name in how}
+    motion = {name: sensor.pop(name) for name in MOTION if name in sensor}
     poses = trajectory(target, camera, count, seed=seed, **motion)
     gains = automatic_gain(target, poses, camera, photometry, locked=locked)
     for number, (pose, gain) in enumerate(zip(poses, gains, strict=True)):
         light = replace(photometry, gain=float(gain))
-        yield render_sheet(target, pose, camera, light, seed=seed * 100_003 + number, **how)
+        yield render_sheet(target, pose, camera, light, seed=seed * 100_003 + number, **sensor)
 
 
 def simulate_samples(
