@@ -19,6 +19,7 @@ from endolab.model.ranges import check_range, in_range
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, real_array
 from endolab.numerics.roots import invert_increasing, smallest_positive_root
+from endolab.numerics.side_by_side import by_rows
 
 KEPT = 2  # sizes to which a camera was resampled last, with their ray fields: one wanted, and a coarse one
 
@@ -147,16 +148,23 @@ class Camera:
     @cached_property
     def field(self) -> RayField:
         """The ray field of every pixel; computed once."""
-        rows, columns = np.indices((self.height, self.width), dtype=np.float64)
-        rays, jacobian = self._rays_at(np.stack([columns, rows], axis=-1))
-        by_u, by_v = jacobian[..., 0], jacobian[..., 1]
-        guu, guv, gvv = (
-            np.einsum("hwi,hwi->hw", a, b) for a, b in ((by_u, by_u), (by_u, by_v), (by_v, by_v))
-        )
-        determinant = guu * gvv - guv * guv
-        # At the very edge of a model the ray turns infinitely fast: no metric, no surface.
-        valid = np.isfinite(determinant)
-        inverse = np.stack([gvv, -guv, guu], axis=-1) / determinant[..., None]
+        shape = (self.height, self.width)
+        rays, jacobian, inverse = np.empty((*shape, 3)), np.empty((*shape, 3, 2)), np.empty((*shape, 3))
+        valid = np.empty(shape, dtype=bool)
+
+        def fill(band: slice) -> None:
+            rows, columns = np.mgrid[band, : self.width].astype(np.float64)
+            rays[band], jacobian[band] = self._rays_at(np.stack([columns, rows], axis=-1))
+            by_u, by_v = jacobian[band, ..., 0], jacobian[band, ..., 1]
+            guu, guv, gvv = (
+                np.einsum("hwi,hwi->hw", *pair) for pair in ((by_u, by_u), (by_u, by_v), (by_v, by_v))
+            )
+            determinant = guu * gvv - guv * guv
+            inverse[band] = np.stack([gvv, -guv, guu], axis=-1) / determinant[..., None]
+            # At the very edge of a model the ray turns infinitely fast: no metric, no surface.
+            valid[band] = np.isfinite(determinant)
+
+        by_rows(fill, shape)
         return RayField(rays, jacobian, inverse, valid)
 
     def resize(self, width: int, height: int) -> Self:
