@@ -26,7 +26,7 @@ demo: $(READY) ## simulate a frame of a colon, reconstruct it, and compare it wi
 	$(BIN)/endolab reconstruct demo/frame.png --calibration demo/endoscope.json --out demo/result
 	$(BIN)/endolab evaluate demo/result/depth.npz demo/truth.npz
 	@if [ -f "$(FRAME)" ]; then \
-	  set -x; $(BIN)/endolab reconstruct "$(FRAME)" --calibration c3vd --out demo/real; \
+	  set -x; $(BIN)/endolab reconstruct "$(FRAME)" --calibration c3vd --width 640 --out demo/real; \
 	fi
 	@echo 'Look at:'
 	@ls demo/frame.png demo/result/overview.png
