@@ -1,6 +1,6 @@
 """How far frames that nobody tuned to are from their truth: random path-traced frames, open and sealed.
 
-    python -m tests.benchmarks.unseen [open | sealed]...
+    python -m tests.benchmarks.unseen [open | sealed | smooth]...
 
 `open` is the default. `sealed` frames are for the end: made, scored and not looked at, so that the gap
 to the open ones tells how much was tuned to those. Sets that are not in build/unseen are made with

@@ -13,6 +13,7 @@ CAVITIES = {
     "bent": Cavity(bend=1 / 60, sway=(7.0, 150.0), place=(3.0, -4.0), look=(120.0, 8.0, -5.0)),
     "colon": Cavity(bend=1 / 90, look=(30.0, 4.0, 9.0), folds=RINGS, polyps=DOMES, bumps=0.4),
     "bag": Cavity(40.0, 10.0, 5.0, ends=(35.0, 45.0), look=(0.0, 30.0, 20.0), rugae=3.0, bumps=1.0),
+    "parted": Cavity(12.0, 70.0, 20.0, ends=(10.0, 10.0), look=(20.0, 5.0, 0.0), parting=(25.0, 0.6)),
 }
 
 
