@@ -45,6 +45,7 @@ from endolab.reconstruction.contours import (
     BARS,
     CONTOURS,
     ENERGY,
+    PRICE,
     THE_COLOURS,
     OneChannel,
     bar_of,
@@ -73,7 +74,8 @@ GUESS = 0.5  # of s in ι = s a/(1 - s a), before there is a surface
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
 ROUND_STEPS, TORN_STEPS = (10, 5, 5), 2  # of each round's solve, and of each bar's
 # Of the surfaces that are torn over one bar or another, the least torn is taken whose misfit of the colours
-# is at most so many times the least; beyond the second, no lower bar is tried.
+# is at most so many times the least, or, if that is the whole one, the one whose energy speaks for its cuts;
+# beyond the second, no lower bar is tried.
 AS_GOOD, WORSE = 1.1, 1.15
 WITNESS = 1.5  # p beyond which the colours ask for more bounced light than walls can make: not believed
 # Where no light bounced: the share of its energy that a cut as long as the picture's height must save.
@@ -209,17 +211,22 @@ def _chosen(trials: Sequence[Separation], always: bool) -> Separation:
     whole, torn = trials[0], trials[1]
     allowed = trials[1:] if always else trials
     if _none_bounced(whole):  # the picture is the model's own, and so is its energy
-
-        def charged(trial: Separation) -> float:
-            discontinuities, mask = trial.surface.problem.discontinuities, trial.surface.mask
-            return float(np.log(trial.surface.energy)) + CLEAN_PRICE * length_of(discontinuities, mask)
-
-        return replace(min(allowed, key=charged), cue=ENERGY)
+        return _cheapest(allowed, CLEAN_PRICE)
     if not _bear_witness(trials):
         return replace(torn if always or pays(torn.surface, whole.surface) else whole, cue=ENERGY)
     least = min(trial.light.misfit for trial in allowed)
-    chosen = next(trial for trial in allowed if trial.light.misfit <= AS_GOOD * least)
-    return replace(chosen, cue=THE_COLOURS)
+    as_good = [trial for trial in allowed if trial.light.misfit <= AS_GOOD * least]
+    return _cheapest(as_good, PRICE) if as_good[0] is whole else replace(as_good[0], cue=THE_COLOURS)
+
+
+def _cheapest(trials: Sequence[Separation], price: float) -> Separation:
+    """The surface of least energy, where a cut as long as the picture's height must save a share of it."""
+
+    def charged(trial: Separation) -> float:
+        discontinuities, mask = trial.surface.problem.discontinuities, trial.surface.mask
+        return float(np.log(trial.surface.energy)) + price * length_of(discontinuities, mask)
+
+    return replace(min(trials, key=charged), cue=ENERGY)
 
 
 def continued(
