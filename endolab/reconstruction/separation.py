@@ -79,7 +79,7 @@ ROUND_STEPS, TORN_STEPS = (10, 5, 5), 2  # of each round's solve, and of each ba
 AS_GOOD, WORSE = 1.1, 1.15
 WITNESS = 1.5  # p beyond which the colours ask for more bounced light than walls can make: not believed
 # Where no light bounced: the share of its energy that a cut as long as the picture's height must save.
-CLEAN_PRICE = 0.015
+CLEAN_PRICE = 0.02
 
 
 @dataclass(frozen=True)
