@@ -43,7 +43,7 @@ def warnings(answer: Answer, before: Answer | None) -> list[str]:
         if size.size and size.max() > APART:
             share = 100 * float(np.mean(size > APART))
             sentences.append(
-                f"A solve that starts from the last answer ends elsewhere: {share:.2g} % of the pixels differ "
-                f"by more than {APART:g} %, one by {size.max():.3g} %."
+                f"A solve that starts from the last answer ends elsewhere: {share:.2g} % of the pixels "
+                f"differ by more than {APART:g} %, one by {size.max():.3g} %."
             )
     return sentences
