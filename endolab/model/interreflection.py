@@ -118,7 +118,6 @@ class Walls:
     lit: FloatArray  # (N,), E of the patches, for a lamp of unit intensity along the axis
     exchange: FloatArray  # (N, N), F: the share of what i receives that comes from j; rows sum to 1 at most
     seen: BoolArray  # (rows, columns), which cells of the picture's coarse grid are patches
-    step: int  # pixels of a cell's side
     direct: FloatArray  # (H, W), E of every pixel, cosᵏ α cos θ / d²; 0 outside the mask
     cos_alpha: FloatArray  # (H, W), positive; 1 outside the mask
     cosine: FloatArray  # (H, W), cos θ; 0 outside the mask
@@ -150,13 +149,14 @@ class Walls:
         facing = np.where(mask[..., None], normals_from_gradient(f_u, f_v, field), 0.0)
         area = solid * distance**2 / np.maximum(cosine, STEEPEST)
 
-        step = max(1, round(np.sqrt(mask.sum() / PATCHES)))
+        step = max(1.0, np.sqrt(mask.sum() / PATCHES))
+        cells = tuple(max(1, round(length / step)) for length in mask.shape)
         weighted = np.concatenate([(area * distance)[..., None] * rays, area[..., None] * facing], axis=-1)
-        sums = _blocks(np.dstack([mask, area, light * solid, weighted]), step)
-        seen = sums[..., 0] > step**2 / 2
+        sums = _cell_sums(np.dstack([mask, area, light * solid, weighted]), cells)
+        seen = sums[..., 0] > 0.5 * mask.size / (cells[0] * cells[1])
         covered, flux = sums[seen, 1], sums[seen, 2]
         points, normals = sums[seen, 3:6] / covered[:, None], sums[seen, 6:]
-        cells = np.argwhere(seen).astype(np.float64)
+        places = np.argwhere(seen)
         nearest = np.full(seen.shape, np.inf)
         nearest[seen] = np.linalg.norm(points, axis=-1)
         lit = flux / covered
@@ -166,11 +166,11 @@ class Walls:
         normals = np.concatenate([normals / np.linalg.norm(normals, axis=-1, keepdims=True), ring_normals])
         lit = np.concatenate([lit, _lamp(ring_points, ring_normals, k)])
         areas = np.concatenate([covered, ring_area])
-        exchange = _exchange(points, normals, areas, np.concatenate([cells, cells[rim]]), nearest)
+        exchange = _exchange(points, normals, areas, np.concatenate([places, places[rim]]), nearest)
         exchange /= np.maximum(exchange.sum(axis=1), 1.0)[:, None]
         direct = np.where(mask, light * cosine / distance**2, 0.0)
         cosine = np.where(mask, cosine, 0.0)
-        return cls(points, normals, areas, lit, exchange, seen, step, direct, cos_alpha, cosine, k)
+        return cls(points, normals, areas, lit, exchange, seen, direct, cos_alpha, cosine, k)
 
     def under(self, k: float) -> Walls:
         """Return the same walls under a lamp of another spread."""
@@ -187,9 +187,14 @@ class Walls:
         """How many patches are in the picture."""
         return int(self.seen.sum())
 
+    @property
+    def full(self) -> float:
+        """Pixels in a patch that the mask does not cut."""
+        return self.direct.size / self.seen.size
+
     def sums(self, maps: FloatArray) -> FloatArray:
         """Sum maps (H, W, C) over the pixels of each patch in the picture, (count, C)."""
-        return _blocks(maps, self.step)[self.seen]
+        return _cell_sums(maps, self.seen.shape)[self.seen]
 
     @cached_property
     def orders(self) -> FloatArray:
@@ -241,12 +246,16 @@ def bounced_and_slope(orders: FloatArray, albedo: FloatArray) -> tuple[FloatArra
     return orders.T @ powers + tail, orders.T @ (number * powers) + tail * growth
 
 
-def _blocks(maps: FloatArray, step: int) -> FloatArray:
-    """Sum maps (H, W, C) over squares of `step` pixels; the last of them may be smaller."""
-    height, width = maps.shape[:2]
-    padded = np.pad(maps, ((0, -height % step), (0, -width % step), (0, 0)))
-    rows, columns = padded.shape[0] // step, padded.shape[1] // step
-    return padded.reshape(rows, step, columns, step, -1).sum(axis=(1, 3))
+def _cell_sums(maps: FloatArray, cells: tuple[int, ...]) -> FloatArray:
+    """Sum maps (H, W, C) over (rows, columns) cells of one size; a pixel may be shared by several."""
+    of_row, of_column = (_overlap(length, count) for length, count in zip(maps.shape, cells, strict=False))
+    return np.einsum("cx,rxk->rck", of_column, np.tensordot(of_row, maps, 1), optimize=True)
+
+
+def _overlap(pixels: int, cells: int) -> FloatArray:
+    """How much of each pixel in a line lies in each of its equal cells, (cells, pixels)."""
+    edge, pixel = np.linspace(0, pixels, cells + 1)[:, None], np.arange(pixels)
+    return np.clip(np.minimum(edge[1:], pixel + 1) - np.maximum(edge[:-1], pixel), 0, 1)
 
 
 def _lamp(points: FloatArray, normals: FloatArray, k: float) -> FloatArray:

@@ -108,19 +108,19 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     smooth = light / np.maximum(share, 1e-6)
     slope = np.asarray(np.hypot(*np.gradient(smooth)) * unit) if min(mask.shape) > 1 else np.zeros(mask.shape)
     region, count = basins(slope, mask)
-    places, pairs = [], []
+    places, pairs, slopes = [], [], []
     for axis in (1, 0):
         here, there = (np.s_[:-1], np.s_[1:]) if axis == 0 else (np.s_[:, :-1], np.s_[:, 1:])
         where = np.nonzero(mask[here] & mask[there] & (region[here] != region[there]))
         places.append(where)
         pairs.append(np.stack([region[here][where], region[there][where]]))
+        slopes.append((slope[here][where] + slope[there][where]) / 2)
     pair = np.sort(np.concatenate(pairs, axis=1).astype(np.int64), axis=0)
     if pair.size == 0:
         return steepness
     both, line = np.unique(pair[0] * count + pair[1], return_inverse=True)
     both = np.stack(np.divmod(both, count))
-    along = np.concatenate([slope[where] for where in places])
-    steep = _medians(along, line, both.shape[1])
+    steep = _medians(np.concatenate(slopes), line, both.shape[1])
     steep[_joins_a_limb(both, region, count, log_facing, LIMB * unit)] = 0.0
     for by_axis, where, those in zip(
         steepness, places, np.split(steep[line], [places[0][0].size]), strict=True

@@ -150,7 +150,7 @@ class Patches:
             + [lobe(walls.cosine)]
         )
         sums = walls.sums(np.where(exact[..., None], np.dstack([np.ones(exact.shape), *maps]), 0.0))
-        full = np.all(sums[:, :4] > 0, axis=1) & (sums[:, 0] > walls.step**2 / 2)
+        full = np.all(sums[:, :4] > 0, axis=1) & (sums[:, 0] > walls.full / 2)
         means = sums[full, 1:] / sums[full, :1]
         orders = [colour.orders[:, : walls.count][:, full] for colour in lit]
         return cls(np.log(means[:, :3]), means[:, 3:-1].T, orders, means[:, -1])

@@ -148,7 +148,7 @@ class _Patches:
         aside = np.log(np.where(usable, field.cos_alpha, 1.0))
         maps = np.dstack([usable, 255 * small.image, aside, *(lit_colour.direct for lit_colour in lit)])
         sums = walls.sums(np.where(usable[..., None], maps, 0.0))
-        full = sums[:, 0] > walls.step**2 / 2
+        full = sums[:, 0] > walls.full / 2
         if full.sum() < LEAST_PATCHES:
             raise ValueError(TOO_LITTLE.format(frame.name))
         means, points = sums[full, 1:] / sums[full, :1], walls.points[: walls.count][full]
