@@ -175,50 +175,80 @@ def _predict_row(v: FloatArray, picture: Picture, wall: Wall, i: int, rows: Floa
 
 
 @kernel
-def _derive_row(x: FloatArray, link: ByteArray, kind: int, i: int, form: FloatArray) -> None:
-    """D x on a row, per pixel or per pixel squared; 0 where a step is missing, √2 on the mixed difference."""
-    row, up, down = x[i], x[i - 1], x[i + 1]
-    across, below, above, next_across = link[0, i], link[1, i], link[1, i - 1], link[0, i + 1]
-    uu, uv, vv = form[0], form[1], form[2]
-    if kind == FIRST:
-        for j in range(uu.size):
-            uu[j] = float(across[j + 2]) * (row[j + 3] - row[j + 2])
-            uv[j] = 0.0
-            vv[j] = float(below[j + 2]) * (down[j + 2] - row[j + 2])
-        return
-    root2 = np.sqrt(2.0)
-    for j in range(uu.size):
-        right, left, south, north = across[j + 2], across[j + 1], below[j + 2], above[j + 2]
-        uu[j] = float(right) * float(left) * (row[j + 3] - 2 * row[j + 2] + row[j + 1])
-        vv[j] = float(south) * float(north) * (down[j + 2] - 2 * row[j + 2] + up[j + 2])
-        square = float(right) * float(south) * float(next_across[j + 2]) * float(below[j + 3])
-        uv[j] = root2 * square * (down[j + 3] - down[j + 2] - row[j + 3] + row[j + 2])
+def _whole_row(link: ByteArray, i: int, j: int) -> float:
+    """1 where the four pixels from column j and row i to the right and below are joined, 0 elsewhere."""
+    return float(link[0, i, j]) * float(link[1, i, j]) * float(link[0, i + 1, j]) * float(link[1, i, j + 1])
 
 
 @kernel
-def _add_adjoint_row(form: FloatArray, link: ByteArray, kind: int, i: int, out: FloatArray) -> None:
-    """Add the adjoint of `_derive_row` to a map; `form` is 0 where a step is missing."""
-    uu, uv, vv = form[0], form[1], form[2]
-    here, up, down = out[i], out[i - 1], out[i + 1]
+def _roughness_row(x: FloatArray, link: ByteArray, kind: int, i: int, size: FloatArray) -> None:
+    """‖D x‖ on a row, per pixel or per pixel squared: of what lies to both sides, the mean square."""
+    row, up, down = x[i], x[i - 1], x[i + 1]
+    across, below, above = link[0, i], link[1, i], link[1, i - 1]
     if kind == FIRST:
-        for j in range(uu.size):
-            here[j + 2] -= uu[j] + vv[j]
-            down[j + 2] += vv[j]
-        for j in range(uu.size):
-            here[j + 3] += uu[j]
+        for j in range(size.size):
+            right, left = float(across[j + 2]) * (row[j + 3] - row[j + 2]), float(across[j + 1]) * (row[j + 2] - row[j + 1])
+            south, north = float(below[j + 2]) * (down[j + 2] - row[j + 2]), float(above[j + 2]) * (row[j + 2] - up[j + 2])
+            size[j] = np.sqrt(0.5 * (right * right + left * left + south * south + north * north))
         return
-    root2 = np.sqrt(2.0)
-    for j in range(uu.size):
-        mixed = root2 * uv[j]
-        here[j + 2] += mixed - 2 * uu[j] - 2 * vv[j]
-        down[j + 2] += vv[j] - mixed
-        up[j + 2] += vv[j]
-    for j in range(uu.size):
-        here[j + 3] += uu[j] - root2 * uv[j]
-    for j in range(uu.size):
+    squares = np.zeros(size.size + 1)  # of mixed differences, to the left of each pixel
+    for j in range(squares.size):
+        lower = _whole_row(link, i, j + 1) * (down[j + 2] - down[j + 1] - row[j + 2] + row[j + 1])
+        upper = _whole_row(link, i - 1, j + 1) * (row[j + 2] - row[j + 1] - up[j + 2] + up[j + 1])
+        squares[j] = lower * lower + upper * upper
+    for j in range(size.size):
+        uu = float(across[j + 2]) * float(across[j + 1]) * (row[j + 3] - 2 * row[j + 2] + row[j + 1])
+        vv = float(below[j + 2]) * float(above[j + 2]) * (down[j + 2] - 2 * row[j + 2] + up[j + 2])
+        size[j] = np.sqrt(uu * uu + vv * vv + 0.5 * (squares[j] + squares[j + 1]))
+
+
+@kernel
+def _add_smooth_row(x: FloatArray, weight: FloatArray, link: ByteArray, kind: int, i: int, out: FloatArray) -> None:
+    """Add the slope of ½ Σ weight ‖D x‖² over a row to a map."""
+    row, up, down = x[i], x[i - 1], x[i + 1]
+    across, below, above = link[0, i], link[1, i], link[1, i - 1]
+    here, over, under = out[i], out[i - 1], out[i + 1]
+    n = weight.size
+    if kind == FIRST:
+        for j in range(n):
+            half = 0.5 * weight[j]
+            south, north = half * float(below[j + 2]) * (down[j + 2] - row[j + 2]), half * float(above[j + 2]) * (row[j + 2] - up[j + 2])
+            under[j + 2] += south
+            here[j + 2] += north - south
+            over[j + 2] -= north
+        for j in range(n):
+            right = 0.5 * weight[j] * float(across[j + 2]) * (row[j + 3] - row[j + 2])
+            here[j + 3] += right
+            here[j + 2] -= right
+        for j in range(n):
+            left = 0.5 * weight[j] * float(across[j + 1]) * (row[j + 2] - row[j + 1])
+            here[j + 2] += left
+            here[j + 1] -= left
+        return
+    uu = np.empty(n)
+    for j in range(n):
+        uu[j] = weight[j] * float(across[j + 2]) * float(across[j + 1]) * (row[j + 3] - 2 * row[j + 2] + row[j + 1])
+        vv = weight[j] * float(below[j + 2]) * float(above[j + 2]) * (down[j + 2] - 2 * row[j + 2] + up[j + 2])
+        here[j + 2] -= 2 * uu[j] + 2 * vv
+        under[j + 2] += vv
+        over[j + 2] += vv
+    for j in range(n):
+        here[j + 3] += uu[j]
+    for j in range(n):
         here[j + 1] += uu[j]
-    for j in range(uu.size):
-        down[j + 3] += root2 * uv[j]
+    lower, upper = np.empty(n + 1), np.empty(n + 1)
+    for j in range(n + 1):
+        beside = 0.5 * ((weight[j - 1] if j > 0 else 0.0) + (weight[j] if j < n else 0.0))
+        lower[j] = beside * _whole_row(link, i, j + 1) * (down[j + 2] - down[j + 1] - row[j + 2] + row[j + 1])
+        upper[j] = beside * _whole_row(link, i - 1, j + 1) * (row[j + 2] - row[j + 1] - up[j + 2] + up[j + 1])
+    for j in range(n + 1):
+        under[j + 1] -= lower[j]
+        here[j + 1] += lower[j] - upper[j]
+        over[j + 1] += upper[j]
+    for j in range(n + 1):
+        under[j + 2] += lower[j]
+        here[j + 2] += upper[j] - lower[j]
+        over[j + 2] -= upper[j]
 
 
 @on_cores(cost=15)
@@ -251,10 +281,9 @@ def _fill_sums(
                 bend_row(xi, link, shares, i, form)
                 add_bending_row(form, metric, link, i, epsilon, weight, rough)
                 continue
-            _derive_row(xi, link, kind, i, form)
+            _roughness_row(xi, link, kind, i, form[0])
             for j in range(count):
-                uu, uv, vv = form[0, j], form[1, j], form[2, j]
-                size = scale * np.sqrt(uu * uu + uv * uv + vv * vv)
+                size = scale * form[0, j]
                 small = min(size, epsilon)
                 rough[j] += weight[j + 2] * small * (size - 0.5 * small) / epsilon
         out[start // ROWS, 0], out[start // ROWS, 1] = data.sum(), rough.sum()
@@ -319,16 +348,10 @@ def _weight_row(active: ByteArray, edge: FloatArray, lam: float, i: int, out: Fl
 
 
 @kernel
-def _weigh_row(form: FloatArray, scale: float, epsilon: float, weight: FloatArray) -> None:
-    """Weights become Q, of the parabola that touches the penalty of D ξ; the form becomes Q D ξ."""
-    uu, uv, vv = form[0], form[1], form[2]
+def _weigh_row(size: FloatArray, scale: float, epsilon: float, weight: FloatArray) -> None:
+    """Weights become those of the parabola that touches the penalty of D ξ, whose sizes are given."""
     for j in range(weight.size):
-        size = scale * np.sqrt(uu[j] * uu[j] + uv[j] * uv[j] + vv[j] * vv[j])
-        weight[j] *= scale * scale / max(size, epsilon)
-    for j in range(weight.size):
-        uu[j] *= weight[j]
-        uv[j] *= weight[j]
-        vv[j] *= weight[j]
+        weight[j] *= scale * scale / max(scale * size[j], epsilon)
 
 
 @on_cores(cost=10, turns=3)
@@ -372,10 +395,10 @@ def linearise(
                     weigh_bending_row(form, metric, link, i, epsilon, weight_row, parts[SMOOTHNESS:])
                     add_unbent_row(form, link, shares, i, smooth)
                     continue
-                _derive_row(xi, link, kind, i, form)
-                _weigh_row(form, scale, epsilon, weight_row)
+                _roughness_row(xi, link, kind, i, form[0])
+                _weigh_row(form[0], scale, epsilon, weight_row)
                 copy_row(weight_row, parts[SMOOTHNESS, i, PAD:])
-                _add_adjoint_row(form, link, kind, i, smooth)
+                _add_smooth_row(xi, weight_row, link, kind, i, smooth)
 
 
 @on_cores(cost=0.5)

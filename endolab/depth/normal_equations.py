@@ -161,10 +161,16 @@ def _smooth_row(
         for j in range(count):
             t[term, k, j] *= parts[SLOPE, row, column + j]
     if kind != CURVATURE:
+        here, below = parts[SMOOTHNESS, i], parts[SMOOTHNESS, i + 1]
         for n in range(len(entries)):
             term, k = entries[n]
             for j in range(count):
-                qt[term, k, j] = parts[SMOOTHNESS, i, PAD + j] * t[term, k, j]
+                weight = here[j + 2]
+                if kind == FIRST:
+                    weight = HALF * (weight + (here[j + 3] if term == 0 else below[j + 2]))
+                elif term == 1:
+                    weight = np.float32(0.25) * (weight + here[j + 3] + below[j + 2] + below[j + 3])
+                qt[term, k, j] = weight * t[term, k, j]
         return
     for k in range(6):
         for term in range(3):  # the rows of Q
