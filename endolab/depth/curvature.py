@@ -34,9 +34,8 @@ def _derivatives(
 ) -> tuple[FloatArray, FloatArray]:
     """First (2, H, W) and second differences (3, H, W) of a map: u, v; uu, uv, vv."""
     first = np.stack(gradient(f, mask, discontinuities, edge_order=1))
-    return np.nan_to_num(first), hessian(f, mask, discontinuities) / np.array([1.0, np.sqrt(2), 1.0])[
-        :, None, None
-    ]
+    uu, vv, mixed = hessian(f, mask, discontinuities)[:3]
+    return np.nan_to_num(first), np.stack([uu, np.sqrt(2) * mixed, vv])
 
 
 def whole(mask: BoolArray, discontinuities: BoolArray | None = None) -> BoolArray:

@@ -30,7 +30,7 @@ from endolab.depth.curvature import CREASE, TWOFOLD, second_form, size_and_twofo
 from endolab.depth.problem import AT_LEAST, EXACT, Problem
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.derivatives import forward_gradient, gradient, hessian, shifted
+from endolab.numerics.derivatives import differences, gradient, hessian
 from endolab.numerics.penalties import huber
 
 
@@ -49,11 +49,6 @@ def contradicted(problem: Problem, residual: FloatArray) -> BoolArray:
     return problem.mask & ((problem.evidence == EXACT) | one_sided)
 
 
-def _before(a: FloatArray, axis: int) -> FloatArray:
-    """A map and the same of the pixel before."""
-    return a + shifted(a, -1, axis, 0.0)
-
-
 def _roughness(problem: Problem, log_distance: FloatArray) -> FloatArray:
     """What the regulariser charges, without λ and g, (H, W): ‖D ξ/ξ̃‖_ε, or how the surface bends."""
     mask, discontinuities, epsilon = problem.mask, problem.discontinuities, problem.epsilon
@@ -64,13 +59,8 @@ def _roughness(problem: Problem, log_distance: FloatArray) -> FloatArray:
         size, twofold = size_and_twofold(form, problem.field.inverse_metric, whole(mask, discontinuities))
         epsilon *= CREASE
         return (huber(size, epsilon) + TWOFOLD * huber(twofold, epsilon)) / epsilon
-    if problem.regulariser == "first":
-        along, down = forward_gradient(xi, mask, discontinuities)
-        squares = 0.5 * (_before(along**2, 1) + _before(down**2, 0))
-    else:
-        uu, uv, vv = hessian(xi, mask, discontinuities)
-        squares = uu**2 + vv**2 + 0.25 * _before(_before(uv**2, 1), 0)
-    size = np.sqrt(squares) * problem.derivative_scale
+    operator = differences if problem.regulariser == "first" else hessian
+    size = np.linalg.norm(operator(xi, mask, discontinuities) * problem.derivative_scale, axis=0)
     return huber(size, epsilon) / epsilon
 
 

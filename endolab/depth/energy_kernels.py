@@ -187,8 +187,14 @@ def _roughness_row(x: FloatArray, link: ByteArray, kind: int, i: int, size: Floa
     across, below, above = link[0, i], link[1, i], link[1, i - 1]
     if kind == FIRST:
         for j in range(size.size):
-            right, left = float(across[j + 2]) * (row[j + 3] - row[j + 2]), float(across[j + 1]) * (row[j + 2] - row[j + 1])
-            south, north = float(below[j + 2]) * (down[j + 2] - row[j + 2]), float(above[j + 2]) * (row[j + 2] - up[j + 2])
+            right, left = (
+                float(across[j + 2]) * (row[j + 3] - row[j + 2]),
+                float(across[j + 1]) * (row[j + 2] - row[j + 1]),
+            )
+            south, north = (
+                float(below[j + 2]) * (down[j + 2] - row[j + 2]),
+                float(above[j + 2]) * (row[j + 2] - up[j + 2]),
+            )
             size[j] = np.sqrt(0.5 * (right * right + left * left + south * south + north * north))
         return
     squares = np.zeros(size.size + 1)  # of mixed differences, to the left of each pixel
@@ -203,7 +209,9 @@ def _roughness_row(x: FloatArray, link: ByteArray, kind: int, i: int, size: Floa
 
 
 @kernel
-def _add_smooth_row(x: FloatArray, weight: FloatArray, link: ByteArray, kind: int, i: int, out: FloatArray) -> None:
+def _add_smooth_row(
+    x: FloatArray, weight: FloatArray, link: ByteArray, kind: int, i: int, out: FloatArray
+) -> None:
     """Add the slope of ½ Σ weight ‖D x‖² over a row to a map."""
     row, up, down = x[i], x[i - 1], x[i + 1]
     across, below, above = link[0, i], link[1, i], link[1, i - 1]
@@ -212,7 +220,10 @@ def _add_smooth_row(x: FloatArray, weight: FloatArray, link: ByteArray, kind: in
     if kind == FIRST:
         for j in range(n):
             half = 0.5 * weight[j]
-            south, north = half * float(below[j + 2]) * (down[j + 2] - row[j + 2]), half * float(above[j + 2]) * (row[j + 2] - up[j + 2])
+            south, north = (
+                half * float(below[j + 2]) * (down[j + 2] - row[j + 2]),
+                half * float(above[j + 2]) * (row[j + 2] - up[j + 2]),
+            )
             under[j + 2] += south
             here[j + 2] += north - south
             over[j + 2] -= north
@@ -227,8 +238,15 @@ def _add_smooth_row(x: FloatArray, weight: FloatArray, link: ByteArray, kind: in
         return
     uu = np.empty(n)
     for j in range(n):
-        uu[j] = weight[j] * float(across[j + 2]) * float(across[j + 1]) * (row[j + 3] - 2 * row[j + 2] + row[j + 1])
-        vv = weight[j] * float(below[j + 2]) * float(above[j + 2]) * (down[j + 2] - 2 * row[j + 2] + up[j + 2])
+        uu[j] = (
+            weight[j]
+            * float(across[j + 2])
+            * float(across[j + 1])
+            * (row[j + 3] - 2 * row[j + 2] + row[j + 1])
+        )
+        vv = (
+            weight[j] * float(below[j + 2]) * float(above[j + 2]) * (down[j + 2] - 2 * row[j + 2] + up[j + 2])
+        )
         here[j + 2] -= 2 * uu[j] + 2 * vv
         under[j + 2] += vv
         over[j + 2] += vv

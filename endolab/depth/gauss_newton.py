@@ -45,9 +45,11 @@ LONGEST_STEP = 0.5  # of a step, in log d: a factor of 1.65 in distance
 RELIEF = 0.25  # of what is charged for slopes beforehand, after a step that was taken whole
 SHORTEST = 2.0**-6  # share of a step below which the search along it gives up
 ROUNDING = 1e-24  # an energy as small as that of residuals of 1e-12
-DAMPING = 1e-3  # added to the diagonal, as a share of what the data put there without slant
-HELD = 1.0  # the same where no share of a step lowers the energy
-PRECISION, MOST_INNER_STEPS = 0.1, 20  # of the inner solver: residual left, steps
+# Added to the diagonal, as a share of what the data put there without slant: at least; once less than half of
+# a step lowered the energy; at most; and by which factor it grows with every such step, and falls with a whole
+# one. Torn surfaces need it: what hangs together by little is to move far otherwise.
+DAMPING, HELD, MOST_DAMPING, CHANGE = 1e-3, 1.0, 1e3, 4.0
+PRECISION, MOST_INNER_STEPS = 0.1, 40  # of the inner solver: residual left, steps
 RATE, SLOWEST = 0.65, 0.95  # of a fall, how much is taken to follow: at first, at most
 COARSEST = 24  # rows and columns of the coarsest grid, at least
 CONTINUATION = (10.0, 3.0, 1.0)  # multiples of λ on the coarsest grid
@@ -87,6 +89,12 @@ class _State:
     def scalars(self) -> dict[str, float]:
         return {"step": self.share, "damping": self.damping, "inner": float(self.steps)}
 
+    @property
+    def next_damping(self) -> float:
+        if self.share < 0.5:
+            return min(max(CHANGE * self.damping, HELD), MOST_DAMPING)
+        return max(self.damping / CHANGE, DAMPING) if self.share == 1 else self.damping
+
     def has_converged(self, tolerance: float) -> bool:
         return self.left <= tolerance * self.energy + ROUNDING
 
@@ -100,7 +108,7 @@ class _State:
         """
         coefficients, descent = self.grid.linearised(self.v, self.lam, self.slants, self.coefficients)
         multigrid = self.multigrid
-        for damping in (DAMPING, HELD):
+        for damping in (self.next_damping, max(10 * self.next_damping, HELD)):
             multigrid = Multigrid(coefficients, damping, multigrid)
             delta, steps, unsolved = multigrid.solve(descent, PRECISION, MOST_INNER_STEPS)
             promise = max(0.5 * dot(descent, delta) / self.grid.count, 0.0)

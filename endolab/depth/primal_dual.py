@@ -56,7 +56,7 @@ NORMS = {"first": 8, "second": 64}  # ‖K‖² of differences per pixel, at mos
 
 # Numbers of single precision keep a loop's so.
 SINGLE, INDEX = np.float32, np.uint64
-HALF, ONE, TWO, THREE, ROOT = SINGLE(0.5), SINGLE(1), SINGLE(2), SINGLE(3), SINGLE(np.sqrt(2))
+HALF, ONE, TWO, THREE, ROOT_HALF = SINGLE(0.5), SINGLE(1), SINGLE(2), SINGLE(3), SINGLE(np.sqrt(0.5))
 ODD = tuple(SINGLE(1 / k) for k in (3, 5, 7, 9, 11, 13))  # artanh z = z (1 + z²/3 + z⁴/5 ...)
 PASSES = SINGLE(1.5)  # what a patch of n pixels passes of a ripple's slope, times n
 FREE, TINY = SINGLE(1 / 999), SINGLE(1e-30)  # 1/χc of pixels that nothing limits; a size above 0
@@ -256,39 +256,82 @@ def _down_columns(
 
 
 @kernel
-def _dual(q: SingleArray, x: SingleArray, rule: Rule, i: int) -> None:
-    """Dual ascent on a row."""
-    sigma, whole, shrink, bound, _, first = rule
+def _dual_first(q: SingleArray, x: SingleArray, rule: Rule, i: int) -> None:
+    """Dual ascent on a row, of the differences to the right, the lower, the left and the upper neighbour."""
+    sigma, whole, shrink, bound, _, _ = rule
     for j in range(x.shape[1] - 2):
-        here, right, below = x[i, j + 1], x[i, j + 2], x[i + 1, j + 1]
-        if first:
-            by_0, by_1, by_2 = right - here, below - here, here - here
-        else:
-            by_0 = (right - here) - (here - x[i, j])
-            by_1 = ROOT * ((x[i + 1, j + 2] - below) - (right - here))
-            by_2 = (below - here) - (here - x[i - 1, j + 1])
-        rate, less = sigma[i, j + 1], shrink[i, j + 1]
-        q0 = less * (q[0, i, j + 1] + rate * SINGLE(whole[0, i, j + 1]) * by_0)
-        q1 = less * (q[1, i, j + 1] + rate * SINGLE(whole[1, i, j + 1]) * by_1)
-        q2 = less * (q[2, i, j + 1] + rate * SINGLE(whole[2, i, j + 1]) * by_2)
-        factor = min(ONE, bound[i, j + 1] / max(np.sqrt(q0 * q0 + q1 * q1 + q2 * q2), TINY))
-        q[0, i, j + 1], q[1, i, j + 1], q[2, i, j + 1] = factor * q0, factor * q1, factor * q2
+        here, rate, less = x[i, j + 1], ROOT_HALF * sigma[i, j + 1], shrink[i, j + 1]
+        q0 = less * (q[0, i, j + 1] + rate * SINGLE(whole[0, i, j + 1]) * (x[i, j + 2] - here))
+        q1 = less * (q[1, i, j + 1] + rate * SINGLE(whole[1, i, j + 1]) * (x[i + 1, j + 1] - here))
+        q2 = less * (q[2, i, j + 1] + rate * SINGLE(whole[0, i, j]) * (here - x[i, j]))
+        q3 = less * (q[3, i, j + 1] + rate * SINGLE(whole[1, i - 1, j + 1]) * (here - x[i - 1, j + 1]))
+        size = np.sqrt((q0 * q0 + q1 * q1) + (q2 * q2 + q3 * q3))
+        factor = min(ONE, bound[i, j + 1] / max(size, TINY))
+        q[0, i, j + 1], q[1, i, j + 1] = factor * q0, factor * q1
+        q[2, i, j + 1], q[3, i, j + 1] = factor * q2, factor * q3
 
 
 @kernel
-def _pull(pull: SingleArray, q: SingleArray, rule: Rule, i: int) -> None:
+def _mixed(x: SingleArray, whole: ByteArray, i: int, out: SingleArray) -> None:
+    """f_uv/√2 of the squares to the lower right of a row's pixels."""
+    for j in range(x.shape[1] - 1):
+        part = (x[i + 1, j + 1] - x[i + 1, j]) - (x[i, j + 1] - x[i, j])
+        out[j] = ROOT_HALF * SINGLE(whole[1, i, j]) * part
+
+
+@kernel
+def _dual_second(
+    q: SingleArray, x: SingleArray, rule: Rule, i: int, above: SingleArray, below: SingleArray
+) -> None:
+    """Dual ascent on a row, of the second differences as `hessian` gives them."""
+    sigma, whole, shrink, bound, _, _ = rule
+    _mixed(x, whole, i - 1, above)
+    _mixed(x, whole, i, below)
+    for j in range(x.shape[1] - 2):
+        here, rate, less = x[i, j + 1], sigma[i, j + 1], shrink[i, j + 1]
+        uu = (x[i, j + 2] - here) - (here - x[i, j])
+        vv = (x[i + 1, j + 1] - here) - (here - x[i - 1, j + 1])
+        q0 = less * (q[0, i, j + 1] + rate * SINGLE(whole[0, i, j + 1]) * uu)
+        q1 = less * (q[1, i, j + 1] + rate * SINGLE(whole[2, i, j + 1]) * vv)
+        q2, q3 = less * (q[2, i, j + 1] + rate * below[j + 1]), less * (q[3, i, j + 1] + rate * below[j])
+        q4, q5 = less * (q[4, i, j + 1] + rate * above[j + 1]), less * (q[5, i, j + 1] + rate * above[j])
+        size = np.sqrt((q0 * q0 + q1 * q1) + (q2 * q2 + q3 * q3) + (q4 * q4 + q5 * q5))
+        factor = min(ONE, bound[i, j + 1] / max(size, TINY))
+        q[0, i, j + 1], q[1, i, j + 1] = factor * q0, factor * q1
+        q[2, i, j + 1], q[3, i, j + 1] = factor * q2, factor * q3
+        q[4, i, j + 1], q[5, i, j + 1] = factor * q4, factor * q5
+
+
+@kernel
+def _pull_first(pull: SingleArray, q: SingleArray, rule: Rule, i: int) -> None:
+    """Kᵀq on a row; q is 0 where a step is missing."""
+    scale = ROOT_HALF * rule[4]
+    for j in range(pull.size - 2):
+        along = (q[0, i, j] + q[2, i, j + 1]) - (q[0, i, j + 1] + q[2, i, j + 2])
+        down = (q[1, i - 1, j + 1] + q[3, i, j + 1]) - (q[1, i, j + 1] + q[3, i + 1, j + 1])
+        pull[j + 1] = scale * (along + down)
+
+
+@kernel
+def _pulled_squares(q: SingleArray, i: int, out: SingleArray) -> None:
+    """What the four pixels of each square to the lower right of a row's make of it."""
+    for j in range(out.size - 1):
+        out[j] = ROOT_HALF * ((q[2, i, j] + q[3, i, j + 1]) + (q[4, i + 1, j] + q[5, i + 1, j + 1]))
+
+
+@kernel
+def _pull_second(
+    pull: SingleArray, q: SingleArray, rule: Rule, i: int, above: SingleArray, below: SingleArray
+) -> None:
     """Kᵀq on a row; q is 0 where a difference has not all its steps."""
-    _, _, _, _, scale, first = rule
-    if first:
-        for j in range(pull.size - 2):
-            along = q[0, i, j] - q[0, i, j + 1]
-            pull[j + 1] = scale * (along + q[1, i - 1, j + 1] - q[1, i, j + 1])
-        return
+    scale = rule[4]
+    _pulled_squares(q, i - 1, above)
+    _pulled_squares(q, i, below)
     for j in range(pull.size - 2):
         along = q[0, i, j] - TWO * q[0, i, j + 1] + q[0, i, j + 2]
-        down = q[2, i - 1, j + 1] - TWO * q[2, i, j + 1] + q[2, i + 1, j + 1]
-        mixed = q[1, i, j + 1] - q[1, i, j] - q[1, i - 1, j + 1] + q[1, i - 1, j]
-        pull[j + 1] = scale * (along + down + ROOT * mixed)
+        down = q[1, i - 1, j + 1] - TWO * q[1, i, j + 1] + q[1, i + 1, j + 1]
+        mixed = (below[j + 1] - below[j]) - (above[j + 1] - above[j])
+        pull[j + 1] = scale * (along + down + mixed)
 
 
 @kernel
@@ -370,12 +413,18 @@ def _advance(rows: Span, turns: Span, xi: SingleArray, theta: float, state: Stat
         if phase == 0:
             for i in range(first, last):
                 _slopes(p, x, steps, offsets, sign, i)
-                _dual(q, ahead, rule, i)
+                if rule.first:
+                    _dual_first(q, ahead, rule, i)
+                else:
+                    _dual_second(q, ahead, rule, i, dark, turn_by)
                 if along.radius > 0:
                     _along_rows(p, i, along, lines[band], line_sums[band])
         elif phase == 4:
             for i in range(first, last):
-                _pull(pull, q, rule, i)
+                if rule.first:
+                    _pull_first(pull, q, rule, i)
+                else:
+                    _pull_second(pull, q, rule, i, dark, turn_by)
                 _tilt(dark, turn_by, p, metric, table, i)
                 _primal(i, current, state, (pull, dark, turn_by), metric, along.share, data)
         elif along.radius > 0 and phase == 2:
@@ -460,13 +509,16 @@ class _Path:
         sigma = 1 / (NORMS[problem.regulariser] * scale**2 * np.where(widest > 0, widest, 1.0))
         bound = framed(np.where(mask, problem.lam * problem.edge_weight, 0.0))
         shrink = np.where(bound > 0, bound / (bound + sigma * problem.epsilon), 0.0)
-        whole = np.stack([*joined, 0 * joined[0]] if first else hessian_stencils(joined))
+        whole = joined if first else np.stack(hessian_stencils(joined))
         evidence = np.full(mask.shape, EXACT, np.int8) if problem.evidence is None else problem.evidence
 
         height, width = x.shape
         several = -(-height // ROWS)
         slopes = np.zeros((2, 2, height, width), SINGLE)
-        resting, limit = np.zeros((3, height, width), SINGLE), np.zeros((height, width), SINGLE)
+        resting, limit = (
+            np.zeros((4 if first else 6, height, width), SINGLE),
+            np.zeros((height, width), SINGLE),
+        )
         start_xi, lost = x.astype(SINGLE), (x - x.astype(SINGLE)).astype(SINGLE)
         rate, reluctance, most = _single(sigma * scale, shrink, bound)
         picture, unit, pace = _single(image, 1 / framed_xi(problem.log_facing), 1 / tau_p)

@@ -14,7 +14,7 @@ from endolab.model.schema import unknown_name
 from endolab.model.surface import check_xi, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import excerpt, mask_array, number, owned, real_array
-from endolab.numerics.derivatives import fineness, forward_gradient, shifted
+from endolab.numerics.derivatives import differences, fineness
 
 REGULARISERS = ("first", "second", "curvature")
 FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
@@ -131,9 +131,7 @@ class Problem:
         """
         scale = fineness(self.mask.shape)
         informative = self.mask if self.evidence is None else self.mask & (self.evidence != NONE)
-        squares = forward_gradient(self.image, informative) ** 2
-        squares = sum(0.5 * (a + shifted(a, -1, axis, 0.0)) for a, axis in zip(squares, (1, 0), strict=True))
-        size = np.sqrt(squares) * scale
+        size = np.linalg.norm(differences(self.image, informative), axis=0) * scale
         return np.exp(-size / EDGE_SCALE)
 
     @property

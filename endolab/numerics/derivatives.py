@@ -90,6 +90,18 @@ def forward_gradient(
     return np.stack([(shifted(f, 1, axis, 0.0) - f) * link[i] for i, axis in ((0, 1), (1, 0))])
 
 
+def differences(
+    f: FloatArray, mask: BoolArray | None = None, discontinuities: BoolArray | None = None
+) -> FloatArray:
+    """Differences to the right, the lower, the left and the upper neighbour, (4, H, W), over √2.
+
+    Their norm is the gradient's, whichever way the map is turned; 0 where there is no such step.
+    """
+    ahead = forward_gradient(f, mask, discontinuities)
+    behind = [shifted(part, -1, axis, 0.0) for part, axis in zip(ahead, (1, 0), strict=True)]
+    return np.concatenate([ahead, behind]) / np.sqrt(2)
+
+
 def hessian_stencils(link: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
     """Where f_uu, f_uv and f_vv have all the steps that they need."""
     along_u, along_v = link
@@ -103,19 +115,22 @@ def hessian_stencils(link: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
 def hessian(
     f: FloatArray, mask: BoolArray | None = None, discontinuities: BoolArray | None = None
 ) -> FloatArray:
-    """Second differences (3, H, W), such that the norm of the three is the Hessian's Frobenius norm.
+    """Second differences (6, H, W), such that their norm is the Hessian's Frobenius norm.
 
-    f_uu, √2 f_uv, f_vv per pixel squared; 0 where the stencil (three in a row, or a square of four) is
-    not whole.
+    f_uu, f_vv, and f_uv/√2 of the squares to the lower right, lower left, upper right and upper left, per
+    pixel squared; 0 where the stencil (three in a row, or a square of four) is not whole.
     """
     inside, link = _links_of(f, mask, discontinuities)
     f = np.where(inside, f, 0.0)
     whole_uu, whole_uv, whole_vv = hessian_stencils(link)
     along_u, along_v = (shifted(f, 1, axis, 0.0) - f for axis in (1, 0))
+    mixed = whole_uv * (shifted(along_u, 1, 0, 0.0) - along_u) / np.sqrt(2)
+    above = shifted(mixed, -1, 0, 0.0)
     return np.stack(
         [
             whole_uu * (along_u - shifted(along_u, -1, 1, 0.0)),
-            np.sqrt(2) * whole_uv * (shifted(along_u, 1, 0, 0.0) - along_u),
             whole_vv * (along_v - shifted(along_v, -1, 0, 0.0)),
+            *(mixed, shifted(mixed, -1, 1, 0.0)),
+            *(above, shifted(above, -1, 1, 0.0)),
         ]
     )

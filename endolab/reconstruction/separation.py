@@ -72,11 +72,11 @@ BOUNCED = "bounced light"  # stage
 DOUBT = 0.15  # share of ι that may be wrong
 GUESS = 0.5  # of s in ι = s a/(1 - s a), before there is a surface
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
-ROUND_STEPS, TORN_STEPS = (10, 5, 5), 2  # of each round's solve, and of each bar's
+ROUND_STEPS, TORN_STEPS = (10, 5, 5), 4  # of each round's solve, and of each bar's
 # Of the surfaces that are torn over one bar or another, the least torn is taken whose misfit of the colours
 # is at most so many times the least, or, if that is the whole one, the one whose energy speaks for its cuts;
 # beyond the second, no lower bar is tried.
-AS_GOOD, WORSE = 1.1, 1.15
+AS_GOOD, WORSE = 1.07, 1.15
 WITNESS = 1.5  # p beyond which the colours ask for more bounced light than walls can make: not believed
 # Where no light bounced: the share of its energy that a cut as long as the picture's height must save.
 CLEAN_PRICE = 0.02

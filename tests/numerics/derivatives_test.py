@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from endolab.numerics.derivatives import forward_gradient, gradient, hessian, links, shifted
-from tests.tools.adjoints import between, forward_gradient_adjoint, gradient_adjoint, hessian_adjoint
+from endolab.numerics.derivatives import differences, forward_gradient, gradient, hessian, links, shifted
+from tests.tools.adjoints import (
+    between,
+    differences_adjoint,
+    forward_gradient_adjoint,
+    gradient_adjoint,
+    hessian_adjoint,
+)
 
 ODD_SHAPES = [(1, 1), (1, 6), (6, 1), (2, 2), (1, 2), (3, 1), (5, 7), (13, 9)]
 
@@ -14,13 +20,16 @@ def two_pixel_gradient(f, mask=None, discontinuities=None):
     return np.stack(gradient(f, mask, discontinuities, edge_order=1))
 
 
-OPERATORS = [gradient, two_pixel_gradient, forward_gradient, hessian]
+OPERATORS = [gradient, two_pixel_gradient, forward_gradient, differences, hessian]
 PAIRS = [
     (two_pixel_gradient, gradient_adjoint),
     (forward_gradient, forward_gradient_adjoint),
+    (differences, differences_adjoint),
     (hessian, hessian_adjoint),
 ]
-every_pair = pytest.mark.parametrize(("operator", "adjoint"), PAIRS, ids=["gradient", "forward", "hessian"])
+every_pair = pytest.mark.parametrize(
+    ("operator", "adjoint"), PAIRS, ids=["gradient", "forward", "differences", "hessian"]
+)
 
 
 def polynomial(shape, c):
@@ -89,18 +98,29 @@ def test_forward_gradient_is_the_difference_of_two_pixels_of_the_mask(rng, mask)
 
 def test_hessian_of_a_quadratic(rng):
     c = rng.normal(size=6)
-    f_uu, f_uv, f_vv = hessian(polynomial((9, 12), c)[0])
+    f_uu, f_vv, *mixed = hessian(polynomial((9, 12), c)[0])
     assert_allclose(f_uu[:, 1:-1], 2 * c[3], rtol=0, atol=1e-11)
-    assert_allclose(f_uv[:-1, :-1], np.sqrt(2) * c[4], rtol=0, atol=1e-11)
     assert_allclose(f_vv[1:-1], 2 * c[5], rtol=0, atol=1e-11)
-    for rim in (f_uu[:, [0, -1]], f_vv[[0, -1]], f_uv[-1], f_uv[:, -1]):
+    for f_uv in mixed:
+        assert_allclose(f_uv[1:-1, 1:-1], c[4] / np.sqrt(2), rtol=0, atol=1e-11)
+    for rim in (f_uu[:, [0, -1]], f_vv[[0, -1]], mixed[0][-1], mixed[0][:, -1], mixed[3][0]):
         assert np.all(rim == 0)
 
 
-def test_the_norm_of_the_hessian_is_the_frobenius_norm_and_does_not_know_rows_from_columns(rng, mask):
+@pytest.mark.parametrize("operator", [differences, hessian])
+def test_the_norm_is_the_same_whichever_way_a_map_is_turned(rng, mask, operator):
     f = rng.normal(size=mask.shape)
-    norm = np.linalg.norm(hessian(f, mask), axis=0)
-    assert_allclose(np.linalg.norm(hessian(f.T, mask.T), axis=0).T, norm, rtol=0, atol=1e-14)
+    cuts = rng.random((2, *mask.shape)) < 0.1
+    norm = np.linalg.norm(operator(f, mask, cuts), axis=0)
+    mirrored = np.stack([np.roll(cuts[0][:, ::-1], -1, axis=1), cuts[1][:, ::-1]])
+    for turned, back in (
+        (operator(f[:, ::-1], mask[:, ::-1], mirrored), np.s_[:, ::-1]),
+        (operator(f.T, mask.T, cuts[::-1].transpose(0, 2, 1)).transpose(0, 2, 1), np.s_[:]),
+    ):
+        assert_allclose(np.linalg.norm(turned, axis=0)[back], norm, rtol=0, atol=1e-14)
+
+
+def test_the_norm_of_the_hessian_is_the_frobenius_norm(rng):
     c = rng.normal(size=6)
     full = np.linalg.norm([[2 * c[3], c[4]], [c[4], 2 * c[5]]])
     assert np.linalg.norm(hessian(polynomial((5, 5), c)[0])[:, 2, 2]) == pytest.approx(full)

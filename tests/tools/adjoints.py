@@ -35,18 +35,31 @@ def forward_gradient_adjoint(p, mask=None, discontinuities=None):
     return sum(shifted(steps[i], -1, axis, 0.0) - steps[i] for i, axis in ((0, 1), (1, 0)))
 
 
+def differences_adjoint(p, mask=None, discontinuities=None):
+    """Of `differences`."""
+    behind = [shifted(q, 1, axis, 0.0) for q, axis in zip(p[2:], (1, 0), strict=True)]
+    return forward_gradient_adjoint((p[:2] + np.stack(behind)) / np.sqrt(2), mask, discontinuities)
+
+
 def hessian_adjoint(p, mask=None, discontinuities=None):
     """Of `hessian`."""
+    below = p[2:4] + np.stack([shifted(q, 1, 0, 0.0) for q in p[4:]])
+    mixed = below[0] + shifted(below[1], 1, 1, 0.0)
+    return second_differences_adjoint((p[0], mixed / np.sqrt(2), p[1]), mask, discontinuities)
+
+
+def second_differences_adjoint(p, mask=None, discontinuities=None):
+    """Of f_uu, f_uv and f_vv, the second of the square to the lower right."""
     stencils = hessian_stencils(_links(p[0].shape, mask, discontinuities))
     uu, uv, vv = (np.where(whole, q, 0.0) for whole, q in zip(stencils, p, strict=True))
     out = sum(shifted(q, 1, a, 0.0) - 2 * q + shifted(q, -1, a, 0.0) for q, a in ((uu, 1), (vv, 0)))
     lower = shifted(uv, -1, 0, 0.0) - uv
-    return out + np.sqrt(2) * (shifted(lower, -1, 1, 0.0) - lower)
+    return out + shifted(lower, -1, 1, 0.0) - lower
 
 
 def second_form_adjoint(p, shares, known, mask=None, discontinuities=None):
     """Of `second_form`, whose `plane_shares` and `whole` are given."""
     p = np.where(known, p, 0.0)
     a, b, c = np.einsum("klij,kij->lij", shares, p)
-    straight = hessian_adjoint(p / np.array([1.0, np.sqrt(2), 1.0])[:, None, None], mask, discontinuities)
+    straight = second_differences_adjoint(p, mask, discontinuities)
     return straight - gradient_adjoint((a, b), mask, discontinuities) - c
