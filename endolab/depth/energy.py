@@ -30,7 +30,7 @@ from endolab.depth.curvature import CREASE, TWOFOLD, second_form, size_and_twofo
 from endolab.depth.problem import AT_LEAST, EXACT, Problem
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.derivatives import differences, gradient, hessian
+from endolab.numerics.derivatives import forward_gradient, gradient, hessian
 from endolab.numerics.penalties import huber
 
 
@@ -59,7 +59,7 @@ def _roughness(problem: Problem, log_distance: FloatArray) -> FloatArray:
         size, twofold = size_and_twofold(form, problem.field.inverse_metric, whole(mask, discontinuities))
         epsilon *= CREASE
         return (huber(size, epsilon) + TWOFOLD * huber(twofold, epsilon)) / epsilon
-    operator = differences if problem.regulariser == "first" else hessian
+    operator = forward_gradient if problem.regulariser == "first" else hessian
     size = np.linalg.norm(operator(xi, mask, discontinuities) * problem.derivative_scale, axis=0)
     return huber(size, epsilon) / epsilon
 

@@ -182,20 +182,14 @@ def _whole_row(link: ByteArray, i: int, j: int) -> float:
 
 @kernel
 def _roughness_row(x: FloatArray, link: ByteArray, kind: int, i: int, size: FloatArray) -> None:
-    """‖D x‖ on a row, per pixel or per pixel squared: of what lies to both sides, the mean square."""
+    """‖D x‖ on a row, per pixel or per pixel squared."""
     row, up, down = x[i], x[i - 1], x[i + 1]
     across, below, above = link[0, i], link[1, i], link[1, i - 1]
     if kind == FIRST:
         for j in range(size.size):
-            right, left = (
-                float(across[j + 2]) * (row[j + 3] - row[j + 2]),
-                float(across[j + 1]) * (row[j + 2] - row[j + 1]),
-            )
-            south, north = (
-                float(below[j + 2]) * (down[j + 2] - row[j + 2]),
-                float(above[j + 2]) * (row[j + 2] - up[j + 2]),
-            )
-            size[j] = np.sqrt(0.5 * (right * right + left * left + south * south + north * north))
+            right, south = row[j + 3] - row[j + 2], down[j + 2] - row[j + 2]
+            right, south = float(across[j + 2]) * right, float(below[j + 2]) * south
+            size[j] = np.sqrt(right * right + south * south)
         return
     squares = np.zeros(size.size + 1)  # of mixed differences, to the left of each pixel
     for j in range(squares.size):
@@ -217,26 +211,17 @@ def _add_smooth_row(
     across, below, above = link[0, i], link[1, i], link[1, i - 1]
     here, over, under = out[i], out[i - 1], out[i + 1]
     n = weight.size
+    uu = np.empty(n)
     if kind == FIRST:
         for j in range(n):
-            half = 0.5 * weight[j]
-            south, north = (
-                half * float(below[j + 2]) * (down[j + 2] - row[j + 2]),
-                half * float(above[j + 2]) * (row[j + 2] - up[j + 2]),
-            )
+            right = weight[j] * float(across[j + 2]) * (row[j + 3] - row[j + 2])
+            south = weight[j] * float(below[j + 2]) * (down[j + 2] - row[j + 2])
+            here[j + 2] -= right + south
             under[j + 2] += south
-            here[j + 2] += north - south
-            over[j + 2] -= north
+            uu[j] = right
         for j in range(n):
-            right = 0.5 * weight[j] * float(across[j + 2]) * (row[j + 3] - row[j + 2])
-            here[j + 3] += right
-            here[j + 2] -= right
-        for j in range(n):
-            left = 0.5 * weight[j] * float(across[j + 1]) * (row[j + 2] - row[j + 1])
-            here[j + 2] += left
-            here[j + 1] -= left
+            here[j + 3] += uu[j]
         return
-    uu = np.empty(n)
     for j in range(n):
         uu[j] = (
             weight[j]

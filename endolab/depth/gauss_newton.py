@@ -45,9 +45,9 @@ LONGEST_STEP = 0.5  # of a step, in log d: a factor of 1.65 in distance
 RELIEF = 0.25  # of what is charged for slopes beforehand, after a step that was taken whole
 SHORTEST = 2.0**-6  # share of a step below which the search along it gives up
 ROUNDING = 1e-24  # an energy as small as that of residuals of 1e-12
-# Added to the diagonal, as a share of what the data put there without slant: at least; once less than half of
-# a step lowered the energy; at most; and by which factor it grows with every such step, and falls with a whole
-# one. Torn surfaces need it: what hangs together by little is to move far otherwise.
+# Added to the diagonal, as a share of what the data put there without slant: at least; once less than half
+# of a step lowered the energy; at most; and by which factor it grows with every such step, and falls with a
+# whole one. Torn surfaces need it: what hangs together by little is to move far otherwise.
 DAMPING, HELD, MOST_DAMPING, CHANGE = 1e-3, 1.0, 1e3, 4.0
 PRECISION, MOST_INNER_STEPS = 0.1, 40  # of the inner solver: residual left, steps
 RATE, SLOWEST = 0.65, 0.95  # of a fall, how much is taken to follow: at first, at most

@@ -62,7 +62,11 @@ class Form(NamedTuple):
 
 
 FORMS = [Form.of(kind) for kind in range(len(TAKEN))]
-ONE, HALF = np.float32(1), np.float32(0.5)  # a Python number would make double precision of all it meets
+ONE, HALF, QUARTER = (
+    np.float32(1),
+    np.float32(0.5),
+    np.float32(0.25),
+)  # a Python number would make double precision of all it meets
 # The maps of `Coefficients`, in single precision: the last are the smoothness, one or, of a form, six.
 BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
 
@@ -166,10 +170,8 @@ def _smooth_row(
             term, k = entries[n]
             for j in range(count):
                 weight = here[j + 2]
-                if kind == FIRST:
-                    weight = HALF * (weight + (here[j + 3] if term == 0 else below[j + 2]))
-                elif term == 1:
-                    weight = np.float32(0.25) * (weight + here[j + 3] + below[j + 2] + below[j + 3])
+                if term == 1:  # of the squares around a pixel, each has a quarter of its weight
+                    weight = QUARTER * (weight + here[j + 3] + below[j + 2] + below[j + 3])
                 qt[term, k, j] = weight * t[term, k, j]
         return
     for k in range(6):

@@ -257,18 +257,14 @@ def _down_columns(
 
 @kernel
 def _dual_first(q: SingleArray, x: SingleArray, rule: Rule, i: int) -> None:
-    """Dual ascent on a row, of the differences to the right, the lower, the left and the upper neighbour."""
+    """Dual ascent on a row, of the differences to the right and the lower neighbour."""
     sigma, whole, shrink, bound, _, _ = rule
     for j in range(x.shape[1] - 2):
-        here, rate, less = x[i, j + 1], ROOT_HALF * sigma[i, j + 1], shrink[i, j + 1]
+        here, rate, less = x[i, j + 1], sigma[i, j + 1], shrink[i, j + 1]
         q0 = less * (q[0, i, j + 1] + rate * SINGLE(whole[0, i, j + 1]) * (x[i, j + 2] - here))
         q1 = less * (q[1, i, j + 1] + rate * SINGLE(whole[1, i, j + 1]) * (x[i + 1, j + 1] - here))
-        q2 = less * (q[2, i, j + 1] + rate * SINGLE(whole[0, i, j]) * (here - x[i, j]))
-        q3 = less * (q[3, i, j + 1] + rate * SINGLE(whole[1, i - 1, j + 1]) * (here - x[i - 1, j + 1]))
-        size = np.sqrt((q0 * q0 + q1 * q1) + (q2 * q2 + q3 * q3))
-        factor = min(ONE, bound[i, j + 1] / max(size, TINY))
+        factor = min(ONE, bound[i, j + 1] / max(np.sqrt(q0 * q0 + q1 * q1), TINY))
         q[0, i, j + 1], q[1, i, j + 1] = factor * q0, factor * q1
-        q[2, i, j + 1], q[3, i, j + 1] = factor * q2, factor * q3
 
 
 @kernel
@@ -305,11 +301,10 @@ def _dual_second(
 @kernel
 def _pull_first(pull: SingleArray, q: SingleArray, rule: Rule, i: int) -> None:
     """Kᵀq on a row; q is 0 where a step is missing."""
-    scale = ROOT_HALF * rule[4]
+    scale = rule[4]
     for j in range(pull.size - 2):
-        along = (q[0, i, j] + q[2, i, j + 1]) - (q[0, i, j + 1] + q[2, i, j + 2])
-        down = (q[1, i - 1, j + 1] + q[3, i, j + 1]) - (q[1, i, j + 1] + q[3, i + 1, j + 1])
-        pull[j + 1] = scale * (along + down)
+        along = q[0, i, j] - q[0, i, j + 1]
+        pull[j + 1] = scale * (along + q[1, i - 1, j + 1] - q[1, i, j + 1])
 
 
 @kernel
@@ -516,7 +511,7 @@ class _Path:
         several = -(-height // ROWS)
         slopes = np.zeros((2, 2, height, width), SINGLE)
         resting, limit = (
-            np.zeros((4 if first else 6, height, width), SINGLE),
+            np.zeros((2 if first else 6, height, width), SINGLE),
             np.zeros((height, width), SINGLE),
         )
         start_xi, lost = x.astype(SINGLE), (x - x.astype(SINGLE)).astype(SINGLE)

@@ -41,6 +41,7 @@ SECTORS = 20  # of the rim
 BACK = 2.0  # how far behind the camera the wall goes on, in radii
 RINGS = 100  # of it at most, as many as a view of 5° to the side needs
 NEARER = 1.1  # a wall must be nearer than a chord by this factor to block it: patches are coarse
+TOWARDS = 1e-9  # a chord between two cells is in that nearer the middle, as the mirrored chord is
 HIDDEN = 0.75  # of what a patch does not see, how much is a wall; so red and green say one E of traced colons
 BOUNCES = 16  # counted one by one; those after them fall by a constant share
 LASTING = 0.98  # share that a further bounce may leave
@@ -68,6 +69,7 @@ def _fill_exchange(
     n0, n1, n2 = n
     down_at, across_at = cell
     inverse = 1 / np.sqrt(x0**2 + x1**2 + x2**2)
+    middle = 0.5 * (limit.shape[0] - 1), 0.5 * (limit.shape[1] - 1)
     facing = np.empty(count)
     for turn in range(rows[0], rows[1]):
         i = count - 1 - turn // 2 if turn % 2 else turn // 2  # row i has i pairs: one from either end in turn
@@ -89,7 +91,9 @@ def _fill_exchange(
                 # In a picture 1/distance is nearly linear along a straight chord.
                 while k < steps:
                     share = k / steps
-                    i_at, j_at = np.rint(row + share * down), np.rint(column + share * across)
+                    i_at, j_at = row + share * down, column + share * across
+                    i_at = np.rint(i_at + TOWARDS * (middle[0] - i_at))
+                    j_at = np.rint(j_at + TOWARDS * (middle[1] - j_at))
                     if nearness + share * change < limit[int(i_at), int(j_at)]:
                         break
                     k += 1
@@ -248,14 +252,9 @@ def bounced_and_slope(orders: FloatArray, albedo: FloatArray) -> tuple[FloatArra
 
 def _cell_sums(maps: FloatArray, cells: tuple[int, ...]) -> FloatArray:
     """Sum maps (H, W, C) over (rows, columns) cells of one size; a pixel may be shared by several."""
-    of_row, of_column = (_overlap(length, count) for length, count in zip(maps.shape, cells, strict=False))
-    return np.einsum("cx,rxk->rck", of_column, np.tensordot(of_row, maps, 1), optimize=True)
-
-
-def _overlap(pixels: int, cells: int) -> FloatArray:
-    """How much of each pixel in a line lies in each of its equal cells, (cells, pixels)."""
-    edge, pixel = np.linspace(0, pixels, cells + 1)[:, None], np.arange(pixels)
-    return np.clip(np.minimum(edge[1:], pixel + 1) - np.maximum(edge[:-1], pixel), 0, 1)
+    rows, columns = cells
+    means = [cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA) for part in cv2.split(maps)]
+    return np.stack(means, axis=-1) * (maps.shape[0] / rows * maps.shape[1] / columns)
 
 
 def _lamp(points: FloatArray, normals: FloatArray, k: float) -> FloatArray:

@@ -94,22 +94,22 @@ def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
 
     def image_step(pixel, a, b):
         other = (pixel[0] + a, pixel[1] + b)
-        inside = other[0] < 5 and other[1] < 7 and mask[other]
+        inside = 0 <= other[0] < 5 and 0 <= other[1] < 7 and mask[other]
         return problem.image[other] - problem.image[pixel] if inside else 0.0
 
-    total = 0.0
+    total, beside = 0.0, [(0, 1), (1, 0), (0, -1), (-1, 0)]
     for pixel in map(tuple, np.argwhere(mask)):
         if regulariser == "first":
             steps = [at(pixel, (0, 0), (0, 1)), at(pixel, (0, 0), (1, 0))]
             size = np.sqrt(sum((x[1] - x[0]) ** 2 for x in steps if x)) * 7 / 320
         else:
             lines = [at(pixel, (0, -1), (0, 0), (0, 1)), at(pixel, (-1, 0), (0, 0), (1, 0))]
-            square = at(pixel, (0, 0), (0, 1), (1, 0), (1, 1))
+            squares = [at(pixel, (0, 0), (0, b), (a, 0), (a, b)) for a in (-1, 1) for b in (-1, 1)]
             second = [(x[0] - 2 * x[1] + x[2]) ** 2 for x in lines if x]
-            if square:
-                second.append(2 * (square[0] - square[1] - square[2] + square[3]) ** 2)
+            second += [(x[0] - x[1] - x[2] + x[3]) ** 2 / 2 for x in squares if x]
             size = np.sqrt(sum(second)) * (7 / 320) ** 2
-        g = np.exp(-np.hypot(image_step(pixel, 0, 1), image_step(pixel, 1, 0)) * 7 / 320 / 0.05)
+        edge = np.sqrt(sum(image_step(pixel, *step) ** 2 for step in beside) / 2)
+        g = np.exp(-edge * 7 / 320 / 0.05)
         total += 0.3 * g * huber(2e-5, size) / 2e-5
     assert energy_terms(problem, v)["regulariser"] == pytest.approx(total / mask.sum(), rel=1e-9)
 

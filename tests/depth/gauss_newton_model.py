@@ -21,9 +21,9 @@ from endolab.depth.multigrid import multiply
 from endolab.depth.problem import Problem
 from endolab.model.surface import slant, to_xi
 from endolab.numerics.compiled import inner, padded
-from endolab.numerics.derivatives import differences, gradient, hessian
+from endolab.numerics.derivatives import forward_gradient, gradient, hessian
 from tests.tools.adjoints import (
-    differences_adjoint,
+    forward_gradient_adjoint,
     gradient_adjoint,
     hessian_adjoint,
     second_form_adjoint,
@@ -45,7 +45,7 @@ def _second_form_adjoint(p, mask, discontinuities, field):
 
 
 OPERATORS = {  # and their adjoints: of a map, mask, cuts and the ray field, which two need not know
-    "first": [_without_rays(differences), _without_rays(differences_adjoint)],
+    "first": [_without_rays(forward_gradient), _without_rays(forward_gradient_adjoint)],
     "second": [_without_rays(hessian), _without_rays(hessian_adjoint)],
     "curvature": [_second_form, _second_form_adjoint],
 }

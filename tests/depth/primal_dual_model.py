@@ -34,7 +34,7 @@ class PrimalDualModel:
         self.problem, self.radius, self.safety = problem, radius, safety
         self.x = self.ahead = self.xi(v)
         first = problem.regulariser == "first"
-        self.q = np.zeros((4 if first else 6, *v.shape))
+        self.q = np.zeros((2 if first else 6, *v.shape))
         self.pace = BALANCE / self.curvature(self.x, problem.image)
         widest = ndimage.maximum_filter(np.where(problem.mask, self.pace, 0.0), 3)
         norm = (np.sqrt(8) if first else 8) * problem.derivative_scale

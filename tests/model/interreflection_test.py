@@ -1,5 +1,7 @@
 """Light that has bounced: the exchange between patches, and how much it adds to a picture."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -55,7 +57,7 @@ def test_in_a_closed_ball_bounced_light_is_the_same_everywhere():
     assert_allclose(exchange.sum(axis=1), 1.0, atol=0.012)  # 1 % is lost between neighbours
     lit = np.where(x[:, 2] > 10.0, 1.0, 0.0)
     one = np.ones((1, len(x)))
-    walls = Walls(x, n, area, lit, exchange, one > 0, 1, one, one, one, 0.0)
+    walls = Walls(x, n, area, lit, exchange, one > 0, one, one, one, 0.0)
     for albedo in (0.3, 0.6):
         expected = lit.mean() * albedo / (1 - albedo)
         assert np.mean(walls.bounced(albedo)) == pytest.approx(expected, rel=0.04)
@@ -86,10 +88,10 @@ def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
     open_, nearest = plainly(x, n, area), nearest * np.where(np.indices(nearest.shape)[0] == 9, 0.8, 1.0)
     expected = open_.copy()
     for i, j in np.argwhere(np.triu(open_) > 0):
-        # From the later of the two: halves are rounded to even cells either way.
         steps = int(np.abs(cells[i] - cells[j]).max())
         share = np.arange(1, steps) / max(steps, 1)
-        row, column = np.rint(cells[j] + share[:, None] * (cells[i] - cells[j])).astype(int).T
+        place, middle = cells[j] + share[:, None] * (cells[i] - cells[j]), (np.array(nearest.shape) - 1) / 2
+        row, column = np.rint(place + 1e-9 * (middle - place)).astype(int).T  # halves, towards the middle
         chord = 1 / ((1 - share) / reach[j] + share / reach[i])
         if (chord > interreflection.NEARER * nearest[row, column]).any():
             expected[i, j] = expected[j, i] = 0
@@ -98,6 +100,18 @@ def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
     assert_allclose(found, expected, rtol=1e-9, atol=1e-18)
     with limited_threads(1):
         assert np.array_equal(_exchange(x, n, area, cells, nearest), found)
+
+
+@pytest.mark.parametrize("turn", [np.fliplr, np.flipud, np.transpose])
+def test_light_bounces_alike_on_a_surface_that_is_turned(colon, turn):
+    """Patches divide a picture into equal cells, whichever side one counts from."""
+    v, field = colon
+    camera = datasets.load_calibration("simple", 160).camera  # its axis is in the picture's middle
+    upright = replace(camera, width=120, height=160, cx=camera.cy, cy=camera.cx)
+    field_there = upright.field if turn is np.transpose else field
+    before = Walls.of(v, np.isfinite(v), field, 2.5).indirect_ratio(0.6)
+    after = Walls.of(turn(v), np.isfinite(turn(v)), field_there, 2.5).indirect_ratio(0.6)
+    assert_allclose(after, turn(before), rtol=5e-3)
 
 
 def test_the_share_of_bounced_light_knows_no_unit_and_grows_with_the_albedo(colon):

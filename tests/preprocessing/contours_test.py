@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import ndimage
 from skimage.morphology import h_minima
 from skimage.segmentation import watershed
@@ -53,7 +53,7 @@ def test_a_step_is_one_closed_line_one_step_thin():
     rows, columns = np.indices((120, 160))
     inside = np.hypot(rows - 60, columns - 75) < 30
     steepness = find_contours(np.where(inside, 1.0, 0.5) + 0.001 * columns, np.ones(inside.shape, bool))
-    discontinuities = steepness > 0.1
+    discontinuities = steepness > BARS[0]
     apart = np.stack([inside ^ shifted(inside, 1, axis, False) for axis in (1, 0)])
     apart &= links(np.ones(inside.shape, bool))
     assert (discontinuities & ~apart).sum() + (
@@ -107,3 +107,12 @@ def test_what_is_outside_the_mask_does_not_matter():
 def test_tiny_pictures_and_empty_masks(shape):
     for mask in (np.ones(shape, bool), np.zeros(shape, bool)):
         assert find_contours(np.arange(mask.size, dtype=float).reshape(shape), mask).shape == (2, *shape)
+
+
+def test_a_mirrored_picture_has_the_same_lines():
+    _, problem = seen("colon")
+    lines = find_contours(problem.log_facing, problem.mask)
+    across, down = find_contours(problem.log_facing[:, ::-1], problem.mask[:, ::-1])
+    # of each pixel the step to its right, which was the step from its left
+    across = np.append(across[:, -2::-1], np.zeros((len(across), 1)), axis=1)
+    assert_allclose(np.stack([across, down[:, ::-1]]), lines, atol=1e-9)
