@@ -13,7 +13,7 @@ from endolab.numerics.checks import number
 
 NOMINAL = {"photometry": {"nominal": True}}  # evidence of a light that was taken from the paper
 # Evidence for C3VD's: one scene, so that its errors are large.
-C3VD_ERRORS = {"k": 0.391, "gamma": 0.153, "red": 0.085, "green": 0.103, "blue": 0.092}
+C3VD_ERRORS = {"k": 0.376, "gamma": 0.158, "red": 0.085, "green": 0.103, "blue": 0.092}
 C3VD_LIGHT = {
     "photometry": {"standard_errors": C3VD_ERRORS},
     "known_surface": {"frames": ["0001_color.png", "0006_color.png"], "misfit_grey_levels": 4.59},
@@ -44,7 +44,7 @@ CALIBRATIONS: dict[str, Calibration] = {
             0.00288274,
             -0.00296316,
         ),
-        Photometry(k=1.18, gamma=2.24, brdf=Lambertian((0.69, 0.39, 0.33))),
+        Photometry(k=1.18, gamma=2.24, brdf=Lambertian((0.69, 0.4, 0.34))),
         C3VD_LIGHT,
     ),
     # SimCol3D (Rau et al., 2023). Published with the picture's corner as origin, c = 237.5.

@@ -76,7 +76,7 @@ ROUND_STEPS, TORN_STEPS = (10, 5, 5), 4  # of each round's solve, and of each ba
 # Of the surfaces that are torn over one bar or another, the least torn is taken whose misfit of the colours
 # is at most so many times the least, or, if that is the whole one, the one whose energy speaks for its cuts;
 # beyond the second, no lower bar is tried.
-AS_GOOD, WORSE = 1.07, 1.15
+AS_GOOD, WORSE = 1.1, 1.15
 WITNESS = 1.5  # p beyond which the colours ask for more bounced light than walls can make: not believed
 # Where no light bounced: the share of its energy that a cut as long as the picture's height must save.
 CLEAN_PRICE = 0.02
