@@ -63,10 +63,9 @@ class PosedProblem:
     provenance: Provenance
 
     def noted(self, **settings: object) -> Self:
-        """Add to what people are told."""
-        return replace(
-            self, provenance=replace(self.provenance, settings=self.provenance.settings | settings)
-        )
+        """Add to what was asked for and done."""
+        before = self.provenance
+        return replace(self, provenance=replace(before, settings=before.settings | settings))
 
     def remarked(self, sentence: str) -> Self:
         """Add a sentence about what was done and why."""

@@ -105,7 +105,7 @@ class Separation:
 
     indirect_ratio: FloatArray  # (H, W, 3), ι in red, green and blue; 0 where nothing is known
     light: Light
-    # Of the last problem that was solved, whose cuts are the contours that were found, by `provenance.bar`.
+    # Of the last problem that was solved. Its cuts are the contours that were found, over `provenance.bar`.
     surface: Iterate
     cue: str = ""  # what decided on them
 
