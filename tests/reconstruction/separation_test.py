@@ -74,6 +74,11 @@ def test_observers_see_every_solve_with_its_stage_and_round(dry):
     assert [step.k for step in seen if step.stage == "solution"] == [row["k"] for row in result.history]
     assert result.seconds == pytest.approx(sum(stage.seconds for stage in result.stages))
     assert seen[0].problem.mask.shape == (180, 240)  # bounced light is sought on fewer pixels
+    # Each is of this frame; only the last stage's settings are those that were asked for.
+    assert {step.provenance.settings["frame"] for step in seen} == {dry.frame.name}
+    assert ["solver" in step.provenance.settings for step in seen] == [
+        step.stage == "solution" for step in seen
+    ]
 
 
 def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
