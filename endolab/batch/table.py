@@ -40,7 +40,7 @@ def step_row(step: Step, index: int) -> Row:
     if step.result is not None:
         problem, known = step.result.problem, step.result.distance[step.result.mask]
         row |= measured(step.result) | {"unit": problem.unit, "gain": problem.photometry.gain}
-        row |= {"torn": bar_of(problem) or 0, "pixels": known.size}
+        row |= {"torn": bar_of(step.result) or 0, "pixels": known.size}
         row["median_distance"] = float(np.median(known))
     return row
 

@@ -1,8 +1,7 @@
 """A frame to be explained: everything a solver needs."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,27 +19,6 @@ REGULARISERS = ("first", "second", "curvature")
 FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
 EDGE_SCALE = 0.05  # image gradient, per 1/320 of the longer side, at which g falls to 1/e
 EXACT, AT_LEAST, NONE = 0, 1, 2  # what a pixel's value says of the surface's: see `Problem`
-
-
-@dataclass(frozen=True)
-class Scale:
-    """What fixed the unit of distances, other than the gain of the endoscope."""
-
-    by: str  # "known distance", "known diameter", "median distance", or "frame before" of a video
-    length: Any = None  # as it was given: mm, (mm, column, row) or (mm, (column, row), (column, row))
-    by_gain: float | None = None  # what the gain says of that length, mm
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Where a problem comes from: no solver needs it, what is made and said of its result does."""
-
-    picture_size: tuple[int, int] | None = None  # columns and rows of the frame that was given
-    smooth: float = 0.0  # standard deviation of the Gaussian that the light was averaged with first, px
-    albedo: tuple[float, ...] | None = None  # of the wall, with which indirect light was removed
-    bar: float | None = None  # steepness of log d₀ over which lines of the picture are torn
-    scale: Scale | None = None
-    notes: tuple[str, ...] = ()  # sentences about what was done on the way
 
 
 @dataclass(frozen=True)
@@ -71,8 +49,6 @@ class Problem:
     # nothing; the image holds some plausible value there, of the surroundings say, for a march to begin with.
     evidence: NDArray[np.int8] | None = None
     picture: FloatArray | None = None  # (H, W) or (H, W, 3), the frame as it looked, for people
-    provenance: Provenance = Provenance()
-    settings: dict[str, object] = field(default_factory=dict)  # asked for and done; nothing depends on it
 
     def __post_init__(self) -> None:
         check_xi(self.xi)

@@ -17,6 +17,7 @@ import numpy as np
 
 from endolab.depth.energy import energy_terms
 from endolab.depth.problem import Problem
+from endolab.depth.provenance import Provenance
 from endolab.model.ranges import RANGES
 from endolab.model.surface import normals, points
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
@@ -40,6 +41,7 @@ class Iterate:
     scalars: Mapping[str, float] = field(default_factory=dict)  # likewise: step, damping, inner iterations
     stage: str = SOLUTION  # of a reconstruction: "bounced light", "contours", "solution", "scaled"
     round: int = 0  # of that stage, from 1 where there are several
+    provenance: Provenance = field(default_factory=Provenance)  # of the problem
 
     @classmethod
     def of(
@@ -136,6 +138,11 @@ class Result:
         return self.iterate.problem
 
     @property
+    def provenance(self) -> Provenance:
+        """Where it comes from: what was asked for, done and noted on the way."""
+        return self.iterate.provenance
+
+    @property
     def iterations(self) -> int:
         """Number of steps from the start."""
         return int(self.history[-1]["k"])
@@ -213,6 +220,11 @@ def _bounded(
                 return Status.MAX_ITERATIONS
     finally:
         steps.close()
+
+
+def carrying(steps: Solver, provenance: Provenance) -> Solver:
+    """Pass a solver's iterates on with the provenance of their problem."""
+    return _bounded(steps, passed=lambda iterate: replace(iterate, provenance=provenance))
 
 
 def staged(steps: Solver, stage: str, round: int = 0) -> Generator[Iterate, None, Iterate]:

@@ -29,11 +29,11 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
 
 def notes(result: Result | Iterate) -> tuple[str, ...]:
     """Return what was noted on the way, in sentences."""
-    return result.problem.provenance.notes
+    return result.provenance.notes
 
 
 def _of_scale(result: Result | Iterate) -> Iterator[str]:
-    scale, kind = result.problem.provenance.scale, scale_of(result)
+    scale, kind = result.provenance.scale, scale_of(result)
     if kind == "gain":
         yield "Distances are in mm, because the gain of the endoscope is known."
     elif kind == "median distance" and scale:
@@ -69,7 +69,7 @@ def _of_albedo(result: Result | Iterate) -> Iterator[str]:
 
 
 def _of_bounces(result: Result | Iterate) -> str:
-    albedo = result.problem.provenance.albedo
+    albedo = result.provenance.albedo
     if albedo is None:
         return (
             "Indirect light, which bounced from wall to wall, counts as direct; in simulated colons it adds "

@@ -21,17 +21,16 @@ import numpy as np
 
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import Problem
-from endolab.depth.result import Iterate, Result, staged
+from endolab.depth.result import Iterate, Result, carrying, staged
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.contours import find_contours
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.problem_setup import (
+    PosedProblem,
     Preparation,
     make_problems,
-    noted,
     on_grid,
-    remarked,
     two_sizes,
 )
 
@@ -59,9 +58,7 @@ def pays(torn: Iterate, smooth: Iterate, price: float = PRICE) -> bool:
 def torn_at_contours(problem: Problem, bar: float = BARS[0]) -> Problem:
     """Tear the surface at the picture's lines that are steeper than a bar, if there are any."""
     discontinuities = find_contours(problem.log_facing, problem.mask) > bar
-    torn = bool(discontinuities.any())
-    provenance = replace(problem.provenance, bar=bar if torn else None)
-    return replace(problem, discontinuities=discontinuities if torn else None, provenance=provenance)
+    return replace(problem, discontinuities=discontinuities if discontinuities.any() else None)
 
 
 def torn_near(problem: Problem, coarse: BoolArray) -> Problem:
@@ -86,23 +83,23 @@ def torn_where_it_pays(
     torn = torn_at_contours(smooth.problem)
     if torn.discontinuities is None:
         return smooth
-    surface = yield from staged(
-        gauss_newton(torn, start=smooth.log_distance, max_iterations=TORN_SOLVE_STEPS), CONTOURS
-    )
+    solver = gauss_newton(torn, start=smooth.log_distance, max_iterations=TORN_SOLVE_STEPS)
+    provenance = replace(smooth.provenance, bar=BARS[0])
+    surface = yield from staged(carrying(solver, provenance), CONTOURS)
     return surface if always or pays(surface, smooth, price) else smooth
 
 
-def bar_of(problem: Problem) -> float | None:
-    """The bar over which a problem was torn, or None; the first, if its cuts were given."""
-    return None if problem.discontinuities is None else problem.provenance.bar or BARS[0]
+def bar_of(result: Result | Iterate) -> float | None:
+    """The bar over which a surface was torn, or None; the first, if its cuts were given."""
+    return None if result.problem.discontinuities is None else result.provenance.bar or BARS[0]
 
 
 @dataclass(frozen=True)
 class OneChannel:
     """One channel of a frame, in full and on as few pixels as the search for contours needs."""
 
-    fine: Problem
-    coarse: Problem
+    fine: PosedProblem
+    coarse: PosedProblem
 
     @classmethod
     def of(cls, frame: Frame, calibration: Endoscope, preparation: Preparation, search: bool) -> OneChannel:
@@ -117,32 +114,38 @@ class OneChannel:
 
 def choose_bar(
     channel: OneChannel, contours: bool | None, before: Result | None = None
-) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
+) -> Generator[Iterate, None, tuple[PosedProblem, FloatArray | None]]:
     """Tear the surface of one channel where contours are found in its picture, before it is solved.
 
     `contours` says whether to, by default if that explains the picture much better. What was torn in an
     earlier result, `before`, is torn without asking. Returns the problem, and log d (H, W) to begin with, or
     None.
     """
-    fine = channel.fine
-    if fine.discontinuities is not None or contours is False:
-        return noted(fine, contours=fine.discontinuities is not None), None
+    fine, coarse = channel.fine, channel.coarse
+    given = fine.problem.discontinuities is not None
+    if given or contours is False:
+        return fine.noted(contours=given), None
     if before is not None:
-        bar = bar_of(before.problem)
-        return remarked_on_contours(fine if bar is None else torn_at_contours(fine, bar)), None
-    smooth = yield from staged(gauss_newton(channel.coarse), SMOOTH)
+        bar = bar_of(before)
+        return remarked_on_contours(fine if bar is None else _torn_in_full(fine, bar)), None
+    smooth = yield from staged(carrying(gauss_newton(coarse.problem), coarse.provenance), SMOOTH)
     surface = yield from torn_where_it_pays(smooth, bool(contours))
     if surface.problem.discontinuities is None:
         return remarked_on_contours(fine), None
-    torn = torn_at_contours(fine)
-    return remarked_on_contours(torn), on_grid(surface, torn)
+    torn = _torn_in_full(fine, BARS[0])
+    return remarked_on_contours(torn), on_grid(surface, torn.problem)
 
 
-def remarked_on_contours(problem: Problem, cue: str = ENERGY) -> Problem:
+def _torn_in_full(fine: PosedProblem, bar: float) -> PosedProblem:
+    return PosedProblem(torn_at_contours(fine.problem, bar), replace(fine.provenance, bar=bar))
+
+
+def remarked_on_contours(posed: PosedProblem, cue: str = ENERGY) -> PosedProblem:
     """Say whether contours were found, what became of them, and what decided that."""
-    if problem.discontinuities is None:
+    discontinuities = posed.problem.discontinuities
+    if discontinuities is None:
         sentence = "Contours: none torn, as no line of the picture gives clear evidence."
     else:
-        count = int(problem.discontinuities.sum())
+        count = int(discontinuities.sum())
         sentence = f"Contours: {count:,} px torn ({cue or 'as before'})."
-    return noted(remarked(problem, sentence), contours=problem.discontinuities is not None)
+    return posed.remarked(sentence).noted(contours=discontinuities is not None)

@@ -1,16 +1,19 @@
 """Frame and endoscope in, problem out: the channel, the pixels that take part, the unit of length.
 
+A solver is given the `Problem`; what was done to make it goes along in a `PosedProblem`, for the result.
+
 This is the stage "prepared" of a reconstruction; nothing is solved here.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
 
-from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem, Provenance
+from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
+from endolab.depth.provenance import Provenance
 from endolab.depth.result import Iterate
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -52,6 +55,24 @@ class Preparation:
             object.__setattr__(self, "smooth", number("smooth", self.smooth, 0))
 
 
+@dataclass(frozen=True)
+class PosedProblem:
+    """A problem and where it comes from."""
+
+    problem: Problem
+    provenance: Provenance
+
+    def noted(self, **settings: object) -> Self:
+        """Add to what was asked for and done."""
+        before = self.provenance
+        return replace(self, provenance=replace(before, settings=before.settings | settings))
+
+    def remarked(self, sentence: str) -> Self:
+        """Add a sentence about what was done and why."""
+        notes = (*self.provenance.notes, sentence)
+        return replace(self, provenance=replace(self.provenance, notes=notes)).noted(notes=notes)
+
+
 def make_problem(frame: Frame, calibration: Endoscope, **choices: Any) -> Problem:
     """Turn one channel of a frame into the problem that solvers take.
 
@@ -62,13 +83,13 @@ def make_problem(frame: Frame, calibration: Endoscope, **choices: Any) -> Proble
     channel = preparation.channel
     if channel in (SEPARATED, AUTO):
         raise ValueError(f"channel={channel!r} is found by solving: use reconstruct() or iterate()")
-    (problem,) = make_problems(frame, calibration, preparation, [channel])
-    return noted(problem, contours=problem.discontinuities is not None)
+    (posed,) = make_problems(frame, calibration, preparation, [channel])
+    return posed.problem
 
 
 def make_problems(
     frame: Frame, calibration: Endoscope, preparation: Preparation, channels: Sequence[str | None]
-) -> list[Problem]:
+) -> list[PosedProblem]:
     """Return the problem of each of these channels."""
     camera, photometry, size = calibration.camera, calibration.photometry, (frame.width, frame.height)
     check_size(frame.name, size, camera)
@@ -88,7 +109,7 @@ def make_problems(
         treated = replace(frame, image=inpaint(picture, mirrored, known))
     silent = mirrored if highlights == "ignore" else silent
 
-    def prepared(wanted: str | None) -> Problem:
+    def posed(wanted: str | None) -> PosedProblem:
         name, image = treated.channel(wanted)
         called = frame.name if picture.ndim == 2 else f"{frame.name} in {name}"
         own = photometry.simplified().channel(name)
@@ -110,8 +131,6 @@ def make_problems(
             metric=own.gain is not None,
             evidence=evidence if evidence[seen].any() else None,
             picture=frame.image,
-            provenance=Provenance(picture_size=size, smooth=blur),
-            settings=settings,
             xi=preparation.xi,
             regulariser=preparation.regulariser,
             lam=preparation.lam,
@@ -119,17 +138,17 @@ def make_problems(
             threshold=preparation.threshold,
             discontinuities=preparation.discontinuities,
         )
-        return in_units(problem)
+        return PosedProblem(in_units(problem), Provenance(settings, picture_size=size, smooth=blur))
 
-    return side_by_side(prepared, channels, frame.width * frame.height)
+    return side_by_side(posed, channels, frame.width * frame.height)
 
 
 def two_sizes(
     frame: Frame, calibration: Endoscope, preparation: Preparation, channels: Sequence[str | None]
-) -> tuple[list[Problem], list[Problem]]:
+) -> tuple[list[PosedProblem], list[PosedProblem]]:
     """Return what `make_problems` does, in full and on as few pixels as what is smooth needs."""
     fine = make_problems(frame, calibration, preparation, channels)
-    camera = fine[0].camera
+    camera = fine[0].problem.camera
     less = COARSE / max(camera.width, camera.height)
     if less >= 1 or less * min(camera.width, camera.height) < LEAST_SIDE:
         return fine, fine
@@ -143,17 +162,6 @@ def _check_frame(width: int, height: int) -> None:
         raise ValueError(f"a frame of {width}x{height} px is too small to be solved: {least}")
     needed = BYTES + width * height * BYTES_PER_PIXEL
     check_memory(needed, f"a frame of {width}x{height} px", "; make it smaller with width=")
-
-
-def noted(problem: Problem, **settings: object) -> Problem:
-    """Add to what people are told."""
-    return replace(problem, settings=problem.settings | settings)
-
-
-def remarked(problem: Problem, sentence: str) -> Problem:
-    """Add a sentence about what was done and why."""
-    notes = (*problem.provenance.notes, sentence)
-    return noted(replace(problem, provenance=replace(problem.provenance, notes=notes)), notes=notes)
 
 
 def in_units(problem: Problem) -> Problem:

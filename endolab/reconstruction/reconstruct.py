@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.problem import Problem
-from endolab.depth.result import SOLUTION, Iterate, Observer, Result, Solver, run
+from endolab.depth.result import SOLUTION, Iterate, Observer, Result, Solver, carrying, run
 from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, knows_curvature, options_of, solve
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
@@ -27,7 +26,7 @@ from endolab.numerics.checks import excerpt
 from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.contours import OneChannel, choose_bar
-from endolab.reconstruction.problem_setup import AUTO, SEPARATED, Preparation, noted, on_grid, remarked
+from endolab.reconstruction.problem_setup import AUTO, SEPARATED, PosedProblem, Preparation, on_grid
 from endolab.reconstruction.scale import KnownDiameter, KnownDistance, check_scale, known_scale
 from endolab.reconstruction.separation import Colours, direct_light
 
@@ -62,10 +61,10 @@ def _begun(
     solver: str,
     options: dict[str, Any],
     settings: Mapping[str, object] = MappingProxyType({}),
-) -> tuple[Problem, Solver]:
+) -> tuple[PosedProblem, Solver]:
     """Return the problem of the frame's own pixels, and the iterates of all stages.
 
-    `settings` is added to the settings of the problem whose answer counts.
+    `settings` is added to those of the problem whose answer counts.
     """
     choices = {name: options[name] for name in PREPARING if name in options}
     start, contours = options.get("start"), options.get("contours")
@@ -88,8 +87,9 @@ def _begun(
         choices["regulariser"] = "second"
     prepared = _prepared(frame, calibration, Preparation(**choices), contours is not False)
     whole = prepared.fine[1] if isinstance(prepared, Colours) else prepared.fine
-    if isinstance(start, Result) and start.mask.shape != whole.mask.shape:
-        raise ValueError(f"start has shape {start.mask.shape}, the frame {whole.mask.shape}")
+    shape = whole.problem.mask.shape
+    if isinstance(start, Result) and start.mask.shape != shape:
+        raise ValueError(f"start has shape {start.mask.shape}, the frame {shape}")
     return whole, _stages(prepared, contours, choose_order, start, solver, own, settings)
 
 
@@ -102,7 +102,7 @@ def _prepared(
         return OneChannel.of(frame, calibration, preparation, search)
     grey = replace(preparation, channel=None, highlights=preparation.highlights or "ignore")
     prepared = OneChannel.of(frame, calibration, grey, search)
-    return replace(prepared, fine=remarked(prepared.fine, GREY))
+    return replace(prepared, fine=prepared.fine.remarked(GREY))
 
 
 def _stages(
@@ -121,19 +121,20 @@ def _stages(
     """
     before, begin = (start, None) if isinstance(start, Result) else (None, start)
     if isinstance(prepared, Colours):
-        problem, around = yield from direct_light(prepared, contours, before)
+        posed, around = yield from direct_light(prepared, contours, before)
     else:
-        problem, around = yield from choose_bar(prepared, contours, before)
+        posed, around = yield from choose_bar(prepared, contours, before)
+    problem = posed.problem
     if begin is None:
         begin = around if around is not None or before is None else on_grid(before.iterate, problem)
     if begin is not None and "start" in options_of(solver):
         options = options | {"start": begin}
-    if choose_order and problem.provenance.albedo is None and knows_curvature(solver, problem.xi):
+    if choose_order and posed.provenance.albedo is None and knows_curvature(solver, problem.xi):
         problem = replace(problem, regulariser="curvature")
     if problem.discontinuities is not None and "settled" in options_of(solver):
         options = {"settled": SETTLED} | options
-    settings = {**settings, "regulariser": problem.regulariser}
-    return (yield from solve(noted(problem, **settings), solver, **options))
+    posed = posed.noted(**{**settings, "regulariser": problem.regulariser})
+    return (yield from carrying(solve(problem, solver, **options), posed.provenance))
 
 
 def reconstruct(
@@ -252,8 +253,8 @@ def reconstruct(
 
         def scaled(answer: Iterate) -> Iterate:
             if answer.stage != SOLUTION:  # stopped on the way
-                problem = noted(whole, **settings)
-                answer = Iterate.of(problem, on_grid(answer, problem))
+                provenance = whole.noted(**settings).provenance
+                answer = Iterate.of(whole.problem, on_grid(answer, whole.problem), provenance=provenance)
             return known_scale(answer, **lengths)
 
         return run(steps, observers, max_iterations, scaled)

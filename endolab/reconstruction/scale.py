@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from endolab.depth.problem import Problem, Scale
+from endolab.depth.provenance import Scale
 from endolab.depth.result import SCALED, Iterate, Result
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import FloatArray, frozen
@@ -65,7 +65,7 @@ def factor_of_diameter(result: Result | Iterate, mm: float, start: Pixel, end: P
     diameter. The pixels are as for `factor_of_distance`, at least `APART` of the result apart.
     """
     check_scale(known_diameter=(mm, start, end))
-    apart = float(np.hypot(*(own_pixel(result.problem, start) - own_pixel(result.problem, end))))
+    apart = float(np.hypot(*(own_pixel(result, start) - own_pixel(result, end))))
     if apart < APART:
         raise ValueError(
             f"the pixels {pixel_name(start)} and {pixel_name(end)} are {apart:.2g} px apart "
@@ -79,23 +79,21 @@ def in_unit(iterate: Iterate, factor: float, metric: bool = True, scale: Scale |
 
     Distances are multiplied by the factor; the gain goes with its square, the energy stays.
     """
-    old = iterate.problem
+    old, provenance = iterate.problem, iterate.provenance
     photometry = replace(old.photometry, gain=(old.photometry.gain or 1.0) * factor**2)
     problem = replace(old, photometry=photometry, metric=metric)
     if scale is not None:
         name = scale.by.replace(" ", "_")
         added = {"scale": scale.by} if scale.length is None else {name: scale.length}
         added |= {} if scale.by_gain is None else {"by_gain": scale.by_gain}
-        problem = replace(
-            problem, provenance=replace(old.provenance, scale=scale), settings=old.settings | added
-        )
+        provenance = replace(provenance, scale=scale, settings=provenance.settings | added)
     moved = frozen(iterate.log_distance + np.log(factor))
-    return replace(iterate, problem=problem, log_distance=moved, stage=SCALED)
+    return replace(iterate, problem=problem, log_distance=moved, stage=SCALED, provenance=provenance)
 
 
 def scale_of(result: Result | Iterate) -> str:
     """How the scale was fixed: "gain", "none" (relative units), or what `Scale.by` says."""
-    scale = result.problem.provenance.scale
+    scale = result.provenance.scale
     if scale is not None:
         return scale.by
     return "gain" if result.problem.metric else "none"
@@ -132,10 +130,10 @@ def pixel_name(pixel: Pixel) -> str:
     return f"column {pixel[0]:g}, row {pixel[1]:g}"
 
 
-def own_pixel(problem: Problem, pixel: Pixel) -> FloatArray:
+def own_pixel(result: Result | Iterate, pixel: Pixel) -> FloatArray:
     """A pixel of the picture as one of the depth map, which may be smaller: column, row."""
-    own = (problem.camera.width, problem.camera.height)
-    full = np.array(problem.provenance.picture_size or own)
+    own = (result.problem.camera.width, result.problem.camera.height)
+    full = np.array(result.provenance.picture_size or own)
     place = np.array(pixel, dtype=np.float64)
     if not (np.all(place >= -0.5) and np.all(place <= full - 0.5)):
         raise ValueError(f"the pixel at {pixel_name(pixel)} is outside the picture of {full[0]}x{full[1]} px")
@@ -144,7 +142,7 @@ def own_pixel(problem: Problem, pixel: Pixel) -> FloatArray:
 
 def _surface_at(result: Result | Iterate, pixel: Pixel) -> FloatArray:
     """The surface point at a pixel of the picture, (3,), camera frame."""
-    own = own_pixel(result.problem, pixel)
+    own = own_pixel(result, pixel)
     mask = result.mask
     column, row = np.clip(np.round(own).astype(int), 0, [mask.shape[1] - 1, mask.shape[0] - 1])
     if not mask[row, column]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import EXACT, NONE, Problem
-from endolab.depth.result import Iterate, Result, staged
+from endolab.depth.result import Iterate, Result, carrying, staged
 from endolab.model.endoscope import Endoscope
 from endolab.model.interreflection import Walls
 from endolab.model.photometry import CHANNELS
@@ -58,12 +58,11 @@ from endolab.reconstruction.contours import (
 )
 from endolab.reconstruction.problem_setup import (
     SEPARATED,
+    PosedProblem,
     Preparation,
     enlarged,
     in_units,
-    noted,
     on_grid,
-    remarked,
     resampled,
     two_sizes,
 )
@@ -86,8 +85,8 @@ CLEAN_PRICE = 0.02
 class Colours:
     """A frame prepared for the separation: red, green and blue, in full and as wide as it needs."""
 
-    fine: list[Problem]
-    coarse: list[Problem]
+    fine: list[PosedProblem]
+    coarse: list[PosedProblem]
     albedo: FloatArray | None  # of the wall: (3,), green's alone, (), or None, as the calibration tells
 
     @classmethod
@@ -106,7 +105,8 @@ class Separation:
 
     indirect_ratio: FloatArray  # (H, W, 3), ι in red, green and blue; 0 where nothing is known
     light: Light
-    surface: Iterate  # of the last problem that was solved, whose cuts are the contours that were found
+    # Of the last problem that was solved. Its cuts are the contours that were found, over `provenance.bar`.
+    surface: Iterate
     cue: str = ""  # what decided on them
 
 
@@ -115,7 +115,7 @@ class Separation:
 
 def direct_light(
     colours: Colours, contours: bool | None = None, before: Result | None = None
-) -> Generator[Iterate, None, tuple[Problem, FloatArray | None]]:
+) -> Generator[Iterate, None, tuple[PosedProblem, FloatArray | None]]:
     """Find the light that has not bounced; every solve's iterates are yielded, stage and round named.
 
     `contours` says whether to tear the surface at those that are found, by default if that explains the
@@ -124,39 +124,41 @@ def direct_light(
     they tell nothing, and log d (H, W) to begin with, or None.
     """
     given = colours.albedo
-    if colours.fine[0].discontinuities is not None:
+    if colours.fine[0].problem.discontinuities is not None:
         contours = False  # they are known
     try:
         if before is None:
             separation = yield from separate(colours.coarse, given, contours)
         else:
-            bar = None if contours is False else bar_of(before.problem)
-            surface = resampled(before.iterate, colours.coarse[1])
+            bar = None if contours is False else bar_of(before)
+            surface = resampled(before.iterate, colours.coarse[1].problem)
             separation = yield from continued(colours.coarse, given, bar, surface)
     except NoColour as error:
-        index = max((1, 2, 0), key=lambda index: _signal(colours.fine[index]))  # of equals, not red
+        index = max((1, 2, 0), key=lambda index: _signal(colours.fine[index].problem))  # of equals, not red
         note = f"The colours tell nothing of bounced light ({error}), so {CHANNELS[index]} is taken as it is."
-        clearest = OneChannel(remarked(colours.fine[index], note), colours.coarse[index])
+        clearest = OneChannel(colours.fine[index].remarked(note), colours.coarse[index])
         return (yield from choose_bar(clearest, contours, before))
     three = given is not None and given.ndim == 1
-    problem = _in_full(colours.fine, separation, three, contours is not False)
-    return problem, on_grid(separation.surface, problem)
+    posed = _in_full(colours.fine, separation, three, contours is not False)
+    return posed, on_grid(separation.surface, posed.problem)
 
 
 def separate(
-    colours: Sequence[Problem], albedo: FloatArray | None = None, contours: bool | None = None
+    posed: Sequence[PosedProblem], albedo: FloatArray | None = None, contours: bool | None = None
 ) -> Generator[Iterate, None, Separation]:
     """Find the bounced light of a picture, its surface, and where it is torn, in rounds.
 
-    `colours` are red, green and blue of one picture; `albedo` is what is known of the wall's: (3,), green's
+    `posed` are red, green and blue of one picture; `albedo` is what is known of the wall's: (3,), green's
     alone, or nothing. Raises `NoColour` if the colours are one.
     """
+    colours = [colour.problem for colour in posed]
     _check_colours(colours)
     belief = Belief.of(albedo)
     guess = np.array(GUESS * belief.albedo / (1 - GUESS * belief.albedo))
     indirect_ratio: FloatArray = np.broadcast_to(guess, (*colours[1].mask.shape, 3))
     solver = gauss_newton(merged(colours, indirect_ratio, belief.albedo), max_iterations=ROUND_STEPS[0])
-    whole = Separation(indirect_ratio, belief.light, (yield from staged(solver, BOUNCED, 1)))
+    surface = yield from staged(carrying(solver, posed[1].provenance), BOUNCED, 1)
+    whole = Separation(indirect_ratio, belief.light, surface)
     for number, steps in enumerate(ROUND_STEPS[1:], 2):
         whole = yield from _round(colours, belief, whole.surface, number, steps)
     if contours is False:
@@ -183,7 +185,8 @@ def _torn(
             continue
         number += 1
         solver = gauss_newton(torn, start=before.log_distance, max_iterations=TORN_STEPS)
-        surface = yield from staged(solver, CONTOURS, number)
+        provenance = replace(before.provenance, bar=bar)
+        surface = yield from staged(carrying(solver, provenance), CONTOURS, number)
         trials.append(Separation(*_bounced(colours, surface, belief), surface))
         if not _goes_on(trials):
             break
@@ -230,15 +233,16 @@ def _cheapest(trials: Sequence[Separation], price: float) -> Separation:
 
 
 def continued(
-    colours: Sequence[Problem], albedo: FloatArray | None, bar: float | None, log_distance: FloatArray
+    posed: Sequence[PosedProblem], albedo: FloatArray | None, bar: float | None, log_distance: FloatArray
 ) -> Generator[Iterate, None, Separation]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
-    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `colours` gives; the
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `posed` gives; the
     `bar` over which it is torn is known, too, or None.
     """
+    colours, provenance = [colour.problem for colour in posed], replace(posed[1].provenance, bar=bar)
     problem = replace(colours[1], discontinuities=None) if bar is None else torn_at_contours(colours[1], bar)
-    surface = Iterate(problem, 0, log_distance, {})
+    surface = Iterate(problem, 0, log_distance, {}, provenance=provenance)
     return (yield from _round(colours, Belief.of(albedo), surface, 1, ROUND_STEPS[0]))
 
 
@@ -247,41 +251,41 @@ def _round(
 ) -> Generator[Iterate, None, Separation]:
     """Take out the light that bounces on a surface, and solve again from there."""
     indirect_ratio, light = _bounced(colours, surface, belief)
-    problem, bar = merged(colours, indirect_ratio, light.albedo), bar_of(surface.problem)
+    problem, bar = merged(colours, indirect_ratio, light.albedo), bar_of(surface)
     problem = problem if bar is None else torn_at_contours(problem, bar)
     v = surface.log_distance
     start = np.where(np.isfinite(v), v, problem.log_facing)
-    solver = gauss_newton(problem, start=start, max_iterations=steps)
+    solver = carrying(gauss_newton(problem, start=start, max_iterations=steps), surface.provenance)
     return Separation(indirect_ratio, light, (yield from staged(solver, BOUNCED, number)))
 
 
-def _in_full(fine: list[Problem], separation: Separation, given: bool, asked: bool) -> Problem:
+def _in_full(fine: list[PosedProblem], separation: Separation, given: bool, asked: bool) -> PosedProblem:
     """Return the problem of the light that has not bounced, at full size.
 
     `given`: whether the albedos were, `asked`: whether contours were looked for.
     """
-    shape = fine[1].mask.shape
-    problem = merged(fine, enlarged(separation.indirect_ratio, shape), separation.light.albedo)
-    discontinuities = separation.surface.problem.discontinuities
+    colours, surface = [colour.problem for colour in fine], separation.surface
+    shape = colours[1].mask.shape
+    problem = merged(colours, enlarged(separation.indirect_ratio, shape), separation.light.albedo)
+    discontinuities = surface.problem.discontinuities
     if discontinuities is not None:
         if discontinuities.shape[1:] == shape:
-            problem = replace(
-                problem, discontinuities=discontinuities, provenance=separation.surface.problem.provenance
-            )
+            problem = replace(problem, discontinuities=discontinuities)
         else:
-            problem = torn_at_contours(problem, bar_of(separation.surface.problem) or BARS[0])
+            problem = torn_at_contours(problem, bar_of(surface) or BARS[0])
             if separation.cue == ENERGY:  # colours choose a bar, the energy these very lines
                 problem = torn_near(problem, discontinuities)
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in separation.indirect_ratio.T]
     note = separation.light.describe(given, np.array(medians))
-    problem = noted(problem, channel=SEPARATED, contours=problem.discontinuities is not None)
+    provenance = replace(fine[1].provenance, bar=surface.provenance.bar)
+    posed = PosedProblem(in_units(problem), provenance)
+    posed = posed.noted(channel=SEPARATED, contours=problem.discontinuities is not None)
     if separation.indirect_ratio.any():
         albedo = tuple(float(value) for value in separation.light.albedo)
-        problem = noted(
-            replace(problem, provenance=replace(problem.provenance, albedo=albedo)), albedo=list(albedo)
-        )
-    problem = remarked(problem, note)
-    return in_units(remarked_on_contours(problem, separation.cue) if asked else problem)
+        provenance = replace(posed.provenance, albedo=albedo)
+        posed = PosedProblem(posed.problem, provenance).noted(albedo=list(albedo))
+    posed = posed.remarked(note)
+    return remarked_on_contours(posed, separation.cue) if asked else posed
 
 
 # Colours --------------------------------------------------------------------------------

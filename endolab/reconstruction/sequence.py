@@ -14,7 +14,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from endolab.depth.problem import Problem, Provenance, Scale
+from endolab.depth.problem import Problem
+from endolab.depth.provenance import Provenance, Scale
 from endolab.depth.result import Iterate, Result
 from endolab.depth.solvers import DEFAULT_SOLVER, options_of
 from endolab.model.endoscope import Endoscope
@@ -67,12 +68,16 @@ class Carried:
         if v.shape != (camera.height, camera.width):
             camera = camera.resize(v.shape[1], v.shape[0])
         photometry = replace(calibration.photometry, gain=surface.gain)
-        torn: dict[str, Any] = {}
-        if bar:
-            torn = {"discontinuities": np.zeros((2, *v.shape), dtype=bool), "provenance": Provenance(bar=bar)}
-        inside = np.isfinite(v)
-        problem = Problem(np.zeros(v.shape), inside, camera, photometry, metric=surface.metric, **torn)
-        result = Result(Iterate(problem, 0, frozen(v), {}), Status.CONVERGED, [], 0.0)
+        problem = Problem(
+            np.zeros(v.shape),
+            np.isfinite(v),
+            camera,
+            photometry,
+            metric=surface.metric,
+            discontinuities=np.zeros((2, *v.shape), dtype=bool) if bar else None,
+        )
+        iterate = Iterate(problem, 0, frozen(v), {}, provenance=Provenance(bar=bar))
+        result = Result(iterate, Status.CONVERGED, [], 0.0)
         return cls(result, _light(frame, calibration.photometry.gamma), least, 1)
 
 

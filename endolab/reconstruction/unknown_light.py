@@ -32,8 +32,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
 from endolab.depth.gauss_newton import gauss_newton
-from endolab.depth.problem import Problem
-from endolab.depth.result import Iterate, Observer, staged
+from endolab.depth.result import Iterate, Observer, carrying, staged
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Endoscope
@@ -43,7 +42,7 @@ from endolab.numerics.checks import excerpt, number, real_array
 from endolab.numerics.iteration import Status, checked_observers, closing, drive
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.colours import NoColour
-from endolab.reconstruction.problem_setup import Preparation, make_problem
+from endolab.reconstruction.problem_setup import PosedProblem, Preparation, make_problems
 from endolab.reconstruction.separation import Colours, continued, separate
 
 LIGHT = "light"  # stage
@@ -216,11 +215,11 @@ def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, 
     colours = Colours.of(frame, calibration, preparation)
 
     def solve(k: float, before: Iterate | None) -> Chain:
-        problems = [_under(colour, k) for colour in colours.fine]
+        posed = [_under(colour, k) for colour in colours.fine]
         if before is None:
-            separation = yield from separate(problems, colours.albedo, False)
+            separation = yield from separate(posed, colours.albedo, False)
         else:
-            separation = yield from continued(problems, colours.albedo, None, _moved(before, k))
+            separation = yield from continued(posed, colours.albedo, None, _moved(before, k))
         return separation.surface
 
     return (yield from _chained(solve))
@@ -228,12 +227,15 @@ def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, 
 
 def _grey(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, all light being taken for direct."""
-    problem = make_problem(frame, calibration, width=min(WIDTH, frame.width), smooth=SMOOTH)
+    preparation = Preparation(width=min(WIDTH, frame.width), smooth=SMOOTH)
+    (posed,) = make_problems(frame, calibration, preparation, [None])
+    posed = posed.noted(contours=False)
 
     def solve(k: float, before: Iterate | None) -> Chain:
         start = None if before is None else _moved(before, k)
         number = int(np.argmin(np.abs(EXPONENTS - k))) + 1
-        return (yield from staged(gauss_newton(_under(problem, k), start=start), LIGHT, number))
+        solver = gauss_newton(_under(posed, k).problem, start=start)
+        return (yield from staged(carrying(solver, posed.provenance), LIGHT, number))
 
     return (yield from _chained(solve))
 
@@ -249,8 +251,9 @@ def _chained(solve: Callable[[float, Iterate | None], Chain]) -> Generator[Itera
     return [*down[:0:-1], *up]
 
 
-def _under(problem: Problem, k: float) -> Problem:
-    return replace(problem, photometry=replace(problem.photometry, k=k))
+def _under(posed: PosedProblem, k: float) -> PosedProblem:
+    problem = posed.problem
+    return replace(posed, problem=replace(problem, photometry=replace(problem.photometry, k=k)))
 
 
 def _moved(surface: Iterate, k: float) -> FloatArray:

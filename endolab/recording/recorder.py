@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 import rerun as rr
 
-from endolab.depth.problem import Problem
 from endolab.depth.result import SOLUTION, Iterate, Result
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import FloatArray
@@ -270,7 +269,7 @@ class Recorder:
             self._log("input", rr.Image(picture[painter.thin]))
         for entity, what in painter.prepared().items():
             self._log(entity, *what)
-        self._log("settings", rr.TextDocument(_settings(problem), media_type="text/markdown"))
+        self._log("settings", rr.TextDocument(_settings(iterate), media_type="text/markdown"))
         inside = problem.mask[painter.sparse]
         own = rr.Points3D.from_fields(colors=picture[painter.sparse][inside], radii=rr.Radius.ui_points(2.5))
         self._log("world/cloud", own)
@@ -318,7 +317,7 @@ class Recorder:
             return
         self._end_stage(self._last)
         table = "\n".join(["| stage | iterations | energy, first | last |", "|---|---|---|---|", *self._rows])
-        notes = "\n".join(f"- {note}" for note in self._last.problem.provenance.notes)
+        notes = "\n".join(f"- {note}" for note in self._last.provenance.notes)
         words = rr.TextDocument(f"## End\n\n{table}\n\n{notes}", media_type="text/markdown")
         self._log("end", words, static=True)
         if self.shown is not None:
@@ -374,8 +373,9 @@ def stage_of(text: str) -> tuple[str, int]:
     return (name, int(round)) if round else (name, 0)
 
 
-def _settings(problem: Problem) -> str:
+def _settings(iterate: Iterate) -> str:
     """What is solved and how, as Markdown."""
+    problem = iterate.problem
     photometry, order = problem.photometry, "" if problem.regulariser == "curvature" else " order"
     rows = {
         "distances": "mm" if problem.metric else "**relative units**",
@@ -385,7 +385,7 @@ def _settings(problem: Problem) -> str:
         "ξ": problem.xi,
         "regulariser": f"{problem.regulariser}{order}, λ = {problem.lam:g}, ε = {problem.epsilon:g}",
         "data": f"Huber, ρ = {255 * problem.threshold:.3g}/255",
-        **{name: value for name, value in problem.settings.items() if name != "notes"},
+        **{name: value for name, value in iterate.provenance.settings.items() if name != "notes"},
     }
     cells = {name: str(value).replace("|", "\\|") for name, value in rows.items()}
     table = "\n".join(f"| {name} | {value} |" for name, value in cells.items())

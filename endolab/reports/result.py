@@ -55,7 +55,7 @@ def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, 
         **({} if uncertainty is None else {"uncertainty": trusted(result, uncertainty)}),
         "pixels": int(known.size),
         "photometry": {"k": photometry.k, "gamma": photometry.gamma, "gain": photometry.gain},
-        "settings": result.problem.settings,
+        "settings": result.provenance.settings,
     }
 
 

@@ -89,7 +89,7 @@ def _distance(answer: Answer, view: View) -> Panel:
 
 
 def _residual(answer: Answer, view: View) -> Panel:
-    residual, floor = answer.residual, NOISY * 255 * noise_left(answer.result.problem)[0]
+    residual, floor = answer.residual, NOISY * 255 * noise_left(answer.result)[0]
     end = end_of((view.like or answer).residual, 98)
     quiet = np.abs(residual) <= floor
     share = 100 * float(quiet.sum()) / max(int(np.isfinite(residual).sum()), 1)
@@ -153,10 +153,9 @@ def _contours(answer: Answer, view: View) -> Panel:
 def _bounced(answer: Answer, view: View) -> Panel:
     if answer.stage != FINAL:
         return Map("Bounced light: with the final answer", None)
-    problem = answer.result.problem
-    log_ratio = bounced_light(problem, answer.result.iterate.log_distance)
-    share = np.where(problem.mask, -100 * np.expm1(-log_ratio), np.nan)
-    taken = "left in" if problem.provenance.albedo is None else "removed"
+    result = answer.result
+    share = np.where(result.mask, -100 * np.expm1(-bounced_light(result.iterate)), np.nan)
+    taken = "left in" if result.provenance.albedo is None else "removed"
     title = f"Bounced light [% of all], {taken}"
     return _value_map(title, share, (0.0, end_of(share, 99)), "magma", "{:.1f} %")
 

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from endolab.depth.problem import Problem
+from endolab.depth.result import Iterate
 from endolab.model.interreflection import Walls
 from endolab.model.surface import normals
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -93,18 +94,17 @@ class Texture:
         return np.hypot(strength / np.maximum(left, LEAST_LEFT * max(usual, 1e-6)), self._least)
 
 
-def named(
-    problem: Problem, log_distance: FloatArray, prior_sigma: PriorSigma
-) -> Iterator[tuple[str, FloatArray]]:
+def named(iterate: Iterate, prior_sigma: PriorSigma) -> Iterator[tuple[str, FloatArray]]:
     """What one standard deviation of each named cause changes in the logarithm of the light."""
+    problem, log_distance = iterate.problem, iterate.log_distance
     mask, field = problem.mask, problem.field
     brightness = np.where(mask, problem.image, 1.0)
     if prior_sigma.k:
         yield "k", -prior_sigma.k * np.log(np.where(mask, field.cos_alpha, 1.0))
     if prior_sigma.gamma:
         yield "gamma", prior_sigma.gamma * np.log(np.maximum(brightness, 0.5 / 255))
-    share = prior_sigma.left_in if problem.provenance.albedo is None else prior_sigma.bounced
-    bounced = share * bounced_light(problem, log_distance) if share else None
+    share = prior_sigma.left_in if iterate.provenance.albedo is None else prior_sigma.bounced
+    bounced = share * bounced_light(iterate) if share else None
     if bounced is not None and bounced.any():
         yield "bounced light", bounced
     if prior_sigma.lamp and problem.metric:
@@ -118,10 +118,10 @@ def named(
             yield f"lamp {'xy'[axis]}", np.where(mask, np.clip(prior_sigma.lamp * slope, -OFF, OFF), 0.0)
 
 
-def bounced_light(problem: Problem, log_distance: FloatArray) -> FloatArray:
+def bounced_light(iterate: Iterate) -> FloatArray:
     """log(1 + ι) of the light that the wall's green bounces, as this surface makes it."""
-    albedo = problem.provenance.albedo
-    separated = problem.settings.get("channel") == "separated"
+    problem, albedo = iterate.problem, iterate.provenance.albedo
+    separated = iterate.provenance.settings.get("channel") == "separated"
     if albedo is None and separated:  # and there was none
         return np.zeros(problem.mask.shape)
     brdf = problem.photometry.brdf
@@ -129,7 +129,7 @@ def bounced_light(problem: Problem, log_distance: FloatArray) -> FloatArray:
     rho = min(rho, 0.95)
     mask = problem.mask
     walls = Walls.of(
-        np.where(mask, log_distance, np.nan),
+        np.where(mask, iterate.log_distance, np.nan),
         mask,
         problem.field,
         problem.photometry.k,

@@ -130,7 +130,7 @@ def uncertainty_of(
     if not isinstance(prior_sigma, PriorSigma | None):
         raise ValueError(f"prior_sigma must be a PriorSigma, got {excerpt(prior_sigma)}")
     draws = whole("draws", draws, LEAST_DRAWS)
-    check_solver(result.problem.settings.get("solver"))
+    check_solver(result.provenance.settings.get("solver"))
     iterate = result.iterate if isinstance(result, Result) else result
     prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
     watching = checked_observers(observers)
@@ -171,7 +171,7 @@ class _Estimate:
             yield "bumps", prior_sigma.bumps * bumps.try_one()
         self._shares = bumps.shares(v)
         yield None
-        for cause, light in named(problem, v, prior_sigma):
+        for cause, light in named(self._iterate, prior_sigma):
             yield cause, surface.to_light(light)
         for cause in ("gain", "albedo"):  # they move all pixels alike
             yield cause, 0.5 * getattr(prior_sigma, cause) * mask
@@ -195,7 +195,7 @@ class _Estimate:
         for _ in range(TRIES):
             texture.try_one()
             yield None
-        noise, blur = noise_left(problem)
+        noise, blur = noise_left(self._iterate)
         strength = texture.strength(noise)
         for draw in range(self._asked):
             yield "texture", surface.to_light(strength * texture.field())
@@ -235,7 +235,7 @@ class _Estimate:
     def _squares(self, maps: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Mean squares of some answers, (n, H, W): in all, of the shape, and of what all pixels share."""
         common = maps[:, self._iterate.mask].mean(axis=1)
-        held, kept = _held(self._iterate.problem), common
+        held, kept = _held(self._iterate), common
         if held is None:
             kept = 0 * common
         elif held:
@@ -244,25 +244,25 @@ class _Estimate:
         return together, shape, float(np.mean((common - kept) ** 2))
 
 
-def _held(problem: Problem) -> list[tuple[int, int]] | None:
+def _held(iterate: Iterate) -> list[tuple[int, int]] | None:
     """Pixels (row, column) whose distance fixes the unit; [] if all do together, None if the gain does."""
-    scale = problem.provenance.scale
+    scale = iterate.provenance.scale
     if scale is None:
-        return None if problem.metric else []
+        return None if iterate.problem.metric else []
     pixels: list[Pixel] = []
     if scale.by == "known distance":
         pixels = [scale.length[1:]]
     elif scale.by == "known diameter":
         pixels = list(scale.length[1:])
-    most = np.array(problem.mask.shape) - 1
-    places = [np.clip(np.round(own_pixel(problem, pixel)[::-1]), 0, most) for pixel in pixels]
+    most = np.array(iterate.mask.shape) - 1
+    places = [np.clip(np.round(own_pixel(iterate, pixel)[::-1]), 0, most) for pixel in pixels]
     return [(int(row), int(column)) for row, column in places]
 
 
-def noise_left(problem: Problem) -> tuple[float, float]:
+def noise_left(result: Result | Iterate) -> tuple[float, float]:
     """Standard deviation of the picture's noise, and the blur, px, that it was given since."""
-    shown, blur = problem.shown, problem.provenance.smooth
-    level = max(noise_level(shown if shown.ndim == 2 else shown[..., 1], problem.mask), QUIET)
+    shown, blur = result.problem.shown, result.provenance.smooth
+    level = max(noise_level(shown if shown.ndim == 2 else shown[..., 1], result.mask), QUIET)
     # The mean of a Gaussian's weights, squared; they fall short of it for less than half a pixel.
     return (level / (2 * np.sqrt(np.pi) * blur), blur) if blur >= SHARP else (level, 0.0)
 

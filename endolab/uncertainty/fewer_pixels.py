@@ -35,10 +35,10 @@ def _halved(iterate: Iterate) -> Iterate:
         discontinuities=coarse.discontinuities,
         evidence=inner(coarse.evidence) if coarse.evidence.size else None,
         picture=np.asarray(cv2.resize(problem.shown, (width, height), interpolation=cv2.INTER_AREA), float),
-        provenance=replace(problem.provenance, smooth=problem.provenance.smooth / 2),
     )
+    provenance = replace(iterate.provenance, smooth=iterate.provenance.smooth / 2)
     v = inner(grid.restrict(padded(np.where(iterate.mask, iterate.log_distance, 0.0))))
-    return Iterate.of(smaller, np.where(smaller.mask, v, 0.0))
+    return Iterate.of(smaller, np.where(smaller.mask, v, 0.0), provenance=provenance)
 
 
 def enlarged(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:

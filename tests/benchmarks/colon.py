@@ -38,7 +38,7 @@ def tell(name, way, frame, calibration, truth, normals=None, most=90.0, scale="n
     known = {"normals": result.normals, "true_normals": normals, "mask": near_axis, "scale": scale}
     found = compare(result.distance, truth, cosine, **known)
     degrees = f"{found.mean_degrees:5.1f}°" if normals is not None else "     -"
-    settings = result.problem.settings
+    settings = result.provenance.settings
     torn = "torn" if settings.get("contours") else ""
     albedo = " ".join(f"{one:.2f}" for one in settings.get("albedo", ()))
     way = way.format(status=result.status.name)

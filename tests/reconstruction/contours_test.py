@@ -5,6 +5,7 @@ import pytest
 
 import endolab as el
 from endolab.depth.gauss_newton import gauss_newton
+from endolab.depth.provenance import Provenance
 from endolab.depth.result import staged
 from endolab.reconstruction.contours import (
     OneChannel,
@@ -12,7 +13,7 @@ from endolab.reconstruction.contours import (
     torn_at_contours,
     torn_where_it_pays,
 )
-from endolab.reconstruction.problem_setup import make_problem
+from endolab.reconstruction.problem_setup import PosedProblem, make_problem
 from tests.tools.problems import finish, percent_off, problem_of
 
 
@@ -62,16 +63,17 @@ def test_a_tube_loses_nothing():
 
 def test_what_was_torn_before_is_torn_again_without_asking():
     problem, _ = direct("matt")
-    channel = OneChannel(problem, problem)
+    posed = PosedProblem(problem, Provenance())
+    channel = OneChannel(posed, posed)
     torn, near = finish(choose_bar(channel, True))
-    assert torn.discontinuities is not None
+    assert torn.problem.discontinuities is not None
     assert near.shape == problem.mask.shape
-    before = el.run(gauss_newton(torn, start=near))
+    before = el.run(gauss_newton(torn.problem, start=near))
     with pytest.raises(StopIteration) as end:
         next(choose_bar(channel, None, before))  # nothing is solved
     again, begin = end.value.value
     assert begin is None
-    np.testing.assert_array_equal(again.discontinuities, torn.discontinuities)
+    np.testing.assert_array_equal(again.problem.discontinuities, torn.problem.discontinuities)
 
 
 def test_with_a_channel_of_its_own_and_without_contours():
@@ -81,5 +83,5 @@ def test_with_a_channel_of_its_own_and_without_contours():
         seen = el.render(el.SCENES[scene], calibration.camera, calibration.photometry, bits=8)
         known = el.Calibration(seen.camera, seen.photometry)
         result = el.reconstruct(el.Frame(seen.image, seen.mask), known, contours=True)
-        assert result.problem.settings["contours"] is expected
+        assert result.provenance.settings["contours"] is expected
         assert (result.problem.discontinuities is not None) is expected

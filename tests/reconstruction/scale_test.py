@@ -8,7 +8,8 @@ import pytest
 
 import endolab as el
 from endolab.depth.energy import energy_terms
-from endolab.depth.problem import AT_LEAST, NONE, Provenance
+from endolab.depth.problem import AT_LEAST, NONE
+from endolab.depth.provenance import Provenance
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.scale import check_scale, factor_of_diameter, factor_of_distance, scale_of
 from tests.tools.problems import Shot
@@ -79,7 +80,7 @@ def test_a_length_that_is_known_solves_nothing_twice(shot, relative):
     np.testing.assert_allclose(whole.normals, relative.normals, atol=1e-9)
     terms = energy_terms(whole.problem, whole.iterate.log_distance)  # the same in every unit
     assert sum(terms.values()) == pytest.approx(relative.energy, rel=1e-9)
-    assert relative.problem.provenance.scale is None
+    assert relative.provenance.scale is None
 
 
 @pytest.mark.parametrize(
@@ -162,7 +163,8 @@ def test_pixels_that_say_less_are_counted_and_notes_told(relative):
     evidence = np.zeros(relative.mask.shape, np.int8)
     evidence[:10, :30], evidence[20:22, :75] = AT_LEAST, NONE
     provenance = Provenance(albedo=(0.75, 0.38, 0.3), notes=("The colours say little.",))
-    result = posed(relative, evidence=evidence, provenance=provenance)
+    result = posed(relative, evidence=evidence)
+    result = replace(result, iterate=replace(result.iterate, provenance=provenance))
     assert "300 of 30000 pixels (1 %)" in note(result, "saturated")
     assert "150 of 30000 pixels (0.5 %)" in note(result, "Highlights")
     assert "0.75, 0.38, 0.3 (R, G, B)" in note(result, "removed")

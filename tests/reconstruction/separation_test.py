@@ -10,7 +10,7 @@ from endolab.depth.problem import NONE
 from endolab.metrics.depth_errors import compare
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.problem_setup import make_problem
+from endolab.reconstruction.problem_setup import Preparation, make_problems
 from endolab.reconstruction.separation import merged, separate
 from tests.tools.problems import finish
 
@@ -23,7 +23,7 @@ def solved(frame, calibration, **options):
 
 
 def note(result):
-    return result.problem.settings["notes"][0]
+    return result.provenance.notes[0]
 
 
 @pytest.fixture(scope="module")
@@ -47,14 +47,14 @@ def without(calibration, **changes):
 
 
 def colours(frame, calibration, width=WIDTH, **options):
-    return [make_problem(frame, calibration, channel=name, width=width, **options) for name in CHANNELS]
+    return make_problems(frame, calibration, Preparation(width=width, **options), CHANNELS)
 
 
 def test_a_third_of_the_error_is_left(dry, separated):
     plain = el.reconstruct(dry.frame, dry.calibration, width=WIDTH, channel="green")
     assert error(separated, dry) < 9
     assert error(plain, dry) > 14
-    settings = separated.problem.settings
+    settings = separated.provenance.settings
     assert settings["channel"] == "separated"
     np.testing.assert_allclose(settings["albedo"], ALBEDO, rtol=0.1)  # given ones are believed nearly
     assert settings["contours"] is True
@@ -74,6 +74,11 @@ def test_observers_see_every_solve_with_its_stage_and_round(dry):
     assert [step.k for step in seen if step.stage == "solution"] == [row["k"] for row in result.history]
     assert result.seconds == pytest.approx(sum(stage.seconds for stage in result.stages))
     assert seen[0].problem.mask.shape == (180, 240)  # bounced light is sought on fewer pixels
+    # Each is of this frame; only the last stage's settings are those that were asked for.
+    assert {step.provenance.settings["frame"] for step in seen} == {dry.frame.name}
+    assert ["solver" in step.provenance.settings for step in seen] == [
+        step.stage == "solution" for step in seen
+    ]
 
 
 def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
@@ -102,7 +107,7 @@ def test_albedos_are_found_in_the_colours(dry, separated):
     """Whatever the calibration says of one albedo: the ratios and the level come from the picture."""
     grey = without(dry.calibration, brdf=el.Lambertian(0.38))
     result = solved(dry.frame, grey)
-    found = np.array(result.problem.settings["albedo"])
+    found = np.array(result.provenance.settings["albedo"])
     np.testing.assert_allclose(found / found[0], ALBEDO / ALBEDO[0], rtol=0.25)
     assert found[0] == pytest.approx(ALBEDO[0], abs=0.25)
     assert error(result, dry) < 12.5
@@ -134,7 +139,7 @@ def shown(colours, light):
 
 
 def test_merging_undoes_what_bounced(dry):
-    three = colours(dry.frame, dry.calibration, smooth=0.0)
+    three = [posed.problem for posed in colours(dry.frame, dry.calibration, smooth=0.0)]
     indirect_ratio = np.full((*three[1].mask.shape, 3), 0.5)
     direct = np.random.default_rng(0).uniform(0.1, 0.4, three[1].mask.shape)
     lit = shown(three, [direct * (1 + 0.5) * rho / ALBEDO[1] for rho in ALBEDO])
@@ -165,7 +170,7 @@ def test_colours_that_contradict_each_other_are_not_believed(dry):
     image[..., 0], image[..., 2] = image[::-1, :, 0], image[:, ::-1, 2]
     result = solved(el.Frame(image, dry.frame.mask, "odd"), dry.calibration, width=160, contours=False)
     assert "The colours do not tell how much there is (no one direct light)" in note(result)
-    assert result.problem.settings["albedo"] == ALBEDO.tolist()
+    assert result.provenance.settings["albedo"] == ALBEDO.tolist()
 
 
 def test_colours_of_one_ratio_tell_nothing(dry):

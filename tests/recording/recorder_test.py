@@ -10,6 +10,7 @@ import pytest
 
 import endolab as el
 from endolab.depth.energy import model_image
+from endolab.depth.provenance import Provenance
 from endolab.model.cameras import Pinhole
 from endolab.recording.pictures import RESIDUAL
 from endolab.recording.sequence import SequenceRecorder
@@ -17,18 +18,19 @@ from tests.tools.problems import coloured_colon
 from tests.tools.recorded import Recorded
 
 PAPER = el.load_calibration("paper").camera
+BY_HAND = Provenance({"solver": "by hand"})
 
 
 def towards(camera, count, metric=True):
     """Iterates from the start to the truth, and the truth."""
-    problem, seen = coloured_colon(camera, metric=metric, settings={"solver": "by hand"})
+    problem, seen = coloured_colon(camera, metric=metric)
     goal = np.where(problem.mask, np.log(seen.distance), np.nan)
     steps = []
     for k in range(count):
         v = problem.log_facing + (1 - 0.7**k) * (goal - problem.log_facing)
         arrived = problem.mask & (seen.distance < 20 + 10 * k)
         previous = steps[-1] if steps else None
-        shown = {"maps": {"arrived": arrived}, "scalars": {"step": 0.5**k}}
+        shown = {"maps": {"arrived": arrived}, "scalars": {"step": 0.5**k}, "provenance": BY_HAND}
         steps.append(el.Iterate.of(problem, v, previous, **shown))
     return steps, seen.distance
 

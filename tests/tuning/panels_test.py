@@ -63,7 +63,7 @@ def test_every_panel_fills_its_cell_and_reads_its_pixels(answer):
 
 def test_a_residual_below_noise_is_no_news_and_contours_are_seen(answer):
     residual = PANELS["model - frame"](answer, View()).picture
-    quiet = np.abs(answer.residual) <= 2 * 255 * noise_left(answer.result.problem)[0]
+    quiet = np.abs(answer.residual) <= 2 * 255 * noise_left(answer.result)[0]
     assert np.array_equal((residual == BELOW_NOISE).all(axis=-1), quiet)
     discontinuities, evidence = np.zeros((2, 120, 160), bool), np.zeros((120, 160), np.int8)
     discontinuities[0, 40:80, 80] = True

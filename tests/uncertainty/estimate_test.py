@@ -7,7 +7,8 @@ import pytest
 
 import endolab as el
 from endolab.depth.gauss_newton import gauss_newton
-from endolab.depth.problem import NONE, Scale
+from endolab.depth.problem import NONE
+from endolab.depth.provenance import Provenance, Scale
 from endolab.depth.result import Iterate, run
 from endolab.numerics.iteration import Status
 from endolab.reconstruction.contours import torn_at_contours
@@ -117,8 +118,8 @@ def test_a_known_length_takes_the_scale_away(curved):
     problem, _, result, _ = curved
     prior_sigma = replace(CERTAIN, gain=0.3, k=0.2)
     for scale in (Scale("median distance", 40.0), Scale("known distance", (40.0, 30, 20))):
-        known = replace(problem, provenance=replace(problem.provenance, scale=scale))
-        uncertainty = uncertainty_of(Iterate.of(known, result.iterate.log_distance), prior_sigma=prior_sigma)
+        known = replace(result.iterate, provenance=Provenance(scale=scale))
+        uncertainty = uncertainty_of(known, prior_sigma=prior_sigma)
         assert uncertainty.scales["gain"] < 1e-12
     here = uncertainty.sigma[20, 30] / result.distance[20, 30]
     assert here < 1e-12
@@ -159,8 +160,8 @@ def test_light_that_bounced_and_was_left_in_counts_whole(curved):
         "bounced light"
     ]
     assert uncertainty.causes["bounced light"][here] == pytest.approx(2 * half[here])
-    asked = replace(problem, settings={**problem.settings, "channel": "separated"})
-    assert "bounced light" not in uncertainty_of(solved(asked), draws=LEAST_DRAWS).causes
+    asked = replace(result.iterate, provenance=Provenance({"channel": "separated"}))
+    assert "bounced light" not in uncertainty_of(asked, draws=LEAST_DRAWS).causes
 
 
 def test_what_a_picture_does_not_say_is_the_priors():
@@ -242,8 +243,8 @@ def test_doubts_are_the_standard_errors_of_the_calibration(evidence, k, gamma):
 
 
 def test_what_cannot_be_asked_is_refused(curved):
-    problem, _, result, _ = curved
-    marched = replace(result.iterate, problem=replace(problem, settings={"solver": "fast_marching"}))
+    _, _, result, _ = curved
+    marched = replace(result.iterate, provenance=Provenance({"solver": "fast_marching"}))
     for given, options, named in (
         (marched, {}, "'fast_marching' minimises no energy"),
         (3, {}, "result must be"),
