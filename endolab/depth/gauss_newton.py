@@ -49,7 +49,7 @@ ROUNDING = 1e-24  # an energy as small as that of residuals of 1e-12
 # of a step lowered the energy; at most; and by which factor it grows with every such step, and falls with a
 # whole one. Torn surfaces need it: what hangs together by little is to move far otherwise.
 DAMPING, HELD, MOST_DAMPING, CHANGE = 1e-3, 1.0, 1e3, 4.0
-PRECISION, MOST_INNER_STEPS = 0.1, 40  # of the inner solver: residual left, steps
+PRECISION, MOST_INNER_STEPS = 0.1, 20  # of the inner solver: residual left, steps
 RATE, SLOWEST = 0.65, 0.95  # of a fall, how much is taken to follow: at first, at most
 COARSEST = 24  # rows and columns of the coarsest grid, at least
 CONTINUATION = (10.0, 3.0, 1.0)  # multiples of λ on the coarsest grid

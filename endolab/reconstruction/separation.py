@@ -71,7 +71,7 @@ BOUNCED = "bounced light"  # stage
 DOUBT = 0.15  # share of ι that may be wrong
 GUESS = 0.5  # of s in ι = s a/(1 - s a), before there is a surface
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
-ROUND_STEPS, TORN_STEPS = (10, 5, 5), 4  # of each round's solve, and of each bar's
+ROUND_STEPS, TORN_STEPS = (10, 5, 5), 3  # of each round's solve, and of each bar's
 # Of the surfaces that are torn over one bar or another, the least torn is taken whose misfit of the colours
 # is at most so many times the least, or, if that is the whole one, the one whose energy speaks for its cuts;
 # beyond the second, no lower bar is tried.
@@ -252,7 +252,8 @@ def _round(
     """Take out the light that bounces on a surface, and solve again from there."""
     indirect_ratio, light = _bounced(colours, surface, belief)
     problem, bar = merged(colours, indirect_ratio, light.albedo), bar_of(surface)
-    problem = problem if bar is None else torn_at_contours(problem, bar)
+    if bar is not None and problem.discontinuities is None:
+        problem = torn_at_contours(problem, bar)
     v = surface.log_distance
     start = np.where(np.isfinite(v), v, problem.log_facing)
     solver = carrying(gauss_newton(problem, start=start, max_iterations=steps), surface.provenance)
