@@ -36,7 +36,6 @@ def calibrate_to_files(
     target: Target,
     out: PathLike,
     *,
-    channel: str = "grey",
     record: bool = False,
     overwrite: bool = False,
     inputs: Collection[PathLike | None] = (),
@@ -50,12 +49,14 @@ def calibrate_to_files(
     the page, `camera.json` and, with `record`, a recording for the Rerun viewer; and what was detected, kept
     between calls. A file that is no calibration of endolab's, and a folder that is no such report, are
     replaced only if `overwrite`; the frames and `inputs`, what else was read for this, never. `say` is told,
-    in a sentence, what an earlier call had done; the rest, camera, every, leave_out and the light's options,
-    is as for `calibrate`. Raises `MissingPackage` at once if a recording is wanted and cannot be written.
+    in a sentence, what an earlier call had done; the rest, camera, channel, every, leave_out and the light's
+    options, is as for `calibrate`. Raises `MissingPackage` at once if a recording is wanted and cannot be
+    written.
     """
     if record:
         need("rerun")
     folder, calibration = report_folder(out), Path(out)
+    channel = options.setdefault("channel", "grey")
     checked_names(options.get("leave_out", ()), frames.names)
     read: list[PathLike | None] = [*inputs]
     read += [frames.path] if frames.is_video else [frames.path / name for name in frames.names]
@@ -67,7 +68,7 @@ def calibrate_to_files(
         detecting: dict[str, Any] = {"camera": options.get("camera"), "progress": progress, "say": say}
         detected = detect_cached(frames, target, cache, overwrite=overwrite, **detecting)
         options["detections"], options["size"] = detected
-        session = calibrate(frames, target, channel=channel, progress=progress, **options)
+        session = calibrate(frames, target, progress=progress, **options)
         write_report(session, frames, staging, channel)
         if record:
             from endolab.recording.calibration import record_calibration

@@ -56,15 +56,23 @@ def _target(arguments: argparse.Namespace) -> None:
 
 def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
     """Write a simulated calibration video with its truth."""
+    from endolab.calibration.simulation.sheet_image import Sensor
+    from endolab.calibration.simulation.trajectory import Movement
     from endolab.io.descriptions import read_target
     from endolab.io.sheet_video import save_sheet_video
 
     target, frames = arguments.target or "vicalib_small", arguments.frames or 300
-    if arguments.fold is not None and read_target(target).fold is None:
+    flat = read_target(target).fold is None
+    if arguments.fold is not None and flat:
         raise ValueError(f"--fold is of a folded target, and {target} is flat")
-    names = ("video", "noise", "bits", "outliers", "motion", "seed", "overwrite")
-    chosen = {name: value for name in names if (value := getattr(arguments, name)) is not None}
-    chosen["fold"] = math.radians(20.0 if arguments.fold is None else arguments.fold)
+
+    def given(*names: str) -> dict[str, Any]:
+        return {name: value for name in names if (value := getattr(arguments, name)) is not None}
+
+    chosen = given("video", "seed", "overwrite")
+    chosen["sensor"] = Sensor(**given("noise", "bits", "outliers", "motion"))
+    angle = 20.0 if arguments.fold is None else arguments.fold
+    chosen["movement"] = Movement(fold=0.0 if flat else math.radians(angle))
     chosen["inputs"] = [arguments.calibration, target]
     with _bar() as bar:
         save_sheet_video(arguments.out, target, calibration, frames, progress=bar, **chosen)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from endolab.calibration.session import Progress, silent
+from endolab.calibration.simulation.trajectory import MOVEMENT
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
 from endolab.io.descriptions import read_target
@@ -26,7 +27,6 @@ def save_sheet_video(
     endoscope: Endoscope,
     count: int,
     *,
-    fold: float = 0.0,
     video: bool = False,
     overwrite: bool = False,
     inputs: Collection[PathLike | None] = (),
@@ -35,9 +35,9 @@ def save_sheet_video(
 ) -> None:
     """Write a simulated calibration video, as pictures or as `sheet.mkv`, and `truth.json`.
 
-    `target` is as for `read_target`; `fold`, rad, is that of a target that has one. The paper is that of
-    `PAPER_SHEET`; `how` are options of `simulate_video`. What is there already is replaced as by
-    `staged_folder`. ValueError, if other pictures are there: they would be taken for more of these frames.
+    `target` is as for `read_target`. The paper is that of `PAPER_SHEET`; movement, sensor and seed are as for
+    `simulate_video`. What is there already is replaced as by `staged_folder`. ValueError, if other pictures
+    are there: they would be taken for more of these frames.
     """
     if not 1 <= count <= MOST_FRAMES:
         raise ValueError(f"count must be from 1 to {MOST_FRAMES}, got {count}")
@@ -47,9 +47,8 @@ def save_sheet_video(
         other = Path(folder) / min(others.difference(files))
         raise ValueError(f"{other} would be taken for one of the {count} frames; choose another folder")
     sheet = read_target(target)
-    fold = fold if sheet.fold is not None else 0.0
     light = replace(endoscope.photometry, brdf=PAPER_SHEET)
-    frames = simulate_video(sheet, endoscope.camera, light, count, fold=fold, **options)
+    frames = simulate_video(sheet, endoscope.camera, light, count, **options)
     truth: list[dict[str, Any]] = []
 
     def images() -> Iterator[FloatArray]:
@@ -67,5 +66,6 @@ def save_sheet_video(
         theta = np.linspace(0, np.pi / 2, 181)
         paper = TabulatedBRDF(tuple(theta), tuple(PAPER_SHEET.value(np.cos(theta), np.cos(theta))))
         known = replace(endoscope, photometry=replace(endoscope.photometry, brdf=paper))
+        fold = options.get("movement", MOVEMENT).fold
         facts = known.to_dict() | {"target": target, "fold": fold, "frames": truth}
         write_atomically(staging / "truth.json", as_json(facts))

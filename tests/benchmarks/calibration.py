@@ -16,6 +16,7 @@ from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 from endolab.calibration.targets import TARGETS
 from endolab.model.photometry import Photometry
 from tests.benchmarks.report import seconds_of, table
+from tests.tools.shooting import shooting
 
 TRUE = {"k": 2.5, "gamma": 2.2, "k/gamma": 2.5 / 2.2}
 CAMERA = datasets.load_calibration("paper").camera
@@ -26,7 +27,7 @@ PHANTOM_LEVELS = (45 / 255, 210 / 255)  # its texture is ± 13 grey levels
 
 def take(target, seed, count=300, **how):
     """Samples of a video and its gains."""
-    return simulate_samples(TARGETS[target], CAMERA, TRUTH, count, seed=seed, **how)
+    return simulate_samples(TARGETS[target], CAMERA, TRUTH, count, seed=seed, **shooting(**how))
 
 
 def sheen(fit):

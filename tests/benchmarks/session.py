@@ -13,7 +13,8 @@ from endolab import datasets
 from endolab.calibration.detection.detect import Detection, detect
 from endolab.calibration.geometric.projection import predict_view
 from endolab.calibration.session import calibrate
-from endolab.calibration.simulation.sheet_image import SheetFrame
+from endolab.calibration.simulation.sheet_image import Sensor, SheetFrame
+from endolab.calibration.simulation.trajectory import Movement
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.calibration.targets import TARGETS, Target
 from endolab.model.photometry import Photometry
@@ -41,7 +42,8 @@ def run(name: str, fold: float, count: int, seed: int, **options: object) -> lis
     """Render, detect, calibrate; return a row of the table."""
     target = TARGETS[name]
     stored, detections, seconds, gains, shares, wrong = [], {}, [], [], [], 0
-    video = simulate_video(target, CAMERA, TRUTH, count, fold=fold, outliers=0.001, seed=seed)
+    seen = {"movement": Movement(fold), "sensor": Sensor(outliers=0.001)}
+    video = simulate_video(target, CAMERA, TRUTH, count, seed=seed, **seen)
     for number, frame in enumerate(video):
         label = f"{number:04d}"
         stored.append((label, frame.image.astype(np.float32)))

@@ -10,6 +10,8 @@ from endolab import datasets
 from endolab.calibration import session
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.session import calibrate, choose_views, detect_all
+from endolab.calibration.simulation.sheet_image import Sensor
+from endolab.calibration.simulation.trajectory import Movement
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.calibration.summary import evidence
 
@@ -26,7 +28,11 @@ def seen(count):
 @pytest.fixture(scope="module")
 def video():
     """Frames of a flat sheet, in colour, their names and truth; and what was detected in them."""
-    truth = list(simulate_video(SHEET, CAMERA, LIGHT, 18, distance=(25, 60), noise=1.0))
+    truth = list(
+        simulate_video(
+            SHEET, CAMERA, LIGHT, 18, movement=Movement(distance=(25, 60)), sensor=Sensor(noise=1.0)
+        )
+    )
     colour = np.array([1.0, 0.8, 0.6])  # of the sensor's channels, in linear light
     frames = [(f"{n}.png", f.image[..., None] * colour ** (1 / 2.2)) for n, f in enumerate(truth)]
     detections, size = detect_all(frames, SHEET)

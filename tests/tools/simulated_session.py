@@ -11,7 +11,7 @@ from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.projection import predict_view
 from endolab.calibration.geometric.reprojection import views_of
 from endolab.calibration.session import Session, locate, score
-from endolab.calibration.simulation.trajectory import trajectory
+from endolab.calibration.simulation.trajectory import Movement, trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 
 COUNT, NOISE = 20, 0.05  # frames that were located; px
@@ -23,7 +23,7 @@ def simulated(name="vicalib_small", **light):
     """Return a session, its frames and the steps of the light's fit."""
     target, camera = el.TARGETS[name], datasets.load_calibration("paper", width=160).camera
     fold = np.deg2rad(30) if target.fold else 0.0
-    how = {"fold": fold, "distance": (30.0, 60.0), "seed": 1}
+    how = {"movement": Movement(fold, (30.0, 60.0)), "seed": 1}
     samples, _ = simulate_samples(target, camera, el.Photometry(brdf=PAPER_SHEET), COUNT, per_frame=60, **how)
     rng = np.random.default_rng(0)
     true = iter(trajectory(target, camera, COUNT, **how))

@@ -39,6 +39,31 @@ Float32Array = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
+class Sensor:
+    """What an endoscope's camera makes of the light."""
+
+    noise: float = 3.0  # standard deviation, grey levels of 255
+    bits: int = 8  # that values are rounded to
+    blur: float = 0.0  # standard deviation of the defocus, px
+    motion: float = 0.0  # length of the motion blur, px, in a random direction
+    outliers: float = 0.0  # share of the sheet under glints and dust
+    black: float = 0.04  # the ink's reflectance
+    locked: bool = False  # one gain for all frames of a video, instead of one that follows the sheet
+
+    def __post_init__(self) -> None:
+        for name in ("noise", "blur", "motion"):
+            number(name, getattr(self, name), 0)
+        for name in ("outliers", "black"):
+            if not 0 <= getattr(self, name) < 1:
+                raise ValueError(f"{name} must be from 0 to below 1, got {getattr(self, name)}")
+        if not 1 <= self.bits <= 16:
+            raise ValueError(f"bits must be from 1 to 16, got {self.bits}")
+
+
+SENSOR = Sensor()
+
+
+@dataclass(frozen=True)
 class SheetFrame:
     """A simulated frame and its truth."""
 
@@ -201,30 +226,18 @@ def render_sheet(
     poses: Sequence[Pose],
     camera: Camera,
     photometry: Photometry,
+    sensor: Sensor = SENSOR,
     *,
-    noise: float = 3.0,
-    bits: int = 8,
-    blur: float = 0.0,
-    motion: float = 0.0,
-    outliers: float = 0.0,
-    black: float = 0.04,
     seed: int = 0,
 ) -> SheetFrame:
     """Render a sheet as the endoscope sees it, from one pose a panel; a fold's ridge is towards the camera.
 
     The photometry's BRDF is that of the white paper; if its gain is unknown, that of `automatic_gain` is
-    taken. `noise` is a standard deviation, grey levels of 255; the values are rounded to `bits`; `blur` is
-    the standard deviation of the defocus, px, `motion` the length of the motion blur, px, in a random
-    direction; `outliers` the share of the sheet under glints and dust; `black` the ink's reflectance.
+    taken. Neither blur may be longer than the picture is wide.
     """
-    for name, value in (("noise", noise), ("blur", blur), ("motion", motion)):
-        number(name, value, 0, camera.width if name != "noise" else np.inf)
+    for name in ("blur", "motion"):
+        number(name, getattr(sensor, name), 0, camera.width)
     check_memory(RENDERING * camera.width * camera.height, f"a picture of {camera.width}x{camera.height} px")
-    for name, value in (("outliers", outliers), ("black", black)):
-        if not 0 <= value < 1:
-            raise ValueError(f"{name} must be from 0 to below 1, got {value}")
-    if not 1 <= bits <= 16:
-        raise ValueError(f"bits must be from 1 to 16, got {bits}")
     if len(poses) != target.panels:
         raise ValueError(f"poses must hold one for each of {target.panels} panels, got {len(poses)}")
     gain = photometry.gain
@@ -237,21 +250,21 @@ def render_sheet(
     for panel, pose in enumerate(poses):
         if pose.translation @ pose.normal >= 0:  # seen from behind: hidden by the other panel
             continue
-        seen, share = _paper(target, panel, pose, camera, black)
+        seen, share = _paper(target, panel, pose, camera, sensor.black)
         linear += seen * _plane_light(photometry, rays, pose.normal, pose.translation, share > 0)
         paper += share
     cloth = replace(photometry, brdf=BACKGROUND)
     behind = poses[0].translation - BEHIND * poses[0].normal
     linear += (1 - paper) * _plane_light(cloth, rays, poses[0].normal, behind, paper < 1)
     linear *= np.float32(gain)
-    if outliers:
-        linear *= 1 - 0.8 * _spots(shape, outliers / 2, rng) * paper
-        linear += 1.5 * _spots(shape, outliers / 2, rng) * paper
-    if blur:
-        cv2.GaussianBlur(linear, (0, 0), blur, dst=linear, borderType=cv2.BORDER_REPLICATE)
-    if motion:
-        cv2.filter2D(linear, -1, _streak(motion, rng), dst=linear, borderType=cv2.BORDER_REPLICATE)
-    image = stored(linear, photometry.gamma, noise, bits, rng)
+    if sensor.outliers:
+        linear *= 1 - 0.8 * _spots(shape, sensor.outliers / 2, rng) * paper
+        linear += 1.5 * _spots(shape, sensor.outliers / 2, rng) * paper
+    if sensor.blur:
+        cv2.GaussianBlur(linear, (0, 0), sensor.blur, dst=linear, borderType=cv2.BORDER_REPLICATE)
+    if sensor.motion:
+        cv2.filter2D(linear, -1, _streak(sensor.motion, rng), dst=linear, borderType=cv2.BORDER_REPLICATE)
+    image = stored(linear, photometry.gamma, sensor.noise, sensor.bits, rng)
     return SheetFrame(image, tuple(poses), gain)
 
 

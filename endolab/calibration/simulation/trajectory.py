@@ -1,6 +1,7 @@
 """How a hand moves a sheet of paper in front of a camera."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
@@ -15,6 +16,33 @@ from endolab.numerics.checks import number, whole
 TILT = np.deg2rad(55)
 REACH = np.deg2rad(40)
 WHOLE = ("circles", "chessboard")  # kinds of target that are found whole or not at all
+
+
+@dataclass(frozen=True)
+class Movement:
+    """How a hand moves a sheet."""
+
+    fold: float = 0.0  # angle between the normals of a folded sheet's panels, rad
+    distance: tuple[float, float] = (25.0, 100.0)  # nearest and farthest depth z of its middle, mm
+    tilt: float = TILT  # the largest angle of its normal to the axis, rad; 0: frontal
+    reach: float = REACH  # the largest angle of its middle off the axis, rad
+    # The least share of the features within the picture: the sheet comes towards the axis, then goes away,
+    # until it is reached. By default 0.25, or 1 for targets that are found whole only.
+    seen: float | None = None
+
+    def __post_init__(self) -> None:
+        nearest, farthest = self.distance
+        if not 0 < nearest <= farthest < np.inf:
+            raise ValueError(
+                f"distance must be two growing positive numbers (mm), got {nearest} and {farthest}"
+            )
+        for name, most in (("tilt", 1.4), ("reach", 1.4), ("fold", 2.0)):
+            number(name, getattr(self, name), 0, most)
+        if self.seen is not None:
+            number("seen", self.seen, 0, 1)
+
+
+MOVEMENT = Movement()
 
 
 def folded(target: Target, pose: Pose, fold: float) -> tuple[Pose, ...]:
@@ -73,36 +101,20 @@ def trajectory(
     target: Target,
     camera: Camera,
     count: int,
+    movement: Movement = MOVEMENT,
     *,
-    fold: float = 0.0,
-    distance: tuple[float, float] = (25.0, 100.0),
-    tilt: float = TILT,
-    reach: float = REACH,
-    seen: float | None = None,
     seed: int = 0,
 ) -> list[tuple[Pose, ...]]:
-    """Move a sheet by hand in front of a camera: for each of `count` frames the poses, one a panel.
-
-    `fold` is the angle between the panels' normals, rad; `distance` the nearest and farthest depth z of the
-    sheet's middle, mm; `tilt` and `reach` the largest angles, rad, of its normal (0: frontal) and of its
-    middle off the axis. `seen` is the least share of the features within the picture: the sheet comes
-    towards the axis, then goes away, until it is reached; by default 0.25, or 1 for targets that are found
-    whole only.
-    """
-    nearest, farthest = distance
+    """Move a sheet by hand in front of a camera: for each of `count` frames the poses, one a panel."""
     whole("count", count, 1)
-    if not 0 < nearest <= farthest < np.inf:
-        raise ValueError(f"distance must be two growing positive numbers (mm), got {nearest} and {farthest}")
-    for name, value, most in (("tilt", tilt, 1.4), ("reach", reach, 1.4), ("fold", fold, 2.0)):
-        number(name, value, 0, most)
+    tilt, reach, fold, seen = movement.tilt, movement.reach, movement.fold, movement.seen
     if fold and target.fold_x is None:
         raise ValueError("fold needs a target that has a fold; this one is flat")
     if seen is None:
         seen = 1.0 if target.kind in WHOLE else 0.25
-    number("seen", seen, 0, 1)
     wander = _wander(count, 6, np.random.default_rng([whole("seed", seed), 0]))
     lean, aside = tilt * _disc(wander[:, :2]), reach * _disc(wander[:, 2:4])
-    depth = np.exp(np.interp(wander[:, 4], [-1, 1], np.log([nearest, farthest])))
+    depth = np.exp(np.interp(wander[:, 4], [-1, 1], np.log(movement.distance)))
     axis = np.column_stack([-lean[:, 1], lean[:, 0], np.zeros(count)])
     turns = Rotation.from_rotvec(axis) * Rotation.from_euler("z", np.pi * wander[:, 5:])
     left, top, width, height = target.sheet
@@ -112,7 +124,7 @@ def trajectory(
         """Poses with the sheet pulled to the axis (0 to 1) and then away to the far end (1 to 2)."""
         side = aside[which] * np.clip(1 - pull, 0, 1)[:, None]
         angle = np.linalg.norm(side, axis=1, keepdims=True)
-        z = depth[which] * (farthest / depth[which]) ** np.clip(pull - 1, 0, 1)
+        z = depth[which] * (movement.distance[1] / depth[which]) ** np.clip(pull - 1, 0, 1)
         away = np.column_stack([side * np.tan(angle) / np.where(angle > 0, angle, 1), np.ones(len(which))])
         flat = zip(turns[which].as_matrix(), away * z[:, None], strict=True)
         return [folded(target, Pose(turn, centre - turn @ middle), fold) for turn, centre in flat]

@@ -2,19 +2,20 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from endolab.calibration.photometric.samples import Samples, sample_places
 from endolab.calibration.simulation.sheet_image import (
+    SENSOR,
+    Sensor,
     SheetFrame,
     automatic_gain,
     linear_light,
     render_sheet,
     stored,
 )
-from endolab.calibration.simulation.trajectory import in_view, on_sheet, trajectory
+from endolab.calibration.simulation.trajectory import MOVEMENT, Movement, in_view, on_sheet, trajectory
 from endolab.calibration.targets import Target
 from endolab.model.brdf import Glossy
 from endolab.model.cameras import Camera
@@ -22,7 +23,7 @@ from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray
 
 PAPER_SHEET = Glossy(0.8, 0.0373, 10.0)  # a sheen that makes paper 28 % brighter at θ = 0
-MOTION = ("fold", "distance", "tilt", "reach", "seen")  # options of `trajectory`
+SAMPLED = Sensor(outliers=0.015)  # of samples, whose outliers may have any level
 
 
 def simulate_video(
@@ -31,22 +32,16 @@ def simulate_video(
     photometry: Photometry,
     count: int = 300,
     *,
-    locked: bool = False,
+    movement: Movement = MOVEMENT,
+    sensor: Sensor = SENSOR,
     seed: int = 0,
-    **sensor: Any,
 ) -> Iterator[SheetFrame]:
-    """Simulate a calibration video of `count` frames; each has a gain of its own, whatever the photometry's.
-
-    `locked` keeps one gain for all frames instead of one that follows the sheet. `how`: fold, distance,
-    tilt, reach and seen as for `trajectory`; noise, bits, blur, motion, outliers and black as for
-    `render_sheet`.
-    """
-    motion = {name: sensor.pop(name) for name in MOTION if name in sensor}
-    poses = trajectory(target, camera, count, seed=seed, **motion)
-    gains = automatic_gain(target, poses, camera, photometry, locked=locked)
+    """Simulate a calibration video; each frame has a gain of its own, whatever the photometry's."""
+    poses = trajectory(target, camera, count, movement, seed=seed)
+    gains = automatic_gain(target, poses, camera, photometry, locked=sensor.locked)
     for number, (pose, gain) in enumerate(zip(poses, gains, strict=True)):
         light = replace(photometry, gain=float(gain))
-        yield render_sheet(target, pose, camera, light, seed=seed * 100_003 + number, **sensor)
+        yield render_sheet(target, pose, camera, light, sensor, seed=seed * 100_003 + number)
 
 
 def simulate_samples(
@@ -55,21 +50,18 @@ def simulate_samples(
     photometry: Photometry,
     count: int = 300,
     *,
+    movement: Movement = MOVEMENT,
+    sensor: Sensor = SAMPLED,
     per_frame: int = 100,
-    locked: bool = False,
-    noise: float = 3.0,
-    bits: int = 8,
-    outliers: float = 0.015,
     seed: int = 0,
-    **motion: Any,
 ) -> tuple[Samples, FloatArray]:
     """Simulate the samples of a video without its pictures: true points and normals, and the true gains.
 
-    At most `per_frame` of a frame, at random among the bare places in view. `outliers` is the share of the
-    samples whose level is anything between 0 and 1; the rest, fold to seen, is as for `simulate_video`.
+    At most `per_frame` of a frame, at random among the bare places in view. The sensor's `outliers` is the
+    share of the samples whose level is anything between 0 and 1; it blurs nothing.
     """
-    poses = trajectory(target, camera, count, seed=seed, **motion)
-    gains = automatic_gain(target, poses, camera, photometry, locked=locked)
+    poses = trajectory(target, camera, count, movement, seed=seed)
+    gains = automatic_gain(target, poses, camera, photometry, locked=sensor.locked)
     rng = np.random.default_rng([seed, 2])
     places, material = sample_places(target)
     points, normals = on_sheet(target, poses, places)
@@ -80,7 +72,7 @@ def simulate_samples(
     place = order[frame, rank]
     points, normals = points[frame, place], normals[frame, place]
     light = gains[frame] * places[place, 3] * linear_light(photometry, points, normals)
-    level = stored(light, photometry.gamma, noise, bits, rng)
-    wild = rng.random(len(level)) < outliers
-    level[wild] = stored(rng.random(np.count_nonzero(wild)), 1.0, 0.0, bits, rng)
+    level = stored(light, photometry.gamma, sensor.noise, sensor.bits, rng)
+    wild = rng.random(len(level)) < sensor.outliers
+    level[wild] = stored(rng.random(np.count_nonzero(wild)), 1.0, 0.0, sensor.bits, rng)
     return Samples(frame, level, points, normals, material[place]), gains

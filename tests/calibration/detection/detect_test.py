@@ -11,8 +11,8 @@ import endolab as el
 from endolab import datasets
 from endolab.calibration.detection.detect import detect
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.simulation.sheet_image import render_sheet
-from endolab.calibration.simulation.trajectory import folded
+from endolab.calibration.simulation.sheet_image import Sensor, render_sheet
+from endolab.calibration.simulation.trajectory import Movement, folded
 from endolab.calibration.simulation.video import simulate_video
 from endolab.calibration.targets import TARGETS, Chessboard, CircleGrid
 from endolab.datasets import load_calibration
@@ -33,7 +33,7 @@ def posed(target, distance=45.0, tilt=0.0, turn=0.0):
 
 def picture(target, poses, gamma=2.2, **options):
     """Render a sheet, to uint8."""
-    image = render_sheet(target, poses, CAMERA, replace(LIGHT, gamma=gamma), **options).image
+    image = render_sheet(target, poses, CAMERA, replace(LIGHT, gamma=gamma), Sensor(**options)).image
     return np.round(image * 255).astype(np.uint8)
 
 
@@ -194,7 +194,8 @@ def test_corners_are_unbiased_through_blur_noise_and_enlarging(blur, enlarged, r
     """Measured, px of the sensor: 0.05 of bias at most, median 0.07 to 0.12."""
     camera = load_calibration("paper", 640 // enlarged).camera
     off = []
-    shots = simulate_video(BOARD, camera, LIGHT, 6, distance=(60, 110), tilt=np.deg2rad(35), seed=3)
+    movement = Movement(distance=(60, 110), tilt=np.deg2rad(35))
+    shots = simulate_video(BOARD, camera, LIGHT, 6, movement=movement, seed=3)
     for shot in shots:
         image = cv2.GaussianBlur(shot.image, (0, 0), blur) if blur else shot.image
         image = np.clip(image + rng.normal(0, 3 / 255, image.shape), 0, 1)

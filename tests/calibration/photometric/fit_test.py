@@ -10,6 +10,7 @@ from endolab import datasets
 from endolab.calibration.photometric.model import GREY, LightModel, LightUnknowns, place_nodes
 from endolab.calibration.photometric.samples import Samples, sample_depth
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
+from tests.tools.shooting import shooting
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
 TRUTH = el.Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
@@ -19,7 +20,7 @@ WALL = {"gamma": "free", "brdf": "lambertian", "reflectance": (None, None)}  # i
 
 def video(target="vicalib_big", count=100, light=TRUTH, **how):
     """Samples and gains of a simulated video."""
-    return simulate_samples(el.TARGETS[target], CAMERA, light, count, **how)
+    return simulate_samples(el.TARGETS[target], CAMERA, light, count, **shooting(**how))
 
 
 def everything_free(rng):

@@ -12,13 +12,14 @@ from endolab.calibration.photometric.identifiability import (
     gain_jumps,
 )
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
+from tests.tools.shooting import shooting
 
 CAMERA = datasets.load_calibration("paper", width=480).camera
 TRUTH = el.Photometry(2.5, 2.2, 1.0, PAPER_SHEET)
 
 
 def video(target="vicalib_big", count=100, light=TRUTH, **how):
-    return simulate_samples(el.TARGETS[target], CAMERA, light, count, **how)[0]
+    return simulate_samples(el.TARGETS[target], CAMERA, light, count, **shooting(**how))[0]
 
 
 def disturbed(samples, seed, distance=0.003, degrees=0.1):

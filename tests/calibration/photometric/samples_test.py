@@ -7,8 +7,8 @@ import pytest
 
 import endolab as el
 from endolab.calibration.photometric.samples import Samples, sample_depth, sample_sheet, sample_surface
-from endolab.calibration.simulation.sheet_image import render_sheet
-from endolab.calibration.simulation.trajectory import trajectory
+from endolab.calibration.simulation.sheet_image import Sensor, render_sheet
+from endolab.calibration.simulation.trajectory import Movement, trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET
 
 CAMERA = el.load_calibration("paper", 720).camera
@@ -31,9 +31,9 @@ def some(count, seed=0):
 @pytest.mark.parametrize("name", ["vicalib_small", "vicalib_folded", "vicalib_grey", "charuco", "circles"])
 def test_a_clean_frame_gives_the_models_levels(name):
     target, fair_ones = el.TARGETS[name], 0
-    how = {"fold": 0.5 if target.fold else 0.0, "distance": (25.0, 60.0), "tilt": 0.8}
-    for number, poses in enumerate(trajectory(target, CAMERA, 6, **how)):
-        frame = render_sheet(target, poses, CAMERA, PAPER, noise=0.0, bits=16)
+    movement = Movement(0.5 if target.fold else 0.0, distance=(25.0, 60.0), tilt=0.8)
+    for number, poses in enumerate(trajectory(target, CAMERA, 6, movement)):
+        frame = render_sheet(target, poses, CAMERA, PAPER, Sensor(noise=0.0, bits=16))
         samples = sample_sheet(frame.image, target, poses, CAMERA, frame=number, most=500)
         known = replace(PAPER, gain=frame.gain)
         linear = known.intensity(samples.points, samples.normals) ** 2.2
@@ -54,15 +54,15 @@ def test_a_clean_frame_gives_the_models_levels(name):
 
 def test_panels_not_found_and_a_sheet_out_of_the_picture_give_nothing():
     target = el.TARGETS["vicalib_folded"]
-    poses = trajectory(target, CAMERA, 1, fold=0.4, distance=(40.0, 40.0), tilt=0.0, reach=0.0)[0]
-    image = render_sheet(target, poses, CAMERA, PAPER, noise=0.0).image
+    poses = trajectory(target, CAMERA, 1, Movement(0.4, (40.0, 40.0), tilt=0.0, reach=0.0))[0]
+    image = render_sheet(target, poses, CAMERA, PAPER, Sensor(noise=0.0)).image
     whole = sample_sheet(image, target, poses, CAMERA, most=999)
     right = sample_sheet(image, target, [None, poses[1]], CAMERA, most=999)
     assert 0 < len(right) < len(whole)
     assert np.all(right.normals == poses[1].normal)
     assert len(sample_sheet(image, target, [None, None], CAMERA)) == 0
     target = el.TARGETS["vicalib_small"]
-    pose = trajectory(target, CAMERA, 1, distance=(40.0, 40.0), tilt=0.0, reach=0.0)[0][0]
+    pose = trajectory(target, CAMERA, 1, Movement(distance=(40.0, 40.0), tilt=0.0, reach=0.0))[0][0]
     for shift in ([500.0, 0.0, 0.0], [0.0, 0.0, -80.0]):
         moved = replace(pose, translation=pose.translation + shift)
         assert len(sample_sheet(np.zeros((540, 720)), target, [moved], CAMERA)) == 0

@@ -8,8 +8,8 @@ import pytest
 
 import endolab as el
 from endolab.calibration.geometric.pose import Pose
-from endolab.calibration.simulation.sheet_image import GAIN_RANGE, automatic_gain, render_sheet
-from endolab.calibration.simulation.trajectory import trajectory
+from endolab.calibration.simulation.sheet_image import GAIN_RANGE, Sensor, automatic_gain, render_sheet
+from endolab.calibration.simulation.trajectory import Movement, trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 from tests.tools.sheet_views import reflectance
 
@@ -17,7 +17,7 @@ FULL = el.load_calibration("paper").camera
 CAMERA, LARGE = FULL.resize(480, 360), FULL.resize(960, 720)
 PAPER = el.Photometry(k=2.5, gamma=2.2, brdf=PAPER_SHEET)
 FLAT, FOLDED = el.TARGETS["vicalib_small"], el.TARGETS["vicalib_folded"]
-CLEAN = {"noise": 0.0, "bits": 16}
+CLEAN = Sensor(noise=0.0, bits=16)
 AHEAD = Pose(np.eye(3), np.array([-38.0, -19.0, 45.0]))  # frontal, the sheet's middle on the axis
 
 
@@ -57,8 +57,8 @@ def brute(target, poses, camera, photometry, rows, columns, sub=8):
     ids=["flat", "folded", "grey", "charuco", "table", "off-centre light"],
 )
 def test_a_picture_is_the_brute_force_average(target, fold, photometry):
-    poses = trajectory(target, CAMERA, 5, fold=fold, distance=(30.0, 60.0), seed=2)[1]
-    frame = render_sheet(target, poses, CAMERA, photometry, **CLEAN)
+    poses = trajectory(target, CAMERA, 5, Movement(fold, (30.0, 60.0)), seed=2)[1]
+    frame = render_sheet(target, poses, CAMERA, photometry, CLEAN)
     middle = CAMERA.project(poses[0].transform([target.fold_x or target.points[:, 0].mean(), 19.0, 0.0]))
     column, row = (int(np.clip(value, 35, side - 35)) for value, side in zip(middle, (480, 360), strict=True))
     rows, columns = (row - 30, row + 30), (column - 30, column + 30)
@@ -74,35 +74,35 @@ def test_a_picture_is_the_brute_force_average(target, fold, photometry):
 
 
 def test_each_option_does_what_it_says():
-    clean = render_sheet(FLAT, [AHEAD], CAMERA, PAPER, **CLEAN).image
+    clean = render_sheet(FLAT, [AHEAD], CAMERA, PAPER, CLEAN).image
     x, y, _ = FLAT.white_places()[0]
     column, row = np.round(CAMERA.project(AHEAD.transform([x, y, 0.0]))).astype(int)
     noisy, again = (
-        render_sheet(FLAT, [AHEAD], CAMERA, PAPER, noise=3.0, bits=16, seed=n).image for n in (0, 1)
+        render_sheet(FLAT, [AHEAD], CAMERA, PAPER, Sensor(noise=3.0, bits=16), seed=n).image for n in (0, 1)
     )
     grey = (clean > 0.2) & (clean < 0.8)
     assert np.std((noisy - clean)[grey]) * 255 == pytest.approx(3.0, rel=0.02)
     assert not np.array_equal(noisy, again)
-    coarse = render_sheet(FLAT, [AHEAD], CAMERA, PAPER, noise=0.0, bits=8).image
+    coarse = render_sheet(FLAT, [AHEAD], CAMERA, PAPER, Sensor(noise=0.0, bits=8)).image
     np.testing.assert_allclose(coarse * 255, np.round(coarse * 255), atol=1e-9)
     assert np.abs(coarse - clean).max() <= 0.5001 / 255
     linear = clean**2.2
     for options in ({"blur": 2.0}, {"motion": 9.0}):
-        soft = render_sheet(FLAT, [AHEAD], CAMERA, PAPER, **CLEAN, **options).image ** 2.2
+        soft = render_sheet(FLAT, [AHEAD], CAMERA, PAPER, replace(CLEAN, **options)).image ** 2.2
         assert soft[40:-40, 40:-40].sum() == pytest.approx(linear[40:-40, 40:-40].sum(), rel=1e-3)
         assert np.abs(np.diff(soft, axis=1)).sum() < 0.9 * np.abs(np.diff(linear, axis=1)).sum()
 
-    spotted = render_sheet(FLAT, [AHEAD], CAMERA, PAPER, **CLEAN, outliers=0.015).image
+    spotted = render_sheet(FLAT, [AHEAD], CAMERA, PAPER, replace(CLEAN, outliers=0.015)).image
     paper = linear > 0.1
     assert 0.008 < np.mean(np.abs(spotted - clean)[paper] > 0.02) < 0.022
-    over = render_sheet(FLAT, [AHEAD], CAMERA, replace(PAPER, gain=1e5), **CLEAN).image
+    over = render_sheet(FLAT, [AHEAD], CAMERA, replace(PAPER, gain=1e5), CLEAN).image
     assert over.max() == over[row, column] == 1.0
 
 
 @pytest.mark.parametrize("fold", [0.0, 0.05, 0.5, 1.2])
 def test_panels_share_the_fold_and_turn_away(fold):
     ridge = np.array([[FOLDED.fold_x, y, 0.0] for y in (0.0, 38.0)])
-    for left, right in trajectory(FOLDED, CAMERA, 30, fold=fold):
+    for left, right in trajectory(FOLDED, CAMERA, 30, Movement(fold)):
         np.testing.assert_allclose(left.transform(ridge), right.transform(ridge), atol=1e-9)
         assert left.normal @ right.normal == pytest.approx(np.cos(fold), abs=1e-12)
         for pose in (left, right):
@@ -141,7 +141,7 @@ def test_the_gain_follows_the_distance_within_its_range():
 
 def test_samples_obey_the_model_and_lie_on_their_panels():
     target = el.TARGETS["vicalib_grey"]
-    samples, gains = simulate_samples(target, FULL, PAPER, 40, noise=0.0, bits=16, outliers=0.0)
+    samples, gains = simulate_samples(target, FULL, PAPER, 40, sensor=CLEAN)
     linear = replace(PAPER, gain=1.0).intensity(samples.points, samples.normals) ** 2.2 * gains[samples.frame]
     linear = linear * np.where(samples.material == 1, 0.5, 1.0)
     np.testing.assert_allclose(samples.level, np.clip(linear ** (1 / 2.2), 0, 1), atol=1e-5)
@@ -151,8 +151,8 @@ def test_samples_obey_the_model_and_lie_on_their_panels():
     pixels = FULL.project(samples.points)
     assert np.all((pixels >= 0) & (pixels <= [1439, 1079]))
     assert samples.cos_theta.min() > 0
-    poses = trajectory(FOLDED, FULL, 20, fold=0.5, seed=4)
-    samples, _ = simulate_samples(FOLDED, FULL, PAPER, 20, fold=0.5, seed=4)
+    poses = trajectory(FOLDED, FULL, 20, Movement(fold=0.5), seed=4)
+    samples, _ = simulate_samples(FOLDED, FULL, PAPER, 20, movement=Movement(fold=0.5), seed=4)
     for number, frame in enumerate(poses):
         here = samples[samples.frame == number]
         heights = np.stack([(here.points - pose.translation) @ pose.normal for pose in frame])
