@@ -309,7 +309,7 @@ def gauss_newton_step(step):
         x = to_xi(v.reshape(shape), problem.xi, problem.field.cos_alpha) / problem.xi_median
         s = hessian(x, problem.mask) * problem.derivative_scale
         weight = problem.edge_weight / np.maximum(np.linalg.norm(s, axis=0), problem.epsilon)
-        return s.ravel(), np.tile(weight.ravel(), 3)
+        return s.ravel(), np.tile(weight.ravel(), len(s))
 
     def cost(v):
         return sum(energy_terms(problem, v.reshape(shape)).values())
