@@ -74,8 +74,9 @@ SAME = 0.01  # median difference of stored values, as a share, up to which two c
 ROUND_STEPS, TORN_STEPS = (10, 5, 5), 3  # of each round's solve, and of each bar's
 # Of the surfaces that are torn over one bar or another, the least torn is taken whose misfit of the colours
 # is at most so many times the least, or, if that is the whole one, the one whose energy speaks for its cuts;
-# beyond the second, no lower bar is tried.
-AS_GOOD, WORSE = 1.1, 1.15
+# beyond this, no lower bar is tried. It is p times as many where the colours ask for more bounced light than
+# walls make, as on C3VD's phantom: they are believed less.
+AS_GOOD = 1.07
 WITNESS = 1.5  # p beyond which the colours ask for more bounced light than walls can make: not believed
 # Where no light bounced: the share of its energy that a cut as long as the picture's height must save.
 CLEAN_PRICE = 0.02
@@ -201,12 +202,18 @@ def _bear_witness(trials: Sequence[Separation]) -> bool:
     return not any(trial.light.refused or trial.light.factor > WITNESS for trial in trials[:2])
 
 
+def _as_good(trials: Sequence[Separation], allowed: Sequence[Separation]) -> float:
+    """The misfit up to which colours do not prefer another of the surfaces; the whole one is the first."""
+    margin = AS_GOOD * max(trials[0].light.factor, 1.0)
+    return margin * min(trial.light.misfit for trial in allowed)
+
+
 def _goes_on(trials: Sequence[Separation]) -> bool:
     """Whether a lower bar might be better than those that were tried, the whole surface first."""
     if _none_bounced(trials[0]):
         return True
     last = trials[-1].light.misfit
-    return _bear_witness(trials) and last <= WORSE * min(trial.light.misfit for trial in trials)
+    return _bear_witness(trials) and last <= _as_good(trials, trials)
 
 
 def _chosen(trials: Sequence[Separation], always: bool) -> Separation:
@@ -217,8 +224,8 @@ def _chosen(trials: Sequence[Separation], always: bool) -> Separation:
         return _cheapest(allowed, CLEAN_PRICE)
     if not _bear_witness(trials):
         return replace(torn if always or pays(torn.surface, whole.surface) else whole, cue=ENERGY)
-    least = min(trial.light.misfit for trial in allowed)
-    as_good = [trial for trial in allowed if trial.light.misfit <= AS_GOOD * least]
+    limit = _as_good(trials, allowed)
+    as_good = [trial for trial in allowed if trial.light.misfit <= limit]
     return _cheapest(as_good, PRICE) if as_good[0] is whole else replace(as_good[0], cue=THE_COLOURS)
 
 
