@@ -62,11 +62,8 @@ class Form(NamedTuple):
 
 
 FORMS = [Form.of(kind) for kind in range(len(TAKEN))]
-ONE, HALF, QUARTER = (
-    np.float32(1),
-    np.float32(0.5),
-    np.float32(0.25),
-)  # a Python number would make double precision of all it meets
+# A Python number would make double precision of all it meets.
+ONE, HALF, QUARTER = np.float32(1), np.float32(0.5), np.float32(0.25)
 # The maps of `Coefficients`, in single precision: the last are the smoothness, one or, of a form, six.
 BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
 
