@@ -39,7 +39,7 @@ from endolab.depth.normal_equations import (
 from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, NONE, REGULARISERS, Problem
 from endolab.depth.tears import Cells, coarser_links, main_parts
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray
-from endolab.numerics.compiled import PAD, block_sums, halved, inner, kernel, padded
+from endolab.numerics.compiled import PAD, block_sums, halved, inner, kernel, leads, padded
 from endolab.numerics.derivatives import links
 
 ABOVE = 0.7  # of log d₀: a factor of two, more than noise and mottles put a wall above what is an upper bound
@@ -165,7 +165,8 @@ class Grid:
         if self.is_torn:
             missed = (fine.active > 0) & (way.share == 0) & ~way.at_rims
             i, j = np.nonzero(missed)
-            out[i, j] = v[PAD + (i - PAD) // 2, PAD + (j - PAD) // 2]
+            down, across = leads(out)
+            out[i, j] = v[PAD + (i - PAD + down) // 2, PAD + (j - PAD + across) // 2]
             left_out = (fine.active > 0) & (fine.main == 0)
             out[left_out] = np.minimum(out, padded(fine.log_facing))[left_out]
         return np.where(padded(np.isfinite(fine.inflow)), padded(np.nan_to_num(fine.inflow)), out)

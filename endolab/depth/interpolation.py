@@ -14,7 +14,7 @@ import numpy as np
 
 from endolab.depth.tears import Cells, nearest, reached
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, RealArray, SingleArray, Span
-from endolab.numerics.compiled import PAD, kernel
+from endolab.numerics.compiled import PAD, kernel, lead
 from endolab.numerics.threads import on_cores, rows_within
 
 Strands = tuple[IntArray, IntArray, FloatArray]  # those of `Interpolation`: pixel, block, weight
@@ -25,14 +25,15 @@ def _prolong_add(rows: Span, x: RealArray, share: SingleArray, step: RealArray) 
     """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
     between = np.empty(step.shape[1], step.dtype)
+    down, at = lead(x, step, 0), PAD - lead(x, step, 1)
     for i in range(first, last):
-        ci, ni = PAD + (i - PAD) // 2, 1 if (i - PAD) % 2 else -1
+        ci, ni = PAD + (i - PAD + down) // 2, 1 if (i - PAD + down) % 2 else -1
         for cj in range(between.size):
             between[cj] = 3 * step[ci, cj] + step[ci + ni, cj]
         for cj in range(between.size - 2 * PAD):
             nearest, left, right = 3 * between[cj + 2], between[cj + 1], between[cj + 3]
-            x[i, 2 * cj + 2] += share[i, 2 * cj + 2] * (nearest + left)
-            x[i, 2 * cj + 3] += share[i, 2 * cj + 3] * (nearest + right)
+            x[i, 2 * cj + at] += share[i, 2 * cj + at] * (nearest + left)
+            x[i, 2 * cj + at + 1] += share[i, 2 * cj + at + 1] * (nearest + right)
 
 
 @on_cores(cost=2)
@@ -40,22 +41,27 @@ def _restrict(rows: Span, out: SingleArray, r: SingleArray, share: SingleArray, 
     """Adjoint of `_prolong_add`."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     column = np.empty(r.shape[1], r.dtype)
+    down, at = lead(r, out, 0), PAD - lead(r, out, 1)
     for ci in range(first, last):
-        i = 2 * ci - PAD
+        i = 2 * ci - PAD - down
         for j in range(column.size):
             amid = 3 * (share[i, j] * r[i, j] + share[i + 1, j] * r[i + 1, j])
             column[j] = amid + share[i - 1, j] * r[i - 1, j] + share[i + 2, j] * r[i + 2, j]
         for cj in range(out.shape[1] - 2 * PAD):
-            amid = 3 * (column[2 * cj + 2] + column[2 * cj + 3])
-            out[ci, cj + 2] = coarse[ci, cj + 2] * (amid + column[2 * cj + 1] + column[2 * cj + 4])
+            amid = 3 * (column[2 * cj + at] + column[2 * cj + at + 1])
+            amid += column[2 * cj + at - 1] + column[2 * cj + at + 2]
+            out[ci, cj + 2] = coarse[ci, cj + 2] * amid
 
 
 @kernel
 def _place(i: int, j: int, k: int) -> tuple[int, int, float, float]:
-    """Row and column of the k-th block around a pixel; where the pixel is from its centre, in blocks."""
-    row = PAD + (i - PAD) // 2 + (2 * (i % 2) - 1 if k > 1 else 0)
-    column = PAD + (j - PAD) // 2 + (2 * (j % 2) - 1 if k % 2 else 0)
-    return row, column, (i - PAD) / 2 - 0.25 - (row - PAD), (j - PAD) / 2 - 0.25 - (column - PAD)
+    """Row and column of the k-th block around a pixel; where the pixel is from its centre, in blocks.
+
+    i and j count from the first block's first pixel.
+    """
+    row = i // 2 + (2 * (i % 2) - 1 if k > 1 else 0)
+    column = j // 2 + (2 * (j % 2) - 1 if k % 2 else 0)
+    return PAD + row, PAD + column, i / 2 - 0.25 - row, j / 2 - 0.25 - column
 
 
 @kernel
@@ -70,15 +76,15 @@ def _add_from(source: IntArray, target: IntArray, weight: FloatArray, a: FloatAr
 def _fill_shares(active: ByteArray, main: ByteArray, blocks: Cells, share: SingleArray) -> int:
     """Write the shares of pixels amid four blocks with nothing between; return the number of others."""
     known, across, uncut = blocks
-    others = 0
+    others, top, first = 0, PAD - 1 + lead(active, known, 0), PAD - 1 + lead(active, known, 1)
     for i in range(PAD - 1, known.shape[0] - PAD):
         for j in range(PAD - 1, known.shape[1] - PAD):
             together = known[i, j] and known[i, j + 1] and known[i + 1, j] and known[i + 1, j + 1]
             together = together and across[0, i, j] == uncut[0, i, j] and across[1, i, j] == uncut[1, i, j]
             together = together and across[0, i + 1, j] == uncut[0, i + 1, j]
             together = together and across[1, i, j + 1] == uncut[1, i, j + 1]
-            for row in range(2 * i - PAD + 1, min(2 * i - PAD + 3, active.shape[0])):
-                for column in range(2 * j - PAD + 1, min(2 * j - PAD + 3, active.shape[1])):
+            for row in range(2 * i - top, min(2 * i - top + 2, active.shape[0])):
+                for column in range(2 * j - first, min(2 * j - first + 2, active.shape[1])):
                     if active[row, column]:
                         if together and main[row, column]:
                             share[row, column] = 1 / 16
@@ -94,6 +100,7 @@ def _fill_strands(pixels: Cells, main: ByteArray, blocks: Cells, share: SingleAr
     known, across, _ = blocks
     pixel, block, weight = strands
     count, wide = 0, known.shape[1]
+    top, first = PAD - lead(active, known, 0), PAD - lead(active, known, 1)
     for i in range(PAD, active.shape[0] - PAD):
         for j in range(PAD, active.shape[1] - PAD):
             if not active[i, j] or share[i, j] > 0:
@@ -105,7 +112,7 @@ def _fill_strands(pixels: Cells, main: ByteArray, blocks: Cells, share: SingleAr
             k = nearest(of_side)
             if k == 4:
                 continue
-            row, column, down, right = _place(i, j, k)
+            row, column, down, right = _place(i - top, j - first, k)
             own, here = 1.0, row * wide + column
             for axis, aside, step in ((0, right, 1), (1, down, wide)):
                 ahead = 1 if aside > 0 else -1

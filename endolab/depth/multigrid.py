@@ -1,13 +1,15 @@
 """Solving the normal equations of a Gauss-Newton step in a time proportional to the pixels.
 
-Conjugate gradients solve them, preconditioned by one V-cycle: Gauss-Seidel sweeps forwards, a
-coarse correction, sweeps backwards. Coarse levels are the same equations written down on a grid
-of half the pixels, from averaged coefficients (Briggs, Henson, McCormick, "A multigrid
-tutorial", 2000, chapters 3 and 10).
+Conjugate gradients solve them, preconditioned by one V-cycle: smoothing steps, a coarse correction,
+smoothing steps. Coarse levels are the same equations written down on a grid of half the pixels, from
+averaged coefficients (Briggs, Henson, McCormick, "A multigrid tutorial", 2000, chapters 3 and 10).
+
+A smoothing step changes all pixels at once, so that none comes first: a mirrored picture has the mirrored
+solution. Chebyshev's polynomials of the fourth kind make most of such steps (Lottes, "Optimal polynomial
+smoothers for multigrid V-cycles", 2023); a row's sum of sizes bounds what they must hold.
 
 A cycle is in single precision: it is a guess that conjugate gradients, in double precision, put right.
 In single precision the matrix of a large frame may not be positive definite.
-On a grid, every second band of rows is swept at once (`numerics.threads`), and then those between.
 
 Vectors are padded (see `numerics.compiled`) and zero outside the mask, as the matrices are.
 """
@@ -23,9 +25,12 @@ from endolab.numerics.arrays import ByteArray, FloatArray, RealArray, SingleArra
 from endolab.numerics.compiled import PAD, kernel
 from endolab.numerics.threads import ROWS, on_cores, rows_within
 
-COARSEST = 64  # pixels; there the equations are swept until they are solved
-SETTLING = 20  # sweeps down and up
-SWEEPS = 2  # on finer grids, before and after the coarser one; with one, torn surfaces take twice the steps
+COARSEST = 96  # pixels; there the equations are solved
+RIDGE = 1e-6  # of the diagonal, added to it there
+DEGREE = 4  # smoothing steps before and after a coarser grid
+# Rows and columns from a pixel to those that its entries couple it to.
+REACH = {CENTRE: (0, 0), E: (0, 1), EE: (0, 2), S: (1, 0), SS: (2, 0), SE: (1, 1), SW: (1, -1)}
+REACH |= {SEE: (1, 2), SSE: (2, 1)}
 
 
 @kernel
@@ -89,79 +94,41 @@ def dot(a: FloatArray, b: RealArray) -> float:
 
 
 @on_cores(cost=2)
-def _combine(
-    rows: Span,
-    out: RealArray,
-    m: RealArray,
-    x: RealArray,
-    share: float,
-    b: RealArray,
-    sign: float,
-) -> None:
-    """out = share · b + sign · M x."""
+def _multiply(rows: Span, out: RealArray, m: RealArray, x: RealArray) -> None:
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
     row = np.empty(x.shape[1] - 2 * PAD, x.dtype)
-    kept, times = x.dtype.type(share), x.dtype.type(sign)
     for i in range(first, last):
         _row_times(m, x, i, row)
         for j in range(row.size):
-            out[i, j + 2] = kept * b[i, j + 2] + times * row[j]
+            out[i, j + 2] = row[j]
 
 
 def multiply(m: FloatArray, x: FloatArray, out: FloatArray) -> None:
     """out = M x."""
-    _combine(out, m, x, 0.0, x, 1.0)
+    _multiply(out, m, x)
 
 
-@kernel
-def _sweep_rows(
-    m: SingleArray, inverse: SingleArray, x: SingleArray, b: SingleArray, first: int, last: int, step: int
+@on_cores(cost=2)
+def _smooth(
+    rows: Span,
+    following: SingleArray,
+    m: SingleArray,
+    inverse: SingleArray,
+    step: SingleArray,
+    x: SingleArray,
+    r: SingleArray,
+    k: int,
 ) -> None:
-    """Gauss-Seidel on some rows in turn; in a row every third column at once: they are not coupled.
-
-    `step` 1 goes down the rows and from left to right, -1 back: the adjoint.
-    """
-    count = x.shape[1] - 2 * PAD
-    rest, new = np.empty(count, x.dtype), np.empty(count, x.dtype)
-    chosen = np.zeros((3, count), x.dtype)
-    for column in range(3):
-        chosen[column, column::3] = 1
-    start, stop = (first, last) if step > 0 else (last - 1, first - 1)
-    for i in range(start, stop, step):
-        _from_other_rows(m, x, i, rest)
-        for turn in range(3):
-            now = turn if step > 0 else 2 - turn
-            for j in range(count):
-                right = m[E, i, j + 2] * x[i, j + 3] + m[EE, i, j + 2] * x[i, j + 4]
-                left = m[E, i, j + 1] * x[i, j + 1] + m[EE, i, j] * x[i, j]
-                solved = (b[i, j + 2] - rest[j] - right - left) * inverse[i, j + 2]
-                new[j] = x[i, j + 2] + chosen[now, j] * (solved - x[i, j + 2])
-            for j in range(count):
-                x[i, j + 2] = new[j]
-
-
-@on_cores(cost=2, turns=2)
-def _sweep(
-    rows: Span, turns: Span, x: SingleArray, m: SingleArray, inverse: SingleArray, b: SingleArray, step: int
-) -> None:
-    """`SWEEPS` sweeps over every second band, then over those between, which see what these have become.
-
-    `step` 1 goes forwards, -1 back: the adjoint.
-    """
-    for turn in range(turns[0], turns[1]):
-        odd = turn if step > 0 else 1 - turn
-        for start in range(rows[0] + odd * ROWS, rows[1], 2 * ROWS):
-            first, last = rows_within((start, start + ROWS), PAD, x.shape[0] - PAD)
-            for _ in range(SWEEPS):  # while the band's part of the matrix is near the core
-                _sweep_rows(m, inverse, x, b, first, last, step)
-
-
-@kernel
-def _settle(rows: Span, x: SingleArray, m: SingleArray, inverse: SingleArray, b: SingleArray) -> None:
-    """Sweep until the coarsest grid is solved, as good as; forwards first, backwards last."""
-    for _ in range(SETTLING):
-        for step in (1, -1):
-            _sweep_rows(m, inverse, x, b, rows[0], rows[1], step)
+    """Go a step, x += step and r -= M step, and write the one that follows: the k-th of a polynomial's."""
+    first, last = rows_within(rows, PAD, x.shape[0] - PAD)
+    row = np.empty(x.shape[1] - 2 * PAD, x.dtype)
+    kept, added = x.dtype.type(max(2 * k - 1, 0) / (2 * k + 3)), x.dtype.type((8 * k + 4) / (2 * k + 3))
+    for i in range(first, last):
+        _row_times(m, step, i, row)
+        for j in range(row.size):
+            x[i, j + 2] += step[i, j + 2]
+            r[i, j + 2] -= row[j]
+            following[i, j + 2] = kept * step[i, j + 2] + added * inverse[i, j + 2] * r[i, j + 2]
 
 
 @on_cores(cost=0.3)
@@ -200,13 +167,33 @@ def _shorten(rows: Span, m: FloatArray, out: SingleArray) -> None:
                 out[k, i, j] = m[k, i, j]
 
 
-@on_cores(cost=0.3)
-def _invert_diagonal(rows: Span, m: SingleArray, active: ByteArray, out: SingleArray) -> None:
-    """One over the matrix's diagonal, 0 where a pixel is held at 0."""
-    for i in range(rows[0], rows[1]):
-        for j in range(m.shape[2]):
-            centre = m[CENTRE, i, j]
-            out[i, j] = 1 / centre if active[i, j] and centre > 0 else 0.0
+@on_cores(cost=3)
+def _invert_sums(rows: Span, m: SingleArray, active: ByteArray, out: SingleArray) -> None:
+    """One over the sum of the sizes of a row of the matrix; 0 where a pixel is held at 0."""
+    first, last = rows_within(rows, PAD, out.shape[0] - PAD)
+    for i in range(first, last):
+        for j in range(PAD, out.shape[1] - PAD):
+            right = abs(m[E, i, j]) + abs(m[EE, i, j]) + abs(m[E, i, j - 1]) + abs(m[EE, i, j - 2])
+            below = abs(m[S, i, j]) + abs(m[SS, i, j]) + abs(m[S, i - 1, j]) + abs(m[SS, i - 2, j])
+            aslant = abs(m[SE, i, j]) + abs(m[SW, i, j]) + abs(m[SE, i - 1, j - 1]) + abs(m[SW, i - 1, j + 1])
+            far = abs(m[SEE, i, j]) + abs(m[SSE, i, j]) + abs(m[SEE, i - 1, j - 2]) + abs(m[SSE, i - 2, j - 1])
+            total = m[CENTRE, i, j] + (right + below) + aslant + far
+            out[i, j] = 1 / total if active[i, j] and total > 0 else 0.0
+
+
+def _inverted(m: SingleArray, active: ByteArray) -> FloatArray:
+    """Inverse of the matrix of a small grid's active pixels."""
+    i, j = np.nonzero(active)
+    number, dense = np.full(active.shape, -1), np.zeros((i.size, i.size))
+    number[i, j] = np.arange(i.size)
+    for entry, (down, right) in REACH.items():
+        other = number[i + down, j + right]
+        known = other >= 0
+        here, there = number[i, j][known], other[known]
+        dense[here, there] = dense[there, here] = m[entry, i, j][known]
+    diagonal = np.diag(dense)
+    dense[np.diag_indices(i.size)] = np.where(diagonal > 0, (1 + RIDGE) * diagonal, 1.0)
+    return np.linalg.inv(dense)
 
 
 @dataclass(frozen=True)
@@ -215,17 +202,39 @@ class _Level:
 
     structure: Structure
     matrix: SingleArray
-    inverse: SingleArray  # of the diagonal; 0 where a pixel is held at 0
+    inverse: SingleArray  # of the rows' sums of sizes; 0 where a pixel is held at 0
     x: SingleArray
     b: SingleArray
     r: SingleArray
+    steps: SingleArray  # (2, ...), of smoothing
 
     @classmethod
     def on(cls, structure: Structure) -> _Level:
         """Make room."""
         shape = structure.active.shape
-        inverse, x, b, r = np.zeros((4, *shape), np.float32)
-        return cls(structure, np.empty((9, *shape), np.float32), inverse, x, b, r)
+        inverse, x, b, r, *steps = np.zeros((6, *shape), np.float32)
+        return cls(structure, np.empty((9, *shape), np.float32), inverse, x, b, r, np.stack(steps))
+
+    def began(self) -> None:
+        """Smooth x, from nothing; leaves in r what is left of b."""
+        step, following = self.steps
+        self.x[:] = 0.0
+        self.r[:] = self.b
+        np.multiply(self.inverse, self.b, out=step)
+        step *= np.float32(4 / 3)
+        for k in range(1, DEGREE + 1):
+            _smooth(following, self.matrix, self.inverse, step, self.x, self.r, k)
+            step, following = following, step
+
+    def corrected(self, coarse: SingleArray) -> None:
+        """Add a coarser grid's correction, and smooth x."""
+        step, following = self.steps
+        step[:] = 0.0
+        self.structure.way.add(coarse, step)
+        for k in range(DEGREE):
+            _smooth(following, self.matrix, self.inverse, step, self.x, self.r, k)
+            step, following = following, step
+        np.add(self.x, step, out=self.x)
 
 
 class Multigrid:
@@ -247,9 +256,10 @@ class Multigrid:
         while True:
             level = self.levels[depth]
             _shorten(self.matrix if depth == 0 else coefficients.matrix(damping), level.matrix)
-            _invert_diagonal(level.matrix, coefficients.active, level.inverse)
             if coefficients.structure.pixels <= COARSEST:
+                self.solution = _inverted(level.matrix, coefficients.active)
                 break
+            _invert_sums(level.matrix, coefficients.active, level.inverse)
             if depth == len(self.coarse):
                 below = coefficients.structure.coarser
                 self.levels.append(_Level.on(below))
@@ -260,17 +270,15 @@ class Multigrid:
     def _cycle(self, depth: int = 0) -> None:
         """One V-cycle: x of a level from its right-hand side b, starting at nothing."""
         at = self.levels[depth]
-        at.x[:] = 0.0
         if depth == len(self.levels) - 1:
-            _settle((PAD, len(at.x) - PAD), at.x, at.matrix, at.inverse, at.b)
+            known = at.structure.active > 0
+            at.x[known] = self.solution @ at.b[known]
             return
+        at.began()
         below = self.levels[depth + 1]
-        _sweep(at.x, at.matrix, at.inverse, at.b, 1)
-        _combine(at.r, at.matrix, at.x, 1.0, at.b, -1.0)  # what is left of b
         at.structure.way.adjoint(at.r, below.structure.active, below.b)
         self._cycle(depth + 1)
-        at.structure.way.add(below.x, at.x)
-        _sweep(at.x, at.matrix, at.inverse, at.b, -1)
+        at.corrected(below.x)
 
     def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:
         """Conjugate gradients on M x = b, until the preconditioned residual is `tolerance` of what it was.

@@ -19,7 +19,7 @@ from endolab.depth.interpolation import Interpolation
 from endolab.depth.problem import CURVATURE, FIRST
 from endolab.depth.tears import Cells, coarser_links, held, main_parts
 from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, SingleArray, Span
-from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel
+from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel, lead
 from endolab.numerics.threads import ROWS, on_cores, rows_within
 
 CENTRE, E, EE, S, SS, SE, SW, SEE, SSE = range(9)  # a pixel's own entry and those towards later pixels
@@ -85,7 +85,7 @@ def _data_row(
     """Write J of a row and W J; add the damping, and the squared differences of the step itself."""
     across, below, above = link[0, i], link[1, i], link[1, i - 1]
     by_v, by_u, by_w, weight = parts[BY_V, i], parts[BY_U, i], parts[BY_W, i], parts[WEIGHT, i]
-    cautious_u, cautious_w = parts[CAUTION_U, i], parts[CAUTION_W, i]
+    cautious_u, cautious_w, beneath_w = parts[CAUTION_U, i], parts[CAUTION_W, i], parts[CAUTION_W, i + 1]
     count = t.shape[2]
     for j in range(count):
         right, left = float(across[j + 2]), float(across[j + 1])
@@ -104,13 +104,13 @@ def _data_row(
     for j in range(count):
         centre[j + 2] += damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
     for j in range(count):
-        u = float(across[j + 2]) * cautious_u[j + 2]
+        u = HALF * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
         centre[j + 2] += u
         e[j + 2] -= u
     for j in range(count):
-        centre[j + 3] += float(across[j + 2]) * cautious_u[j + 2]
+        centre[j + 3] += HALF * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
     for j in range(count):
-        w = float(below[j + 2]) * cautious_w[j + 2]
+        w = HALF * float(below[j + 2]) * (cautious_w[j + 2] + beneath_w[j + 2])
         centre[j + 2] += w
         beneath[j + 2] += w
         s[j + 2] -= w
@@ -218,10 +218,10 @@ def _assemble(
 def _halve_row(
     above: SingleArray, below: SingleArray, kept: ByteArray, kept_below: ByteArray, out: SingleArray
 ) -> None:
-    """Sums over a row of 2×2 blocks, of the pixels that are kept."""
+    """Sums over a row of 2×2 blocks, of the pixels that are kept; the maps begin where the first block does."""
     column = np.empty(2 * out.size, out.dtype)
     for j in range(column.size):
-        column[j] = np.float32(kept[j + 2]) * above[j + 2] + np.float32(kept_below[j + 2]) * below[j + 2]
+        column[j] = np.float32(kept[j]) * above[j] + np.float32(kept_below[j]) * below[j]
     for j in range(out.size):
         out[j] = column[2 * j] + column[2 * j + 1]
 
@@ -233,17 +233,19 @@ def _coarsen(rows: Span, out: SingleArray, parts: SingleArray, kept: ByteArray, 
     count = out.shape[2] - 2 * PAD
     kept_sum, known = np.empty(count, out.dtype), np.empty(count, out.dtype)
     flags = np.empty((4, parts.shape[2]), out.dtype)
+    down, at = lead(parts[0], out[0], 0), PAD - lead(parts[0], out[0], 1)
     for ci in range(first, last):
-        i = 2 * ci - PAD
+        i = 2 * ci - PAD - down
         for below in range(2):
             for j in range(parts.shape[2]):
                 flags[below, j] = 1.0 if parts[WEIGHT, i + below, j] > 0 else 0.0
                 flags[2 + below, j] = 1.0 if parts[SLOPE, i + below, j] != 0 else 0.0
-        _halve_row(flags[0], flags[1], kept[i], kept[i + 1], kept_sum)
-        _halve_row(flags[2], flags[3], kept[i], kept[i + 1], known)
+        here, beneath = kept[i, at:], kept[i + 1, at:]
+        _halve_row(flags[0, at:], flags[1, at:], here, beneath, kept_sum)
+        _halve_row(flags[2, at:], flags[3, at:], here, beneath, known)
         for k in range(len(parts)):
             row = out[k, ci, PAD:-PAD]
-            _halve_row(parts[k, i], parts[k, i + 1], kept[i], kept[i + 1], row)
+            _halve_row(parts[k, i, at:], parts[k, i + 1, at:], here, beneath, row)
             if k <= BY_W:  # of the pixels that data speak for
                 halves = ONE if k == BY_V else HALF
                 for j in range(count):

@@ -1,7 +1,7 @@
 """Half the pixels of a torn surface: no block of 2×2 pixels mixes the two sides of a cut.
 
-A block that cuts divide stands for its largest part alone, the first of equals; the pixels left out
-follow a neighbouring block of their own side, if there is one. So a line of cuts is a line of cuts on
+A block that cuts divide stands for its largest part alone, of equals that nearer the picture's middle, so
+that a turned picture's blocks are the turned ones; the pixels left out follow a neighbouring block of their own side, if there is one. So a line of cuts is a line of cuts on
 every coarser grid. `link` holds the steps that there are and `whole` those that there would be without
 cuts, padded both (see `numerics.compiled`); where nothing is torn they are one array.
 """
@@ -13,16 +13,19 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.numerics.arrays import BoolArray, ByteArray
-from endolab.numerics.compiled import PAD, halved_links, kernel
+from endolab.numerics.compiled import PAD, halved_links, kernel, lead, leads
 from endolab.numerics.derivatives import shifted
 
 
 @kernel
-def _main_parts(active: ByteArray, link: ByteArray, whole: ByteArray, out: ByteArray) -> None:
+def _main_parts(
+    active: ByteArray, link: ByteArray, whole: ByteArray, leads: tuple[int, int], out: ByteArray
+) -> None:
     """Mark the active pixels of each block that are of its largest part."""
     pixels, part = np.zeros((4, 2), np.int64), np.zeros(4, np.int64)
-    for top in range(PAD, active.shape[0] - PAD, 2):
-        for first in range(PAD, active.shape[1] - PAD, 2):
+    middle = (active.shape[0] - 1) / 2, (active.shape[1] - 1) / 2
+    for top in range(PAD - leads[0], active.shape[0] - PAD, 2):
+        for first in range(PAD - leads[1], active.shape[1] - PAD, 2):
             pixels[:, 0] = top, top, top + 1, top + 1
             pixels[:, 1] = first, first + 1, first + 1, first
             # Around the block from pixel to pixel: 0 to 1, 1 to 2, 2 to 3, 3 to 0.
@@ -36,13 +39,15 @@ def _main_parts(active: ByteArray, link: ByteArray, whole: ByteArray, out: ByteA
                     for k in range(4):
                         if steps[k]:
                             part[k] = part[(k + 1) % 4] = min(part[k], part[(k + 1) % 4])
-            largest, most = 0, 0
+            largest, most, least = 0, 0, np.inf
             for label in range(4):
-                size = 0
+                size, away = 0, 0.0
                 for k in range(4):
-                    size += active[pixels[k, 0], pixels[k, 1]] if part[k] == label else 0
-                if size > most:
-                    largest, most = label, size
+                    if part[k] == label and active[pixels[k, 0], pixels[k, 1]]:
+                        size += 1
+                        away += (pixels[k, 0] - middle[0]) ** 2 + (pixels[k, 1] - middle[1]) ** 2
+                if size > most or (size == most and away < least):
+                    largest, most, least = label, size, away
             for k in range(4):
                 i, j = pixels[k]
                 out[i, j] = active[i, j] if part[k] == largest else 0
@@ -53,7 +58,7 @@ def main_parts(active: ByteArray, link: ByteArray, whole: ByteArray) -> ByteArra
     if link is whole:
         return active
     out = np.zeros_like(active)
-    _main_parts(active, link, whole, out)
+    _main_parts(active, link, whole, leads(active), out)
     return out
 
 
@@ -108,8 +113,9 @@ def reached(
     below it, and on the diagonal. A block is reached from block to block, or from pixel to pixel.
     """
     active, across, uncut = blocks
-    down, right = 2 * (i % 2) - 1, 2 * (j % 2) - 1
-    ci, cj = PAD + (i - PAD) // 2, PAD + (j - PAD) // 2
+    down_from, right_from = i - PAD + lead(main, active, 0), j - PAD + lead(main, active, 1)
+    down, right = 2 * (down_from % 2) - 1, 2 * (right_from % 2) - 1
+    ci, cj = PAD + down_from // 2, PAD + right_from // 2
     if main[i, j]:
         beside = not _is_torn(across, uncut, ci, cj, 0, right)
         below = not _is_torn(across, uncut, ci, cj, down, 0)

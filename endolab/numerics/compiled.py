@@ -81,21 +81,44 @@ def framed(array: Any, fill: float = 0.0) -> FloatArray:
     return np.ascontiguousarray(np.pad(np.asarray(array, dtype=np.float64), around, constant_values=fill))
 
 
+def half_size(size: int) -> int:
+    """How many blocks of two stand for so many rows or columns: an even number for an even one.
+
+    Then blocks lie alike from both ends, on every coarser grid as well, and what is computed with them is the
+    mirrored thing in a mirrored picture. For that the first and the last block may have one row of the grid and
+    one beside it. An odd number of rows cannot be shared out so: there the last block has one row.
+    """
+    return (size + 2) // 2 if size % 4 == 2 and size > 2 else (size + 1) // 2
+
+
+@kernel
+def lead(fine: Any, coarse: Any, axis: int) -> int:
+    """How many rows or columns, 0 or 1, the first block reaches beyond the grid; both maps are padded."""
+    return (2 * coarse.shape[axis] - fine.shape[axis] - 2 * PAD) // 2
+
+
 @kernel
 def _block_sums(a: ByteArray | FloatArray, out: FloatArray) -> None:
+    down, across = lead(a, out, 0), lead(a, out, 1)
     for i in range(PAD, out.shape[0] - PAD):
         for j in range(PAD, out.shape[1] - PAD):
-            row, column = 2 * i - PAD, 2 * j - PAD
+            row, column = 2 * i - PAD - down, 2 * j - PAD - across
             above = a[row, column] + a[row, column + 1]
             out[i, j] = above + a[row + 1, column] + a[row + 1, column + 1]
 
 
 def block_sums(a: Any) -> FloatArray:
-    """Sum of a padded map over every 2×2 block, padded."""
-    height, width = (-(-(size - 2 * PAD) // 2) + 2 * PAD for size in a.shape)
+    """Sum of a padded map over every 2×2 block, padded; see `half_size`."""
+    height, width = (half_size(size - 2 * PAD) + 2 * PAD for size in a.shape)
     out = np.zeros((height, width))
     _block_sums(a, out)
     return out
+
+
+def leads(fine: Any) -> tuple[int, int]:
+    """`lead` of the rows and of the columns of a padded map."""
+    down, across = (half_size(size - 2 * PAD) - (size - 2 * PAD) // 2 - size % 2 for size in fine.shape)
+    return down, across
 
 
 def halved(active: Any) -> Any:
@@ -106,6 +129,7 @@ def halved(active: Any) -> Any:
 def halved_links(link: Any) -> Any:
     """Links between 2×2 blocks: where at least one pair of their pixels is linked."""
     outer = link.copy()  # of the steps from pixel to pixel, those that lead out of a block
-    inner(outer)[0, :, ::2] = 0
-    inner(outer)[1, ::2] = 0
+    down, across = leads(link[0])
+    inner(outer)[0, :, across::2] = 0
+    inner(outer)[1, down::2] = 0
     return np.stack([halved(outer[0]), halved(outer[1])])
