@@ -1,7 +1,7 @@
 """What `curvature.py` says, compiled, row by row: the form, its two costs and their parabolas.
 
-The form at a pixel is linear in w at six: itself and the neighbours to the right, left, below, above and
-below right, in this order. `rays` are padded, (3, ...), as are the maps, see `numerics.compiled`.
+The form at a pixel is linear in w at nine: itself and the neighbours to the right, left, below, above, below
+right, below left, above right and above left, in this order. `rays` are padded, (3, ...), as are the maps, see `numerics.compiled`.
 """
 
 import numpy as np
@@ -11,13 +11,37 @@ from endolab.numerics.arrays import ByteArray, FloatArray, SingleArray, Span
 from endolab.numerics.compiled import PAD, copy_row, kernel
 from endolab.numerics.threads import on_cores, rows_within
 
-DOWN, RIGHT = (0, 0, 0, 1, -1, 1), (0, 1, -1, 0, 0, 1)  # of the six, from the pixel
+# Of the nine, from the pixel.
+DOWN, RIGHT = (0, 0, 0, 1, -1, 1, 1, -1, -1), (0, 1, -1, 0, 0, 1, -1, 1, -1)
 
-DIFFERENCES = (
-    (-2.0, 1.0, 1.0, 0.0, 0.0, 0.0),
-    (1.0, -1.0, 0.0, -1.0, 0.0, 1.0),
-    (-2.0, 0.0, 0.0, 1.0, 1.0, 0.0),
-)
+
+@kernel
+def square(link: ByteArray, i: int, j: int) -> float:
+    """1 where the four pixels from column j and row i to the right and below are joined, 0 elsewhere."""
+    return float(link[0, i, j]) * float(link[1, i, j]) * float(link[0, i + 1, j]) * float(link[1, i, j + 1])
+
+
+@kernel
+def _squares_row(link: ByteArray, i: int, shares: FloatArray) -> None:
+    """Shares of the squares to the lower right, lower left, upper right and upper left in uv, on a row."""
+    for j in range(shares.shape[1]):
+        shares[0, j], shares[1, j] = square(link, i, j + 2), square(link, i, j + 1)
+        shares[2, j], shares[3, j] = square(link, i - 1, j + 2), square(link, i - 1, j + 1)
+        count = max((shares[0, j] + shares[3, j]) + (shares[1, j] + shares[2, j]), 1.0)
+        for k in range(4):
+            shares[k, j] /= count
+
+
+@kernel
+def _mixed_row(x: FloatArray, squares: FloatArray, i: int, out: FloatArray) -> None:
+    """uv of a map on a row: the mean of those of the squares that there are."""
+    up, row, down = x[i - 1], x[i], x[i + 1]
+    for j in range(out.size):
+        falling = squares[0, j] * ((down[j + 3] + row[j + 2]) - (down[j + 2] + row[j + 3]))
+        falling += squares[3, j] * ((row[j + 2] + up[j + 1]) - (row[j + 1] + up[j + 2]))
+        rising = squares[1, j] * ((down[j + 2] + row[j + 1]) - (down[j + 1] + row[j + 2]))
+        rising += squares[2, j] * ((row[j + 3] + up[j + 2]) - (row[j + 2] + up[j + 3]))
+        out[j] = falling + rising
 
 
 @on_cores(cost=15)
@@ -29,9 +53,10 @@ def fill_shares(rows: Span, rays: FloatArray, link: ByteArray, out: FloatArray) 
     first, last = rows_within(rows, PAD, rays.shape[1] - PAD)
     count = rays.shape[2] - 2 * PAD
     across, along, known = np.empty((3, count)), np.empty((3, count)), np.empty((3, count))
-    second, plane = np.empty((3, 3, count)), np.empty((3, 3, count))
+    second, plane, squares = np.empty((3, 3, count)), np.empty((3, 3, count)), np.empty((4, count))
     for i in range(first, last):
         _know_row(link, i, known)
+        _squares_row(link, i, squares)
         next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
         for k in range(3):
             row, up, down = rays[k, i], rays[k, i - 1], rays[k, i + 1]
@@ -43,8 +68,8 @@ def fill_shares(rows: Span, rays: FloatArray, link: ByteArray, out: FloatArray) 
                 ahead = float(south) * (down[j + 2] - here) + float(north) * (here - up[j + 2])
                 along[k, j] = ahead * (1 - 0.5 * (float(south) * north))
                 second[0, k, j] = row[j + 3] - 2 * here + row[j + 1]
-                second[1, k, j] = down[j + 3] - down[j + 2] - row[j + 3] + here
                 second[2, k, j] = down[j + 2] - 2 * here + up[j + 2]
+            _mixed_row(rays[k], squares, i, second[1, k])
         # Cramer's rule for a r_u + b r_v + c r
         for j in range(count):
             x, y, z = rays[0, i, PAD + j], rays[1, i, PAD + j], rays[2, i, PAD + j]
@@ -80,13 +105,14 @@ def fill_shares(rows: Span, rays: FloatArray, link: ByteArray, out: FloatArray) 
 
 @kernel
 def _know_row(link: ByteArray, i: int, known: FloatArray) -> None:
-    """1 where uu, uv and vv have all their steps, and one on the other axis, 0 elsewhere; on a row."""
-    next_to, below, above, beneath = link[0, i], link[1, i], link[1, i - 1], link[0, i + 1]
+    """1 where uu and vv have all their steps, and one on the other axis, and uv a square, 0 elsewhere."""
+    next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
     for j in range(known.shape[1]):
         right, left = float(next_to[j + 2]), float(next_to[j + 1])
         south, north = float(below[j + 2]), float(above[j + 2])
         known[0, j] = right * left * max(south, north)
-        known[1, j] = right * south * float(beneath[j + 2]) * float(below[j + 3])
+        any_below = max(square(link, i, j + 2), square(link, i, j + 1))
+        known[1, j] = max(any_below, max(square(link, i - 1, j + 2), square(link, i - 1, j + 1)))
         known[2, j] = south * north * max(right, left)
 
 
@@ -95,13 +121,14 @@ def bend_row(x: FloatArray, link: ByteArray, shares: FloatArray, i: int, form: F
     """The form of a map on a row, see `curvature.second_form`; `shares` as `fill_shares` writes them."""
     row, up, down = x[i], x[i - 1], x[i + 1]
     next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
-    known = np.empty(form.shape)
+    known, squares = np.empty(form.shape), np.empty((4, form.shape[1]))
     _know_row(link, i, known)
+    _squares_row(link, i, squares)
     uu, uv, vv = form[0], form[1], form[2]
+    _mixed_row(x, squares, i, uv)
     for j in range(uu.size):
         here = row[j + 2]
         uu[j] = known[0, j] * (row[j + 3] - 2 * here + row[j + 1])
-        uv[j] = known[1, j] * (down[j + 3] - down[j + 2] - row[j + 3] + here)
         vv[j] = known[2, j] * (down[j + 2] - 2 * here + up[j + 2])
     for k in range(3):
         bend, a, b, c = form[k], shares[k, 0, i], shares[k, 1, i], shares[k, 2, i]
@@ -118,7 +145,11 @@ def add_unbent_row(form: FloatArray, link: ByteArray, shares: FloatArray, i: int
     here, up, down = out[i], out[i - 1], out[i + 1]
     next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
     uu, uv, vv = form[0], form[1], form[2]
-    across = np.zeros(uu.size)
+    across, squares = np.zeros(uu.size), np.empty((4, uu.size))
+    _squares_row(link, i, squares)
+    for k in range(4):
+        for j in range(uu.size):
+            squares[k, j] *= uv[j]
     for j in range(uu.size):
         a = shares[0, 0, i, PAD + j] * uu[j] + shares[1, 0, i, PAD + j] * uv[j]
         a += shares[2, 0, i, PAD + j] * vv[j]
@@ -129,15 +160,18 @@ def add_unbent_row(form: FloatArray, link: ByteArray, shares: FloatArray, i: int
         across[j] = a
         right, left, south, north = next_to[j + 2], next_to[j + 1], below[j + 2], above[j + 2]
         own = a * (float(left) - right) + b * (float(north) - south) + c
-        here[j + 2] += uv[j] - 2 * uu[j] - 2 * vv[j] - own
-        down[j + 2] += vv[j] - uv[j] - b * float(south)
-        up[j + 2] += vv[j] + b * float(north)
+        falling, rising = squares[0, j] + squares[3, j], squares[1, j] + squares[2, j]
+        here[j + 2] += falling - rising - 2 * uu[j] - 2 * vv[j] - own
+        down[j + 2] += vv[j] - squares[0, j] + squares[1, j] - b * float(south)
+        up[j + 2] += vv[j] + squares[2, j] - squares[3, j] + b * float(north)
     for j in range(uu.size):
-        here[j + 3] += uu[j] - uv[j] - across[j] * float(next_to[j + 2])
+        here[j + 3] += uu[j] - squares[0, j] + squares[2, j] - across[j] * float(next_to[j + 2])
+        down[j + 3] += squares[0, j]
+        up[j + 3] -= squares[2, j]
     for j in range(uu.size):
-        here[j + 1] += uu[j] + across[j] * float(next_to[j + 1])
-    for j in range(uu.size):
-        down[j + 3] += uv[j]
+        here[j + 1] += uu[j] + squares[1, j] - squares[3, j] + across[j] * float(next_to[j + 1])
+        down[j + 1] -= squares[1, j]
+        up[j + 1] += squares[3, j]
 
 
 @kernel
@@ -250,24 +284,33 @@ def weigh_bending_row(
 
 @kernel
 def stencils_row(link: ByteArray, shares: SingleArray, i: int, t: FloatArray) -> None:
-    """Weights (3, 6, ...) of the six pixels for uu, uv and vv, on a row; 0 where one is not known."""
+    """Weights (3, 9, ...) of the nine pixels for uu, uv and vv, on a row; 0 where one is not known."""
     count = t.shape[2]
     next_to, below, above = link[0, i], link[1, i], link[1, i - 1]
-    known = np.empty((3, count))
+    known, squares = np.empty((3, count)), np.empty((4, count))
     _know_row(link, i, known)
+    _squares_row(link, i, squares)
+    t[:3] = 0.0
+    for j in range(count):
+        t[0, 0, j], t[0, 1, j], t[0, 2, j] = -2 * known[0, j], known[0, j], known[0, j]
+        t[2, 0, j], t[2, 3, j], t[2, 4, j] = -2 * known[2, j], known[2, j], known[2, j]
+    for j in range(count):
+        lower_right, lower_left = squares[0, j], squares[1, j]
+        upper_right, upper_left = squares[2, j], squares[3, j]
+        t[1, 0, j] = (lower_right + upper_left) - (lower_left + upper_right)
+        t[1, 1, j], t[1, 2, j] = upper_right - lower_right, lower_left - upper_left
+        t[1, 3, j], t[1, 4, j] = lower_left - lower_right, upper_right - upper_left
+        t[1, 5, j], t[1, 6, j], t[1, 7, j], t[1, 8, j] = lower_right, -lower_left, -upper_right, upper_left
     for k in range(3):
-        centre, e, w, s, n, mixed = DIFFERENCES[k]
         for j in range(count):
             right, left = float(next_to[j + 2]), float(next_to[j + 1])
             part = shares[k, 0, i, PAD + j]
-            t[k, 1, j] = known[k, j] * e - part * right
-            t[k, 2, j] = known[k, j] * w + part * left
-            t[k, 0, j] = known[k, j] * centre - part * (left - right) - shares[k, 2, i, PAD + j]
+            t[k, 0, j] -= part * (left - right) + shares[k, 2, i, PAD + j]
+            t[k, 1, j] -= part * right
+            t[k, 2, j] += part * left
         for j in range(count):
             south, north = float(below[j + 2]), float(above[j + 2])
             part = shares[k, 1, i, PAD + j]
-            t[k, 3, j] = known[k, j] * s - part * south
-            t[k, 4, j] = known[k, j] * n + part * north
             t[k, 0, j] -= part * (north - south)
-        for j in range(count):
-            t[k, 5, j] = known[k, j] * mixed
+            t[k, 3, j] -= part * south
+            t[k, 4, j] += part * north

@@ -10,7 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from endolab.depth.curvature_kernels import add_bending_row, add_unbent_row, bend_row, weigh_bending_row
+from endolab.depth.curvature_kernels import (
+    add_bending_row,
+    add_unbent_row,
+    bend_row,
+    square,
+    weigh_bending_row,
+)
 from endolab.depth.normal_equations import (
     BY_V,
     CAUTION_U,
@@ -175,12 +181,6 @@ def _predict_row(v: FloatArray, picture: Picture, wall: Wall, i: int, rows: Floa
 
 
 @kernel
-def _square(link: ByteArray, i: int, j: int) -> float:
-    """1 where the four pixels from column j and row i to the right and below are joined, 0 elsewhere."""
-    return float(link[0, i, j]) * float(link[1, i, j]) * float(link[0, i + 1, j]) * float(link[1, i, j + 1])
-
-
-@kernel
 def _roughness_row(x: FloatArray, link: ByteArray, kind: int, i: int, size: FloatArray) -> None:
     """‖D x‖ on a row, per pixel or per pixel squared."""
     row, up, down = x[i], x[i - 1], x[i + 1]
@@ -193,8 +193,8 @@ def _roughness_row(x: FloatArray, link: ByteArray, kind: int, i: int, size: Floa
         return
     squares = np.zeros(size.size + 1)  # of mixed differences, to the left of each pixel
     for j in range(squares.size):
-        lower = _square(link, i, j + 1) * (down[j + 2] - down[j + 1] - row[j + 2] + row[j + 1])
-        upper = _square(link, i - 1, j + 1) * (row[j + 2] - row[j + 1] - up[j + 2] + up[j + 1])
+        lower = square(link, i, j + 1) * (down[j + 2] - down[j + 1] - row[j + 2] + row[j + 1])
+        upper = square(link, i - 1, j + 1) * (row[j + 2] - row[j + 1] - up[j + 2] + up[j + 1])
         squares[j] = lower * lower + upper * upper
     for j in range(size.size):
         uu = float(across[j + 2]) * float(across[j + 1]) * (row[j + 3] - 2 * row[j + 2] + row[j + 1])
@@ -236,8 +236,8 @@ def _add_smooth_row(
     lower, upper = np.empty(n + 1), np.empty(n + 1)
     for j in range(n + 1):
         beside = 0.5 * ((weight[j - 1] if j > 0 else 0.0) + (weight[j] if j < n else 0.0))
-        lower[j] = beside * _square(link, i, j + 1) * (down[j + 2] - down[j + 1] - row[j + 2] + row[j + 1])
-        upper[j] = beside * _square(link, i - 1, j + 1) * (row[j + 2] - row[j + 1] - up[j + 2] + up[j + 1])
+        lower[j] = beside * square(link, i, j + 1) * (down[j + 2] - down[j + 1] - row[j + 2] + row[j + 1])
+        upper[j] = beside * square(link, i - 1, j + 1) * (row[j + 2] - row[j + 1] - up[j + 2] + up[j + 1])
     for j in range(n + 1):
         under[j + 1] -= lower[j]
         here[j + 1] += lower[j] - upper[j]

@@ -24,33 +24,36 @@ Strands = tuple[IntArray, IntArray, FloatArray]  # those of `Interpolation`: pix
 def _prolong_add(rows: Span, x: RealArray, share: SingleArray, step: RealArray) -> None:
     """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
-    between = np.empty(step.shape[1], step.dtype)
     down, at = lead(x, step, 0), PAD - lead(x, step, 1)
     for i in range(first, last):
         ci, ni = PAD + (i - PAD + down) // 2, 1 if (i - PAD + down) % 2 else -1
-        for cj in range(between.size):
-            between[cj] = 3 * step[ci, cj] + step[ci + ni, cj]
-        for cj in range(between.size - 2 * PAD):
-            nearest, left, right = 3 * between[cj + 2], between[cj + 1], between[cj + 3]
-            x[i, 2 * cj + at] += share[i, 2 * cj + at] * (nearest + left)
-            x[i, 2 * cj + at + 1] += share[i, 2 * cj + at + 1] * (nearest + right)
+        for cj in range(step.shape[1] - 2 * PAD):
+            nearest, beneath = 9 * step[ci, cj + 2], step[ci + ni, cj + 2]
+            left = nearest + 3 * (beneath + step[ci, cj + 1]) + step[ci + ni, cj + 1]
+            right = nearest + 3 * (beneath + step[ci, cj + 3]) + step[ci + ni, cj + 3]
+            x[i, 2 * cj + at] += share[i, 2 * cj + at] * left
+            x[i, 2 * cj + at + 1] += share[i, 2 * cj + at + 1] * right
 
 
 @on_cores(cost=2)
 def _restrict(rows: Span, out: SingleArray, r: SingleArray, share: SingleArray, coarse: ByteArray) -> None:
     """Adjoint of `_prolong_add`."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
-    column = np.empty(r.shape[1], r.dtype)
+    taken = np.empty((4, r.shape[1]), r.dtype)
     down, at = lead(r, out, 0), PAD - lead(r, out, 1)
     for ci in range(first, last):
         i = 2 * ci - PAD - down
-        for j in range(column.size):
-            amid = 3 * (share[i, j] * r[i, j] + share[i + 1, j] * r[i + 1, j])
-            column[j] = amid + share[i - 1, j] * r[i - 1, j] + share[i + 2, j] * r[i + 2, j]
+        for k in range(4):
+            for j in range(r.shape[1]):
+                taken[k, j] = share[i + k - 1, j] * r[i + k - 1, j]
+        a, b, c, d = taken
         for cj in range(out.shape[1] - 2 * PAD):
-            amid = 3 * (column[2 * cj + at] + column[2 * cj + at + 1])
-            amid += column[2 * cj + at - 1] + column[2 * cj + at + 2]
-            out[ci, cj + 2] = coarse[ci, cj + 2] * amid
+            j = 2 * cj + at  # of the block's first pixel; what changes places in a turned picture comes first
+            amid = 9 * ((b[j] + c[j + 1]) + (b[j + 1] + c[j]))
+            beside = (b[j - 1] + c[j + 2]) + (b[j + 2] + c[j - 1])
+            beside += (a[j] + d[j + 1]) + (a[j + 1] + d[j])
+            corners = (a[j - 1] + d[j + 2]) + (a[j + 2] + d[j - 1])
+            out[ci, cj + 2] = coarse[ci, cj + 2] * (amid + 3 * beside + corners)
 
 
 @kernel
@@ -65,11 +68,14 @@ def _place(i: int, j: int, k: int) -> tuple[int, int, float, float]:
 
 
 @kernel
-def _add_from(source: IntArray, target: IntArray, weight: FloatArray, a: FloatArray, out: FloatArray) -> None:
-    """Add weighted elements of one array to those of another."""
-    values, sums = a.ravel(), out.reshape(-1)
+def _add_from(source: IntArray, target: IntArray, weight: FloatArray, a: RealArray, out: RealArray) -> None:
+    """Add weighted elements of one array to those of another, rounding but once."""
+    values, sums, more = a.ravel(), out.reshape(-1), np.zeros(out.size)
     for k in range(weight.size):
-        sums[target[k]] += weight[k] * values[source[k]]
+        more[target[k]] += weight[k] * values[source[k]]
+    for k in range(weight.size):
+        sums[target[k]] += more[target[k]]
+        more[target[k]] = 0.0
 
 
 @kernel
@@ -109,22 +115,25 @@ def _fill_strands(pixels: Cells, main: ByteArray, blocks: Cells, share: SingleAr
             if of_side[0] and of_side[1] and of_side[2] and of_side[3]:
                 share[i, j] = 1 / 16
                 continue
-            k = nearest(of_side)
-            if k == 4:
+            one, other = nearest(of_side)
+            if one == 4:
                 continue
-            row, column, down, right = _place(i - top, j - first, k)
-            own, here = 1.0, row * wide + column
-            for axis, aside, step in ((0, right, 1), (1, down, wide)):
-                ahead = 1 if aside > 0 else -1
-                for way in (ahead, -ahead):
-                    r, c = row + way * axis, column + way * (1 - axis)
-                    if across[axis, min(r, row), min(c, column)] and known[r, c]:
-                        pixel[count], block[count] = i * active.shape[1] + j, here + way * step
-                        weight[count] = aside * way
-                        own, count = own - aside * way, count + 1
-                        break
-            pixel[count], block[count], weight[count] = i * active.shape[1] + j, here, own
-            count += 1
+            share_of_each = 1.0 if one == other else 0.5
+            for k in range(one, other + 1):
+                row, column, down, right = _place(i - top, j - first, k)
+                own, here = 1.0, row * wide + column
+                for axis, aside, step in ((0, right, 1), (1, down, wide)):
+                    ahead = 1 if aside > 0 else -1
+                    for way in (ahead, -ahead):
+                        r, c = row + way * axis, column + way * (1 - axis)
+                        if across[axis, min(r, row), min(c, column)] and known[r, c]:
+                            pixel[count], block[count] = i * active.shape[1] + j, here + way * step
+                            weight[count] = share_of_each * aside * way
+                            own, count = own - aside * way, count + 1
+                            break
+                pixel[count], block[count] = i * active.shape[1] + j, here
+                weight[count] = share_of_each * own
+                count += 1
     return count
 
 
@@ -140,7 +149,7 @@ class Interpolation(NamedTuple):
     def to(cls, pixels: Cells, main: ByteArray, blocks: Cells) -> Interpolation:
         """Find the way to the active pixels of a grid with these main parts."""
         share = np.zeros(pixels.active.shape, np.float32)
-        most = 3 * _fill_shares(pixels.active, main, blocks, share)
+        most = 6 * _fill_shares(pixels.active, main, blocks, share)
         strands = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most)
         count = _fill_strands(pixels, main, blocks, share, strands)
         return cls(share, *(strand[:count] for strand in strands))

@@ -20,7 +20,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from endolab.depth.normal_equations import CENTRE, EE, SE, SEE, SS, SSE, SW, Coefficients, E, S, Structure
+from endolab.depth.normal_equations import (
+    CENTRE,
+    EE,
+    REACH,
+    SE,
+    SEE,
+    SS,
+    SSE,
+    SSEE,
+    SSW,
+    SSWW,
+    SW,
+    SWW,
+    Coefficients,
+    E,
+    S,
+    Structure,
+)
 from endolab.numerics.arrays import ByteArray, FloatArray, RealArray, SingleArray, Span
 from endolab.numerics.compiled import PAD, kernel
 from endolab.numerics.threads import ROWS, on_cores, rows_within
@@ -28,45 +45,38 @@ from endolab.numerics.threads import ROWS, on_cores, rows_within
 COARSEST = 96  # pixels; there the equations are solved
 RIDGE = 1e-6  # of the diagonal, added to it there
 DEGREE = 4  # smoothing steps before and after a coarser grid
-# Rows and columns from a pixel to those that its entries couple it to.
-REACH = {CENTRE: (0, 0), E: (0, 1), EE: (0, 2), S: (1, 0), SS: (2, 0), SE: (1, 1), SW: (1, -1)}
-REACH |= {SEE: (1, 2), SSE: (2, 1)}
-
-
-@kernel
-def _from_other_rows(m: RealArray, x: RealArray, i: int, out: RealArray) -> None:
-    """Row i of the matrix times x, but for what comes from row i; out[j] is of column PAD + j.
-
-    In this and the following loops, j begins at 0 and what is added to it is not negative: so they compile to
-    instructions that take many pixels at once. Views of rows would do as well, but counting who holds a view
-    takes longer than a row, and the cores wait for one another to count.
-    """
-    for j in range(x.shape[1] - 2 * PAD):
-        out[j] = (
-            m[S, i, j + 2] * x[i + 1, j + 2]
-            + m[SS, i, j + 2] * x[i + 2, j + 2]
-            + m[SE, i, j + 2] * x[i + 1, j + 3]
-            + m[SW, i, j + 2] * x[i + 1, j + 1]
-            + m[SEE, i, j + 2] * x[i + 1, j + 4]
-            + m[SSE, i, j + 2] * x[i + 2, j + 3]
-            + m[S, i - 1, j + 2] * x[i - 1, j + 2]
-            + m[SS, i - 2, j + 2] * x[i - 2, j + 2]
-            + m[SE, i - 1, j + 1] * x[i - 1, j + 1]
-            + m[SW, i - 1, j + 3] * x[i - 1, j + 3]
-            + m[SEE, i - 1, j] * x[i - 1, j]
-            + m[SSE, i - 2, j + 1] * x[i - 2, j + 1]
-        )
 
 
 @kernel
 def _row_times(m: RealArray, x: RealArray, i: int, out: RealArray) -> None:
-    """Row i of the matrix times x; out[j] is of column PAD + j."""
-    _from_other_rows(m, x, i, out)
-    for j in range(x.shape[1] - 2 * PAD):
-        here = (
-            m[CENTRE, i, j + 2] * x[i, j + 2] + m[E, i, j + 2] * x[i, j + 3] + m[EE, i, j + 2] * x[i, j + 4]
-        )
-        out[j] += here + m[E, i, j + 1] * x[i, j + 1] + m[EE, i, j] * x[i, j]
+    """Row i of the matrix times x; out[j] is of column PAD + j.
+
+    Pixels that change places in a mirrored or transposed picture are added first, so that the sum is the
+    same to the last digit. In this and the following loops, j begins at 0 and what is added to it is not
+    negative: so they compile to instructions that take many pixels at once. Views of rows would do as well,
+    but counting who holds a view takes longer than a row, and the cores wait for one another to count.
+    """
+    count = x.shape[1] - 2 * PAD
+    for j in range(count):
+        beside = m[E, i, j + 2] * x[i, j + 3] + m[E, i, j + 1] * x[i, j + 1]
+        around = beside + (m[S, i, j + 2] * x[i + 1, j + 2] + m[S, i - 1, j + 2] * x[i - 1, j + 2])
+        falling = m[SE, i, j + 2] * x[i + 1, j + 3] + m[SE, i - 1, j + 1] * x[i - 1, j + 1]
+        rising = m[SW, i, j + 2] * x[i + 1, j + 1] + m[SW, i - 1, j + 3] * x[i - 1, j + 3]
+        out[j] = (m[CENTRE, i, j + 2] * x[i, j + 2] + around) + (falling + rising)
+    for j in range(count):
+        beside = m[EE, i, j + 2] * x[i, j + 4] + m[EE, i, j] * x[i, j]
+        out[j] += beside + (m[SS, i, j + 2] * x[i + 2, j + 2] + m[SS, i - 2, j + 2] * x[i - 2, j + 2])
+    if len(m) <= SEE:
+        return
+    for j in range(count):
+        falling = m[SEE, i, j + 2] * x[i + 1, j + 4] + m[SEE, i - 1, j] * x[i - 1, j]
+        wide = falling + (m[SWW, i, j + 2] * x[i + 1, j] + m[SWW, i - 1, j + 4] * x[i - 1, j + 4])
+        falling = m[SSE, i, j + 2] * x[i + 2, j + 3] + m[SSE, i - 2, j + 1] * x[i - 2, j + 1]
+        rising = m[SSW, i, j + 2] * x[i + 2, j + 1] + m[SSW, i - 2, j + 3] * x[i - 2, j + 3]
+        out[j] += wide + (falling + rising)
+    for j in range(count):
+        falling = m[SSEE, i, j + 2] * x[i + 2, j + 4] + m[SSEE, i - 2, j] * x[i - 2, j]
+        out[j] += falling + (m[SSWW, i, j + 2] * x[i + 2, j] + m[SSWW, i - 2, j + 4] * x[i - 2, j + 4])
 
 
 @on_cores(cost=0.3)
@@ -162,23 +172,20 @@ def _proceed(
 def _shorten(rows: Span, m: FloatArray, out: SingleArray) -> None:
     """The matrix in single precision."""
     for i in range(rows[0], rows[1]):
-        for k in range(9):
+        for k in range(len(m)):
             for j in range(m.shape[2]):
                 out[k, i, j] = m[k, i, j]
 
 
-@on_cores(cost=3)
-def _invert_sums(rows: Span, m: SingleArray, active: ByteArray, out: SingleArray) -> None:
+@on_cores(cost=2)
+def _invert_sums(rows: Span, out: SingleArray, sizes: SingleArray, one: SingleArray, active: ByteArray) -> None:
     """One over the sum of the sizes of a row of the matrix; 0 where a pixel is held at 0."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
+    row = np.empty(out.shape[1] - 2 * PAD, out.dtype)
     for i in range(first, last):
-        for j in range(PAD, out.shape[1] - PAD):
-            right = abs(m[E, i, j]) + abs(m[EE, i, j]) + abs(m[E, i, j - 1]) + abs(m[EE, i, j - 2])
-            below = abs(m[S, i, j]) + abs(m[SS, i, j]) + abs(m[S, i - 1, j]) + abs(m[SS, i - 2, j])
-            aslant = abs(m[SE, i, j]) + abs(m[SW, i, j]) + abs(m[SE, i - 1, j - 1]) + abs(m[SW, i - 1, j + 1])
-            far = abs(m[SEE, i, j]) + abs(m[SSE, i, j]) + abs(m[SEE, i - 1, j - 2]) + abs(m[SSE, i - 2, j - 1])
-            total = m[CENTRE, i, j] + (right + below) + aslant + far
-            out[i, j] = 1 / total if active[i, j] and total > 0 else 0.0
+        _row_times(sizes, one, i, row)
+        for j in range(row.size):
+            out[i, j + 2] = 1 / row[j] if active[i, j + 2] and row[j] > 0 else 0.0
 
 
 def _inverted(m: SingleArray, active: ByteArray) -> FloatArray:
@@ -186,7 +193,7 @@ def _inverted(m: SingleArray, active: ByteArray) -> FloatArray:
     i, j = np.nonzero(active)
     number, dense = np.full(active.shape, -1), np.zeros((i.size, i.size))
     number[i, j] = np.arange(i.size)
-    for entry, (down, right) in REACH.items():
+    for entry, (down, right) in enumerate(REACH[: len(m)]):
         other = number[i + down, j + right]
         known = other >= 0
         here, there = number[i, j][known], other[known]
@@ -213,7 +220,7 @@ class _Level:
         """Make room."""
         shape = structure.active.shape
         inverse, x, b, r, *steps = np.zeros((6, *shape), np.float32)
-        return cls(structure, np.empty((9, *shape), np.float32), inverse, x, b, r, np.stack(steps))
+        return cls(structure, np.empty((structure.entries, *shape), np.float32), inverse, x, b, r, np.stack(steps))
 
     def began(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
@@ -259,7 +266,8 @@ class Multigrid:
             if coefficients.structure.pixels <= COARSEST:
                 self.solution = _inverted(level.matrix, coefficients.active)
                 break
-            _invert_sums(level.matrix, coefficients.active, level.inverse)
+            one = np.ones_like(level.inverse)
+            _invert_sums(level.inverse, np.abs(level.matrix), one, coefficients.active)
             if depth == len(self.coarse):
                 below = coefficients.structure.coarser
                 self.levels.append(_Level.on(below))

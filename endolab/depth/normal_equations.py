@@ -1,9 +1,9 @@
 """The matrix of a Gauss-Newton step, and the same on half the pixels.
 
 It couples a pixel to the twelve that the squared central differences and the squared Hessian
-reach, two steps along rows and columns, one along diagonals, and to four that are a knight's move
-away, where a form of all second differences is squared. It is symmetric, so nine numbers a pixel
-hold it. The same matrix, readably: tests/depth/gauss_newton_model.py.
+reach, two steps along rows and columns, one along diagonals; where a form of all second differences is
+squared, to all that are two rows and two columns away at most. It is symmetric, so seven numbers a pixel
+hold it, or thirteen. The same matrix, readably: tests/depth/gauss_newton_model.py.
 """
 
 from __future__ import annotations
@@ -22,21 +22,24 @@ from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, SingleArray
 from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel, lead
 from endolab.numerics.threads import ROWS, on_cores, rows_within
 
-CENTRE, E, EE, S, SS, SE, SW, SEE, SSE = range(9)  # a pixel's own entry and those towards later pixels
-# Of each pair of the six pixels of `curvature_kernels`, the entry, and which of the two holds it: that above
-# or, in a row, that on the left.
+# A pixel's own entry and those towards later pixels, and how many rows and columns away these are.
+CENTRE, E, EE, S, SS, SE, SW, SEE, SSE, SWW, SSW, SSEE, SSWW = range(13)
+REACH = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
+REACH += [(1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2)]  # those of a form alone
+# Of each pair of the nine pixels of `curvature_kernels`, the entry, and which of the two holds it, the first:
+# that above or, in a row, that on the left.
 PAIRS = [
-    *((k, k, CENTRE) for k in range(6)),
-    *((0, 1, E), (2, 0, E), (3, 5, E), (2, 1, EE), (4, 3, SS)),
-    *((0, 3, S), (4, 0, S), (1, 5, S), (0, 5, SE), (4, 1, SE), (2, 3, SE)),
-    *((1, 3, SW), (4, 2, SW), (2, 5, SEE), (4, 5, SSE)),
+    (k, other, REACH.index((DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k])))
+    for k in range(9)
+    for other in range(9)
+    if (DOWN[other] - DOWN[k], RIGHT[other] - RIGHT[k]) in REACH
 ]
-# Which of the six are in the three differences, or parts of the form, for each of `problem.REGULARISERS`;
+# Which of the nine are in the three differences, or parts of the form, for each of `problem.REGULARISERS`;
 # those of a row of J, which comes fourth, are the first five.
 TAKEN = [
     [{0, 1}, set[int](), {0, 3}],
     [{0, 1, 2}, {0, 1, 3, 5}, {0, 3, 4}],
-    [{0, 1, 2, 3, 4}, {0, 1, 2, 3, 4, 5}, {0, 1, 2, 3, 4}],
+    [{0, 1, 2, 3, 4}, {0, 1, 2, 3, 4, 5, 6, 7, 8}, {0, 1, 2, 3, 4}],
 ]
 
 
@@ -70,7 +73,7 @@ BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
 
 @kernel
 def _add_products(left: FloatArray, right: FloatArray, products: IntArray, i: int, m: FloatArray) -> None:
-    """Add products of the six pixels' numbers to their entries of m."""
+    """Add products of the nine pixels' numbers to their entries of m."""
     for n in range(len(products)):
         k, other, entry, term = products[n]
         row, column = i + DOWN[k], PAD + RIGHT[k]
@@ -118,7 +121,7 @@ def _data_row(
 
 @kernel
 def _differences_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
-    """Weights of the six pixels for the gradient or the Hessian, on a row: those that are `TAKEN`."""
+    """Weights of the nine pixels for the gradient or the Hessian, on a row: those that are `TAKEN`."""
     across, below, above, beneath = link[0, i], link[1, i], link[1, i - 1], link[0, i + 1]
     count = t.shape[2]
     if kind == FIRST:
@@ -168,10 +171,10 @@ def _smooth_row(
             for j in range(count):
                 weight = here[j + 2]
                 if term == 1:  # of the squares around a pixel, each has a quarter of its weight
-                    weight = QUARTER * (weight + here[j + 3] + below[j + 2] + below[j + 3])
+                    weight = QUARTER * ((weight + below[j + 3]) + (here[j + 3] + below[j + 2]))
                 qt[term, k, j] = weight * t[term, k, j]
         return
-    for k in range(6):
+    for k in range(9):
         for term in range(3):  # the rows of Q
             a, b, c = SMOOTHNESS + term, SMOOTHNESS + (1, 3, 4)[term], SMOOTHNESS + (2, 4, 5)[term]
             for j in range(count):
@@ -198,11 +201,11 @@ def _assemble(
     """
     products = form[2]
     count = m.shape[2] - 2 * PAD
-    t, qt = np.empty((4, 6, count)), np.empty((4, 6, count))
+    t, qt = np.empty((4, 9, count)), np.empty((4, 9, count))
     for turn in range(turns[0], turns[1]):
         if turn == 0:
             for i in range(rows[0], rows[1]):
-                for k in range(9):
+                for k in range(len(m)):
                     clear_row(m[k, i])
             continue
         odd = turn - 1  # every second band: what a row adds to its neighbours' must not meet
@@ -218,12 +221,12 @@ def _assemble(
 def _halve_row(
     above: SingleArray, below: SingleArray, kept: ByteArray, kept_below: ByteArray, out: SingleArray
 ) -> None:
-    """Sums over a row of 2×2 blocks, of the pixels that are kept; the maps begin where the first block does."""
-    column = np.empty(2 * out.size, out.dtype)
-    for j in range(column.size):
-        column[j] = np.float32(kept[j]) * above[j] + np.float32(kept_below[j]) * below[j]
+    """Sums over a row of 2×2 blocks, of the pixels that are kept; maps begin where the first block does."""
+    upper, lower = np.empty(2 * out.size, out.dtype), np.empty(2 * out.size, out.dtype)
+    for j in range(upper.size):
+        upper[j], lower[j] = np.float32(kept[j]) * above[j], np.float32(kept_below[j]) * below[j]
     for j in range(out.size):
-        out[j] = column[2 * j] + column[2 * j + 1]
+        out[j] = (upper[2 * j] + lower[2 * j + 1]) + (upper[2 * j + 1] + lower[2 * j])
 
 
 @on_cores(cost=25)
@@ -273,6 +276,11 @@ class Structure:
     def pixels(self) -> int:
         """Rows times columns, without the padding."""
         return (self.active.shape[0] - 2 * PAD) * (self.active.shape[1] - 2 * PAD)
+
+    @property
+    def entries(self) -> int:
+        """How many numbers a pixel hold the matrix."""
+        return len(REACH) if self.kind == CURVATURE else SEE
 
     @cached_property
     def main(self) -> ByteArray:
@@ -361,8 +369,8 @@ class Coefficients:
 
     def matrix(self, damping: float, out: FloatArray | None = None) -> FloatArray:
         """Matrix of the normal equations; a share `damping` of a² W is added to its diagonal."""
-        m = np.empty((9, *self.active.shape)) if out is None else out
         on = self.structure
+        m = np.empty((on.entries, *self.active.shape)) if out is None else out
         _assemble(m, self.parts, on.link, on.shares, FORMS[on.kind], damping)
         return m
 

@@ -133,7 +133,10 @@ def reached(
 
 
 @kernel
-def nearest(of_side: tuple[bool, bool, bool, bool]) -> int:
-    """Which of the blocks that are reached is the nearest; 4 if none is."""
+def nearest(of_side: tuple[bool, bool, bool, bool]) -> tuple[int, int]:
+    """The first and the last of the blocks that are reached and nearest, which may be two; 4 if none is."""
     own, beside, below, diagonal = of_side
-    return 0 if own else 1 if beside else 2 if below else 3 if diagonal else 4
+    if own or not (beside or below):
+        only = 0 if own else 3 if diagonal else 4
+        return only, only
+    return 1 if beside else 2, 2 if below else 1

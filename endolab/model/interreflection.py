@@ -33,6 +33,7 @@ from endolab.model.cameras import RayField
 from endolab.model.surface import normals_from_gradient, slant
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, Span
 from endolab.numerics.derivatives import gradient
+from endolab.numerics.resampling import resized
 from endolab.numerics.threads import on_cores
 
 PATCHES = 500  # of the picture; twice as many change ι by a hundredth
@@ -227,10 +228,8 @@ class Walls:
             reached = share > 1e-6
             spread = spread.reshape(shape) / np.maximum(share, 1e-6)[..., None]
             coarse, known = np.where(reached[..., None], spread, 0.0), reached.astype(np.float64)
-        height, width = self.direct.shape
-        fine = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
         lit = self.direct > 0
-        share = fine.reshape(height, width, -1) / np.where(lit, self.direct, 1.0)[..., None]
+        share = resized(coarse, self.direct.shape) / np.where(lit, self.direct, 1.0)[..., None]
         ratio = np.where(lit[..., None], np.minimum(share, MOST_INDIRECT), 0.0)
         return ratio if np.ndim(albedo) else ratio[..., 0]
 

@@ -103,8 +103,8 @@ def _block_sums(a: ByteArray | FloatArray, out: FloatArray) -> None:
     for i in range(PAD, out.shape[0] - PAD):
         for j in range(PAD, out.shape[1] - PAD):
             row, column = 2 * i - PAD - down, 2 * j - PAD - across
-            above = a[row, column] + a[row, column + 1]
-            out[i, j] = above + a[row + 1, column] + a[row + 1, column + 1]
+            falling = a[row, column] + a[row + 1, column + 1]
+            out[i, j] = falling + (a[row, column + 1] + a[row + 1, column])
 
 
 def block_sums(a: Any) -> FloatArray:

@@ -35,6 +35,7 @@ def _flood(order: IntArray, slope: FloatArray, steps: IntArray, shallow: float, 
     are in no basin. Returns how many basins there are.
     """
     floor, parent, count = np.zeros(order.size), np.zeros(order.size, np.int64), 0
+    taken = np.zeros(steps.size, np.bool_)
     for pixel in order:
         first, least = -1, np.inf
         for step in steps:
@@ -48,10 +49,16 @@ def _flood(order: IntArray, slope: FloatArray, steps: IntArray, shallow: float, 
         while parent[first] != first:
             first = parent[first]
         region[pixel] = first
-        for step in steps:
-            other = region[pixel + step]
-            if other < 0:
-                continue
+        taken[:] = False
+        for _ in steps:  # from the lowest neighbour upwards, whichever way the picture is turned
+            lowest, at = np.inf, -1
+            for k in range(steps.size):
+                if not taken[k] and region[pixel + steps[k]] >= 0 and slope[pixel + steps[k]] < lowest:
+                    lowest, at = slope[pixel + steps[k]], k
+            if at < 0:
+                break
+            taken[at] = True
+            other = region[pixel + steps[at]]
             while parent[other] != other:
                 other = parent[other]
             if other != first and slope[pixel] - max(floor[other], floor[first]) < shallow:

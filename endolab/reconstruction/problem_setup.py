@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-import cv2
 import numpy as np
 
 from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
@@ -19,6 +18,7 @@ from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import number, whole
 from endolab.numerics.memory import check_memory
+from endolab.numerics.resampling import resized
 from endolab.numerics.side_by_side import side_by_side
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
 from endolab.preprocessing.highlights import check_highlights, find_highlights, inpaint
@@ -178,9 +178,7 @@ def in_units(problem: Problem) -> Problem:
 
 def enlarged(maps: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Resample maps (h, w, ...) to (H, W, ...), linearly."""
-    if maps.shape[:2] == shape:
-        return maps
-    return np.asarray(cv2.resize(maps, shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float64)
+    return maps if maps.shape[:2] == shape else resized(maps, shape)
 
 
 def resampled(surface: Iterate, problem: Problem) -> FloatArray:
