@@ -25,6 +25,7 @@ BLUR = 1.5  # of log d₀, in 1/320 of the longer side
 SHALLOW = 0.005  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the longer side
 SHARE = 0.25  # of the way from a strip's lightest neighbour to its own log d₀: who is nearer is light
 LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the longer side
+RIM = 0.5  # a strip along the picture's rim that is thinner than this share of it is torn off by no line
 
 
 @kernel
@@ -137,7 +138,10 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
 
 
 def _joins_a_limb(both: Any, region: Any, count: int, log_facing: FloatArray, thin: float) -> BoolArray:
-    """Which pairs of regions are a thin strip and its lightest neighbour, or one that is nearly as light."""
+    """Which pairs of regions are a thin strip and its lightest neighbour, or one that is nearly as light.
+
+    Or a thinner strip along the picture's rim, and any other: the rim is dark, and nothing would hold the strip.
+    """
     around = np.pad(region, 1, constant_values=-1)
     sides = (around[1:-1, 2:], around[1:-1, :-2], around[2:, 1:-1], around[:-2, 1:-1])
     inside = np.pad(np.all([side == region for side in sides], axis=0), 1).astype(np.uint8)
@@ -146,10 +150,13 @@ def _joins_a_limb(both: Any, region: Any, count: int, log_facing: FloatArray, th
     known = region >= 0
     np.maximum.at(deepest, region[known], depth[known])
     is_thin = 2 * deepest + 1 < thin
+    at_rim = np.zeros(count, dtype=np.bool_)
+    at_rim[region[known & np.any([side < 0 for side in sides], axis=0)]] = True
+    at_rim &= 2 * deepest + 1 < RIM * thin
     far = _medians(log_facing[known], region[known], count)
     lightest = far.copy()
     for end, far_end in (both, both[::-1]):
         np.minimum.at(lightest, end, far[far_end])
     limit = lightest + SHARE * (far - lightest)
     end, far_end = both
-    return (is_thin[end] & (far[far_end] < limit[end])) | (is_thin[far_end] & (far[end] < limit[far_end]))
+    return at_rim[end] | at_rim[far_end] | (is_thin[end] & (far[far_end] < limit[end])) | (is_thin[far_end] & (far[end] < limit[far_end]))

@@ -109,6 +109,7 @@ class Separation:
     # Of the last problem that was solved. Its cuts are the contours that were found, over `provenance.bar`.
     surface: Iterate
     cue: str = ""  # what decided on them
+    searched: tuple[FloatArray, FloatArray] | None = None  # ι and albedos of the picture they were found in
 
 
 # The stage ------------------------------------------------------------------------------
@@ -191,7 +192,9 @@ def _torn(
         trials.append(Separation(*_bounced(colours, surface, belief), surface))
         if not _goes_on(trials):
             break
-    return whole if len(trials) == 1 else _chosen(trials, always)
+    if len(trials) == 1:
+        return whole
+    return replace(_chosen(trials, always), searched=(whole.indirect_ratio, whole.light.albedo))
 
 
 def _none_bounced(trial: Separation) -> bool:
@@ -280,7 +283,9 @@ def _in_full(fine: list[PosedProblem], separation: Separation, given: bool, aske
         if discontinuities.shape[1:] == shape:
             problem = replace(problem, discontinuities=discontinuities)
         else:
-            problem = torn_at_contours(problem, bar_of(surface) or BARS[0])
+            before, albedo = separation.searched or (separation.indirect_ratio, separation.light.albedo)
+            torn = torn_at_contours(merged(colours, enlarged(before, shape), albedo), bar_of(surface) or BARS[0])
+            problem = replace(problem, discontinuities=torn.discontinuities)
             if separation.cue == ENERGY:  # colours choose a bar, the energy these very lines
                 problem = torn_near(problem, discontinuities)
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in separation.indirect_ratio.T]
