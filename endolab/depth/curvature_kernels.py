@@ -1,7 +1,8 @@
 """What `curvature.py` says, compiled, row by row: the form, its two costs and their parabolas.
 
 The form at a pixel is linear in w at nine: itself and the neighbours to the right, left, below, above, below
-right, below left, above right and above left, in this order. `rays` are padded, (3, ...), as are the maps, see `numerics.compiled`.
+right, below left, above right and above left, in this order. `rays` are padded, (3, ...), as are the maps,
+see `numerics.compiled`.
 """
 
 import numpy as np

@@ -40,7 +40,7 @@ from endolab.depth.normal_equations import (
 )
 from endolab.numerics.arrays import ByteArray, FloatArray, RealArray, SingleArray, Span
 from endolab.numerics.compiled import PAD, kernel
-from endolab.numerics.threads import ROWS, on_cores, rows_within
+from endolab.numerics.threads import on_cores, rows_within
 
 COARSEST = 96  # pixels; there the equations are solved
 RIDGE = 1e-6  # of the diagonal, added to it there
@@ -178,7 +178,9 @@ def _shorten(rows: Span, m: FloatArray, out: SingleArray) -> None:
 
 
 @on_cores(cost=2)
-def _invert_sums(rows: Span, out: SingleArray, sizes: SingleArray, one: SingleArray, active: ByteArray) -> None:
+def _invert_sums(
+    rows: Span, out: SingleArray, sizes: SingleArray, one: SingleArray, active: ByteArray
+) -> None:
     """One over the sum of the sizes of a row of the matrix; 0 where a pixel is held at 0."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     row = np.empty(out.shape[1] - 2 * PAD, out.dtype)
@@ -200,7 +202,7 @@ def _inverted(m: SingleArray, active: ByteArray) -> FloatArray:
         dense[here, there] = dense[there, here] = m[entry, i, j][known]
     diagonal = np.diag(dense)
     dense[np.diag_indices(i.size)] = np.where(diagonal > 0, (1 + RIDGE) * diagonal, 1.0)
-    return np.linalg.inv(dense)
+    return np.asarray(np.linalg.inv(dense), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -220,7 +222,9 @@ class _Level:
         """Make room."""
         shape = structure.active.shape
         inverse, x, b, r, *steps = np.zeros((6, *shape), np.float32)
-        return cls(structure, np.empty((structure.entries, *shape), np.float32), inverse, x, b, r, np.stack(steps))
+        return cls(
+            structure, np.empty((structure.entries, *shape), np.float32), inverse, x, b, r, np.stack(steps)
+        )
 
     def began(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""

@@ -1,9 +1,10 @@
 """Half the pixels of a torn surface: no block of 2×2 pixels mixes the two sides of a cut.
 
 A block that cuts divide stands for its largest part alone, of equals that nearer the picture's middle, so
-that a turned picture's blocks are the turned ones; the pixels left out follow a neighbouring block of their own side, if there is one. So a line of cuts is a line of cuts on
-every coarser grid. `link` holds the steps that there are and `whole` those that there would be without
-cuts, padded both (see `numerics.compiled`); where nothing is torn they are one array.
+that a turned picture's blocks are the turned ones. The pixels left out follow a neighbouring block of their
+own side, if there is one. So a line of cuts is a line of cuts on every coarser grid. `link` holds the steps
+that there are and `whole` those that there would be without cuts, padded both (see `numerics.compiled`);
+where nothing is torn they are one array.
 """
 
 from __future__ import annotations

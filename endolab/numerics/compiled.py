@@ -84,9 +84,9 @@ def framed(array: Any, fill: float = 0.0) -> FloatArray:
 def half_size(size: int) -> int:
     """How many blocks of two stand for so many rows or columns: an even number for an even one.
 
-    Then blocks lie alike from both ends, on every coarser grid as well, and what is computed with them is the
-    mirrored thing in a mirrored picture. For that the first and the last block may have one row of the grid and
-    one beside it. An odd number of rows cannot be shared out so: there the last block has one row.
+    Then blocks lie alike from both ends, on every coarser grid as well, and what is computed with them in a
+    mirrored picture is the mirrored thing. For that the first and the last block may have one row of the
+    grid and one beside it. An odd number of rows cannot be shared out so: there the last block has one row.
     """
     return (size + 2) // 2 if size % 4 == 2 and size > 2 else (size + 1) // 2
 

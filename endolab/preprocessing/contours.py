@@ -8,7 +8,8 @@ and noise make lines, too, of less slope. Basins are kept small, so that a line 
 nowhere: a fold fades into the wall, and a long line would be torn where there is none any more.
 
 A wall that turns away is dark at its rim, before it ends. So a thin strip is the limb of its lightest
-neighbour, and what is torn is the strip's other side.
+neighbour, and what is torn is the strip's other side. A strip along the picture's own rim is torn off by
+nothing: the rim is dark, too, and such a strip hangs by nothing.
 """
 
 from typing import Any
@@ -25,7 +26,7 @@ BLUR = 1.5  # of log d₀, in 1/320 of the longer side
 SHALLOW = 0.005  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the longer side
 SHARE = 0.25  # of the way from a strip's lightest neighbour to its own log d₀: who is nearer is light
 LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the longer side
-RIM = 0.5  # a strip along the picture's rim that is thinner than this share of it is torn off by no line
+RIM = 4.0  # a strip that is nowhere farther from the picture's rim is torn off by no line; likewise
 
 
 @kernel
@@ -101,6 +102,13 @@ def _medians(values: FloatArray, labels: Any, count: int) -> FloatArray:
     return (grouped[first + (size - 1) // 2] + grouped[first + size // 2]) / 2
 
 
+def _largest(values: Any, region: Any, count: int) -> Any:
+    """Largest value of a map in each region."""
+    out, known = np.zeros(count, values.dtype), region >= 0
+    np.maximum.at(out, region[known], values[known])
+    return out
+
+
 def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     """Find lines that may be occluding contours, given log d₀ (`Problem.log_facing`) where it is known.
 
@@ -129,7 +137,9 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     both, line = np.unique(pair[0] * count + pair[1], return_inverse=True)
     both = np.stack(np.divmod(both, count))
     steep = _medians(np.concatenate(slopes), line, both.shape[1])
-    steep[_joins_a_limb(both, region, count, log_facing, LIMB * unit)] = 0.0
+    within = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    at_rim = _largest(within, region, count) <= RIM * unit
+    steep[at_rim[both].any(axis=0) | _joins_a_limb(both, region, count, log_facing, LIMB * unit)] = 0.0
     for by_axis, where, those in zip(
         steepness, places, np.split(steep[line], [places[0][0].size]), strict=True
     ):
@@ -138,25 +148,17 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
 
 
 def _joins_a_limb(both: Any, region: Any, count: int, log_facing: FloatArray, thin: float) -> BoolArray:
-    """Which pairs of regions are a thin strip and its lightest neighbour, or one that is nearly as light.
-
-    Or a thinner strip along the picture's rim, and any other: the rim is dark, and nothing would hold the strip.
-    """
+    """Which pairs of regions are a thin strip and its lightest neighbour, or one that is nearly as light."""
     around = np.pad(region, 1, constant_values=-1)
     sides = (around[1:-1, 2:], around[1:-1, :-2], around[2:, 1:-1], around[:-2, 1:-1])
     inside = np.pad(np.all([side == region for side in sides], axis=0), 1).astype(np.uint8)
     depth = cv2.distanceTransform(inside, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    deepest = np.zeros(count, depth.dtype)
+    is_thin = 2 * _largest(depth, region, count) + 1 < thin
     known = region >= 0
-    np.maximum.at(deepest, region[known], depth[known])
-    is_thin = 2 * deepest + 1 < thin
-    at_rim = np.zeros(count, dtype=np.bool_)
-    at_rim[region[known & np.any([side < 0 for side in sides], axis=0)]] = True
-    at_rim &= 2 * deepest + 1 < RIM * thin
     far = _medians(log_facing[known], region[known], count)
     lightest = far.copy()
     for end, far_end in (both, both[::-1]):
         np.minimum.at(lightest, end, far[far_end])
     limit = lightest + SHARE * (far - lightest)
     end, far_end = both
-    return at_rim[end] | at_rim[far_end] | (is_thin[end] & (far[far_end] < limit[end])) | (is_thin[far_end] & (far[end] < limit[far_end]))
+    return (is_thin[end] & (far[far_end] < limit[end])) | (is_thin[far_end] & (far[end] < limit[far_end]))

@@ -69,7 +69,7 @@ def torn_near(problem: Problem, coarse: BoolArray) -> Problem:
     beside[:, 1:] |= coarse[0, :, :-1]
     beside[1:] |= coarse[1, :-1]
     wide = cv2.dilate(np.asarray(beside, np.uint8), np.ones((3, 3), np.uint8))
-    wide = cv2.resize(wide, problem.mask.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    wide = cv2.resize(wide, problem.mask.shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
     return replace(problem, discontinuities=problem.discontinuities & (wide > 0))
 
 

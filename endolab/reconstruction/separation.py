@@ -283,8 +283,10 @@ def _in_full(fine: list[PosedProblem], separation: Separation, given: bool, aske
         if discontinuities.shape[1:] == shape:
             problem = replace(problem, discontinuities=discontinuities)
         else:
-            before, albedo = separation.searched or (separation.indirect_ratio, separation.light.albedo)
-            torn = torn_at_contours(merged(colours, enlarged(before, shape), albedo), bar_of(surface) or BARS[0])
+            # As on fewer pixels: the last change of ι would move a line or two.
+            ratio, reflected = separation.searched or (separation.indirect_ratio, separation.light.albedo)
+            searched = merged(colours, enlarged(ratio, shape), reflected)
+            torn = torn_at_contours(searched, bar_of(surface) or BARS[0])
             problem = replace(problem, discontinuities=torn.discontinuities)
             if separation.cue == ENERGY:  # colours choose a bar, the energy these very lines
                 problem = torn_near(problem, discontinuities)

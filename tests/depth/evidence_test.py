@@ -62,17 +62,17 @@ def test_compiled_energy_and_equations_are_the_readable_ones(rng, kind, regulari
 
 
 def test_a_block_says_what_its_pixels_say():
-    problem, _ = posed("plane", 8)
+    problem, _ = posed("plane", 32)
     evidence, image = np.zeros(problem.mask.shape, dtype=np.int8), np.full(problem.mask.shape, 0.5)
     evidence[:2, :2], image[:2, :2] = [[NONE, NONE], [NONE, EXACT]], [[0.9, 0.9], [0.9, 0.3]]
     evidence[:2, 2:4], image[:2, 2:4] = NONE, [[0.1, 0.3], [0.5, 0.7]]
     evidence[:2, 4:6], image[:2, 4:6] = [[AT_LEAST, AT_LEAST], [EXACT, NONE]], [[1.0, 1.0], [0.7, 0.1]]
     evidence[:2, 6:8] = [[AT_LEAST, AT_LEAST], [EXACT, EXACT]]
     coarse = Grid.of(replace(problem, image=image, evidence=evidence)).coarser()
-    np.testing.assert_array_equal(inner(coarse.evidence)[0], [EXACT, NONE, AT_LEAST, EXACT])
+    np.testing.assert_array_equal(inner(coarse.evidence)[0, :4], [EXACT, NONE, AT_LEAST, EXACT])
     np.testing.assert_allclose(inner(coarse.image)[0, :3], [0.3, 0.4, 0.9])
     # At half of a coarse grid's pixels it has the same form.
-    np.testing.assert_array_equal(inner(coarse.coarser().evidence)[0], [EXACT, EXACT])
+    np.testing.assert_array_equal(inner(coarse.coarser().evidence)[0, :2], [EXACT, EXACT])
 
 
 @pytest.mark.parametrize(("gain", "exact", "bounded"), [(1.5, 3.0, 0.6), (2.0, 8.5, 2.5)])

@@ -16,8 +16,9 @@ from endolab.numerics.derivatives import links, shifted
 from tests.depth.gauss_newton_model import TWINS, GaussNewtonModel, check_the_compiled, inside, relative
 from tests.tools.problems import SHEET, at_truth, every_regulariser, every_variant
 
-# Where a pixel stands among its matrix's nine numbers: (rows, columns) to the other of the pair.
-OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1), (1, 2), (2, 1)]
+# Where a pixel stands among its matrix's seven or thirteen numbers: (rows, columns) to the other of the pair.
+OFFSETS = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
+OFFSETS += [(1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2)]
 
 
 def worn(rng, **options):
@@ -164,11 +165,11 @@ def test_a_cycle_is_symmetric_and_positive_definite(system, rng):
 
 
 def as_sparse(matrix):
-    """The matrix that nine numbers a pixel stand for."""
+    """The matrix that seven or thirteen numbers a pixel stand for."""
     size = matrix[0].size
     place = np.arange(size).reshape(matrix.shape[1:])
     whole = sparse.csr_matrix((size, size))
-    for numbers, (down, right) in zip(matrix, OFFSETS, strict=True):
+    for numbers, (down, right) in zip(matrix, OFFSETS[: len(matrix)], strict=True):
         i, j = np.nonzero(numbers)
         where = place[i, j], place[i + down, j + right]
         half = sparse.csr_matrix((numbers[i, j], where), shape=(size, size))

@@ -61,5 +61,9 @@ def second_form_adjoint(p, shares, known, mask=None, discontinuities=None):
     """Of `second_form`, whose `plane_shares` and `whole` are given."""
     p = np.where(known, p, 0.0)
     a, b, c = np.einsum("klij,kij->lij", shares, p)
-    straight = second_differences_adjoint(p, mask, discontinuities)
+    squares = hessian_stencils(_links(p[0].shape, mask, discontinuities))[1].astype(float)
+    for axis in (1, 0):
+        squares = squares + shifted(squares, -1, axis, 0.0)
+    mixed = np.sqrt(2) * p[1] / np.maximum(squares, 1)  # the mean of the squares around a pixel
+    straight = hessian_adjoint(np.stack([p[0], p[2], *4 * [mixed]]), mask, discontinuities)
     return straight - gradient_adjoint((a, b), mask, discontinuities) - c
