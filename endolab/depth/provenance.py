@@ -24,5 +24,7 @@ class Provenance:
     picture_size: tuple[int, int] | None = None  # columns and rows of the frame that was given
     smooth: float = 0.0  # standard deviation of the Gaussian that the light was averaged with first, px
     albedo: tuple[float, ...] | None = None  # of the wall, with which indirect light was removed
+    # Bounced light's share ι (h, w, 3) and albedos (3,) of the picture in which contours were looked for.
+    searched: tuple[FloatArray, FloatArray] | None = None
     bar: float | None = None  # steepness of log d₀ over which lines of the picture are torn, if any is
     scale: Scale | None = None

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import EXACT, NONE, Problem
+from endolab.depth.provenance import Provenance
 from endolab.depth.result import Iterate, Result, carrying, staged
 from endolab.model.endoscope import Endoscope
 from endolab.model.interreflection import Walls
@@ -109,7 +110,6 @@ class Separation:
     # Of the last problem that was solved. Its cuts are the contours that were found, over `provenance.bar`.
     surface: Iterate
     cue: str = ""  # what decided on them
-    searched: tuple[FloatArray, FloatArray] | None = None  # ι and albedos of the picture they were found in
 
 
 # The stage ------------------------------------------------------------------------------
@@ -132,9 +132,7 @@ def direct_light(
         if before is None:
             separation = yield from separate(colours.coarse, given, contours)
         else:
-            bar = None if contours is False else bar_of(before)
-            surface = resampled(before.iterate, colours.coarse[1].problem)
-            separation = yield from continued(colours.coarse, given, bar, surface)
+            separation = yield from continued(colours.coarse, given, before.iterate, contours is not False)
     except NoColour as error:
         index = max((1, 2, 0), key=lambda index: _signal(colours.fine[index].problem))  # of equals, not red
         note = f"The colours tell nothing of bounced light ({error}), so {CHANNELS[index]} is taken as it is."
@@ -178,7 +176,9 @@ def _torn(
     lines are to be opened: one bar after the other is tried, each from the surface before. With `always`, it
     is torn even if they would leave it whole.
     """
-    trials = [Separation(*_bounced(colours, whole.surface, belief), whole.surface)]
+    searched = whole.indirect_ratio, whole.light.albedo
+    surface = replace(whole.surface, provenance=replace(whole.surface.provenance, searched=searched))
+    trials = [Separation(*_bounced(colours, surface, belief), surface)]
     number = len(ROUND_STEPS)
     for bar in BARS:
         before = trials[-1].surface
@@ -192,9 +192,7 @@ def _torn(
         trials.append(Separation(*_bounced(colours, surface, belief), surface))
         if not _goes_on(trials):
             break
-    if len(trials) == 1:
-        return whole
-    return replace(_chosen(trials, always), searched=(whole.indirect_ratio, whole.light.albedo))
+    return whole if len(trials) == 1 else _chosen(trials, always)
 
 
 def _none_bounced(trial: Separation) -> bool:
@@ -243,17 +241,30 @@ def _cheapest(trials: Sequence[Separation], price: float) -> Separation:
 
 
 def continued(
-    posed: Sequence[PosedProblem], albedo: FloatArray | None, bar: float | None, log_distance: FloatArray
+    posed: Sequence[PosedProblem], albedo: FloatArray | None, before: Iterate, contours: bool
 ) -> Generator[Iterate, None, Separation]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
-    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `posed` gives; the
-    `bar` over which it is torn is known, too, or None.
+    If `contours`, it is torn at the lines of this frame that are as steep as those of the one before.
     """
-    colours, provenance = [colour.problem for colour in posed], replace(posed[1].provenance, bar=bar)
-    problem = replace(colours[1], discontinuities=None) if bar is None else torn_at_contours(colours[1], bar)
-    surface = Iterate(problem, 0, log_distance, {}, provenance=provenance)
+    colours, bar = [colour.problem for colour in posed], bar_of(before) if contours else None
+    provenance = replace(posed[1].provenance, bar=bar, searched=before.provenance.searched)
+    problem = replace(colours[1], discontinuities=None)
+    if bar is not None:
+        problem = torn_at_contours(_searched(colours, provenance), bar)
+    surface = Iterate(problem, 0, resampled(before, colours[1]), {}, provenance=provenance)
     return (yield from _round(colours, Belief.of(albedo), surface, 1, ROUND_STEPS[0]))
+
+
+def _searched(colours: Sequence[Problem], provenance: Provenance) -> Problem:
+    """The picture in which lines are looked for: light that had bounced on the surface that was still whole.
+
+    A torn one takes so much from limbs and from what lies behind folds that new lines would come of it.
+    """
+    if provenance.searched is None:
+        return colours[1]
+    indirect_ratio, albedo = provenance.searched
+    return merged(colours, enlarged(indirect_ratio, colours[1].mask.shape), albedo)
 
 
 def _round(
@@ -261,9 +272,9 @@ def _round(
 ) -> Generator[Iterate, None, Separation]:
     """Take out the light that bounces on a surface, and solve again from there."""
     indirect_ratio, light = _bounced(colours, surface, belief)
-    problem, bar = merged(colours, indirect_ratio, light.albedo), bar_of(surface)
-    if bar is not None and problem.discontinuities is None:
-        problem = torn_at_contours(problem, bar)
+    problem = merged(colours, indirect_ratio, light.albedo)
+    if surface.problem.discontinuities is not None:
+        problem = replace(problem, discontinuities=surface.problem.discontinuities)
     v = surface.log_distance
     start = np.where(np.isfinite(v), v, problem.log_facing)
     solver = carrying(gauss_newton(problem, start=start, max_iterations=steps), surface.provenance)
@@ -283,16 +294,15 @@ def _in_full(fine: list[PosedProblem], separation: Separation, given: bool, aske
         if discontinuities.shape[1:] == shape:
             problem = replace(problem, discontinuities=discontinuities)
         else:
-            # As on fewer pixels: the last change of ι would move a line or two.
-            ratio, reflected = separation.searched or (separation.indirect_ratio, separation.light.albedo)
-            searched = merged(colours, enlarged(ratio, shape), reflected)
-            torn = torn_at_contours(searched, bar_of(surface) or BARS[0])
+            torn = torn_at_contours(_searched(colours, surface.provenance), bar_of(surface) or BARS[0])
             problem = replace(problem, discontinuities=torn.discontinuities)
             if separation.cue == ENERGY:  # colours choose a bar, the energy these very lines
                 problem = torn_near(problem, discontinuities)
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in separation.indirect_ratio.T]
     note = separation.light.describe(given, np.array(medians))
-    provenance = replace(fine[1].provenance, bar=surface.provenance.bar)
+    provenance = replace(
+        fine[1].provenance, bar=surface.provenance.bar, searched=surface.provenance.searched
+    )
     posed = PosedProblem(in_units(problem), provenance)
     posed = posed.noted(channel=SEPARATED, contours=problem.discontinuities is not None)
     if separation.indirect_ratio.any():
