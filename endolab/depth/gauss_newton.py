@@ -114,6 +114,9 @@ class _State:
             promise = max(0.5 * dot(descent, delta) / self.grid.count, 0.0)
             slants = self.grid.slants(delta)
             lowest = self._along(delta, promise)
+            longest = float(np.abs(delta).max())
+            if lowest is self and longest > LONGEST_STEP:  # cut off at its longest, it was another step
+                lowest = self._along(delta * (LONGEST_STEP / longest), promise)
             if lowest is not self:
                 break
         room: dict[str, Any] = {"coefficients": coefficients, "multigrid": multigrid}

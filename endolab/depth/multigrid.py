@@ -43,7 +43,7 @@ from endolab.numerics.compiled import PAD, kernel
 from endolab.numerics.threads import on_cores, rows_within
 
 COARSEST = 96  # pixels; there the equations are solved
-RIDGE = 1e-6  # of the diagonal, added to it there
+RIDGE = 1e-10  # of the diagonal, added to it there
 DEGREE = 4  # smoothing steps before and after a coarser grid
 
 
@@ -190,7 +190,7 @@ def _invert_sums(
             out[i, j + 2] = 1 / row[j] if active[i, j + 2] and row[j] > 0 else 0.0
 
 
-def _inverted(m: SingleArray, active: ByteArray) -> FloatArray:
+def _inverted(m: FloatArray, active: ByteArray) -> FloatArray:
     """Inverse of the matrix of a small grid's active pixels."""
     i, j = np.nonzero(active)
     number, dense = np.full(active.shape, -1), np.zeros((i.size, i.size))
@@ -266,10 +266,11 @@ class Multigrid:
         depth = 0
         while True:
             level = self.levels[depth]
-            _shorten(self.matrix if depth == 0 else coefficients.matrix(damping), level.matrix)
+            matrix = self.matrix if depth == 0 else coefficients.matrix(damping)
             if coefficients.structure.pixels <= COARSEST:
-                self.solution = _inverted(level.matrix, coefficients.active)
+                self.solution = _inverted(matrix, coefficients.active)
                 break
+            _shorten(matrix, level.matrix)
             one = np.ones_like(level.inverse)
             _invert_sums(level.inverse, np.abs(level.matrix), one, coefficients.active)
             if depth == len(self.coarse):

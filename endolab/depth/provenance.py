@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
+
+from endolab.numerics.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -15,6 +17,14 @@ class Scale:
     by_gain: float | None = None  # what the gain says of that length, mm
 
 
+class Searched(NamedTuple):
+    """The picture in which contours were looked for: the frame without light that bounced, as then known."""
+
+    indirect_ratio: FloatArray  # ι, (h, w, 3)
+    albedo: FloatArray  # (3,)
+    share: float = 1.0  # of a bar, over which its lines are as steep as those that the bar is told for
+
+
 @dataclass(frozen=True)
 class Provenance:
     """What was asked for and done on the way from a frame to a problem, and to the unit of its answer."""
@@ -24,7 +34,6 @@ class Provenance:
     picture_size: tuple[int, int] | None = None  # columns and rows of the frame that was given
     smooth: float = 0.0  # standard deviation of the Gaussian that the light was averaged with first, px
     albedo: tuple[float, ...] | None = None  # of the wall, with which indirect light was removed
-    # Bounced light's share ι (h, w, 3) and albedos (3,) of the picture in which contours were looked for.
-    searched: tuple[FloatArray, FloatArray] | None = None
+    searched: Searched | None = field(default=None, compare=False, repr=False)
     bar: float | None = None  # steepness of log d₀ over which lines of the picture are torn, if any is
     scale: Scale | None = None

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import EXACT, NONE, Problem
-from endolab.depth.provenance import Provenance
+from endolab.depth.provenance import Searched
 from endolab.depth.result import Iterate, Result, carrying, staged
 from endolab.model.endoscope import Endoscope
 from endolab.model.interreflection import Walls
 from endolab.model.photometry import CHANNELS
-from endolab.numerics.arrays import FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.side_by_side import by_rows
 from endolab.preprocessing.frame import BRIGHT, QUIET, Frame, noise_level
 from endolab.reconstruction.colours import (
@@ -71,6 +71,7 @@ from endolab.reconstruction.problem_setup import (
 BOUNCED = "bounced light"  # stage
 DOUBT = 0.15  # share of ι that may be wrong
 GUESS = 0.5  # of s in ι = s a/(1 - s a), before there is a surface
+GUESSED_BAR = 0.8  # lines of a picture without as much light everywhere are so much less steep
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
 ROUND_STEPS, TORN_STEPS = (10, 5, 5), 3  # of each round's solve, and of each bar's
 # Of the surfaces that are torn over one bar or another, the least torn is taken whose misfit of the colours
@@ -132,7 +133,12 @@ def direct_light(
         if before is None:
             separation = yield from separate(colours.coarse, given, contours)
         else:
-            separation = yield from continued(colours.coarse, given, before.iterate, contours is not False)
+            surface = resampled(before.iterate, colours.coarse[1].problem)
+            bar = None if contours is False else bar_of(before)
+            # Another frame has other lines; those of the same one stay.
+            same = np.array_equal(before.problem.shown, colours.fine[1].problem.shown)
+            searched = before.provenance.searched if same else None
+            separation = yield from continued(colours.coarse, given, surface, bar, searched)
     except NoColour as error:
         index = max((1, 2, 0), key=lambda index: _signal(colours.fine[index].problem))  # of equals, not red
         note = f"The colours tell nothing of bounced light ({error}), so {CHANNELS[index]} is taken as it is."
@@ -154,8 +160,7 @@ def separate(
     colours = [colour.problem for colour in posed]
     _check_colours(colours)
     belief = Belief.of(albedo)
-    guess = np.array(GUESS * belief.albedo / (1 - GUESS * belief.albedo))
-    indirect_ratio: FloatArray = np.broadcast_to(guess, (*colours[1].mask.shape, 3))
+    indirect_ratio = _guess(colours, belief)
     solver = gauss_newton(merged(colours, indirect_ratio, belief.albedo), max_iterations=ROUND_STEPS[0])
     surface = yield from staged(carrying(solver, posed[1].provenance), BOUNCED, 1)
     whole = Separation(indirect_ratio, belief.light, surface)
@@ -176,7 +181,7 @@ def _torn(
     lines are to be opened: one bar after the other is tried, each from the surface before. With `always`, it
     is torn even if they would leave it whole.
     """
-    searched = whole.indirect_ratio, whole.light.albedo
+    searched = Searched(whole.indirect_ratio, whole.light.albedo)
     surface = replace(whole.surface, provenance=replace(whole.surface.provenance, searched=searched))
     trials = [Separation(*_bounced(colours, surface, belief), surface)]
     number = len(ROUND_STEPS)
@@ -241,30 +246,42 @@ def _cheapest(trials: Sequence[Separation], price: float) -> Separation:
 
 
 def continued(
-    posed: Sequence[PosedProblem], albedo: FloatArray | None, before: Iterate, contours: bool
+    posed: Sequence[PosedProblem],
+    albedo: FloatArray | None,
+    log_distance: FloatArray,
+    bar: float | None = None,
+    searched: Searched | None = None,
 ) -> Generator[Iterate, None, Separation]:
     """Do the same with a surface that is nearly the right one, the last frame's say: one round.
 
-    If `contours`, it is torn at the lines of this frame that are as steep as those of the one before.
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `posed` gives. If
+    there is a `bar`, it is torn at this frame's lines over it, or those of the picture that was `searched`.
     """
-    colours, bar = [colour.problem for colour in posed], bar_of(before) if contours else None
-    provenance = replace(posed[1].provenance, bar=bar, searched=before.provenance.searched)
+    colours, belief = [colour.problem for colour in posed], Belief.of(albedo)
+    searched = searched or Searched(_guess(colours, belief), belief.albedo, GUESSED_BAR)
+    provenance = replace(posed[1].provenance, bar=bar, searched=searched)
     problem = replace(colours[1], discontinuities=None)
     if bar is not None:
-        problem = torn_at_contours(_searched(colours, provenance), bar)
-    surface = Iterate(problem, 0, resampled(before, colours[1]), {}, provenance=provenance)
-    return (yield from _round(colours, Belief.of(albedo), surface, 1, ROUND_STEPS[0]))
+        problem = replace(problem, discontinuities=_lines(colours, searched, bar))
+    surface = Iterate(problem, 0, log_distance, {}, provenance=provenance)
+    return (yield from _round(colours, belief, surface, 1, ROUND_STEPS[0]))
 
 
-def _searched(colours: Sequence[Problem], provenance: Provenance) -> Problem:
-    """The picture in which lines are looked for: light that had bounced on the surface that was still whole.
+def _guess(colours: Sequence[Problem], belief: Belief) -> FloatArray:
+    """ι before there is a surface, (H, W, 3): one number a colour."""
+    guess = np.array(GUESS * belief.albedo / (1 - GUESS * belief.albedo))
+    return np.broadcast_to(guess, (*colours[1].mask.shape, 3))
 
-    A torn one takes so much from limbs and from what lies behind folds that new lines would come of it.
+
+def _lines(colours: Sequence[Problem], searched: Searched, bar: float) -> BoolArray | None:
+    """Lines of the picture that is searched.
+
+    What bounces on a torn surface takes so much light from limbs, and from what lies behind folds, that new
+    lines would come of it: so it is that without the light that bounced on the surface when it was whole.
     """
-    if provenance.searched is None:
-        return colours[1]
-    indirect_ratio, albedo = provenance.searched
-    return merged(colours, enlarged(indirect_ratio, colours[1].mask.shape), albedo)
+    indirect_ratio = enlarged(searched.indirect_ratio, colours[1].mask.shape)
+    picture = merged(colours, indirect_ratio, searched.albedo)
+    return torn_at_contours(picture, searched.share * bar).discontinuities
 
 
 def _round(
@@ -294,15 +311,16 @@ def _in_full(fine: list[PosedProblem], separation: Separation, given: bool, aske
         if discontinuities.shape[1:] == shape:
             problem = replace(problem, discontinuities=discontinuities)
         else:
-            torn = torn_at_contours(_searched(colours, surface.provenance), bar_of(surface) or BARS[0])
-            problem = replace(problem, discontinuities=torn.discontinuities)
+            searched = surface.provenance.searched or Searched(
+                separation.indirect_ratio, separation.light.albedo
+            )
+            lines = _lines(colours, searched, bar_of(surface) or BARS[0])
+            problem = replace(problem, discontinuities=lines)
             if separation.cue == ENERGY:  # colours choose a bar, the energy these very lines
                 problem = torn_near(problem, discontinuities)
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in separation.indirect_ratio.T]
     note = separation.light.describe(given, np.array(medians))
-    provenance = replace(
-        fine[1].provenance, bar=surface.provenance.bar, searched=surface.provenance.searched
-    )
+    provenance = replace(fine[1].provenance, bar=surface.provenance.bar, searched=surface.provenance.searched)
     posed = PosedProblem(in_units(problem), provenance)
     posed = posed.noted(channel=SEPARATED, contours=problem.discontinuities is not None)
     if separation.indirect_ratio.any():

@@ -219,7 +219,7 @@ def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, 
         if before is None:
             separation = yield from separate(posed, colours.albedo, False)
         else:
-            separation = yield from continued(posed, colours.albedo, None, _moved(before, k))
+            separation = yield from continued(posed, colours.albedo, _moved(before, k))
         return separation.surface
 
     return (yield from _chained(solve))

@@ -12,7 +12,7 @@ from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import Problem
 from endolab.numerics.arrays import FloatArray
 
-ANSWER_STEPS = 3  # that a surface is given to answer; it goes most of its way in two
+ANSWER_STEPS = 4  # that a surface is given to answer; it goes most of its way
 LARGEST_CHANGE = 1.0  # of an answer, in log d: what goes farther is lost anyway
 
 

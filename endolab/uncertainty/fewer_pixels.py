@@ -1,6 +1,7 @@
 """A solved frame on fewer pixels, and maps back: σ is as smooth as textures, which go with the width."""
 
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,7 +10,8 @@ from scipy.ndimage import distance_transform_edt
 from endolab.depth.grid import Grid
 from endolab.depth.result import Iterate
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.compiled import inner, padded
+from endolab.numerics.compiled import half_size, inner, leads, padded
+from endolab.numerics.resampling import resized
 
 ENOUGH = 400  # columns: a texture's Gaussian then has σ of 7 px and more
 
@@ -26,7 +28,10 @@ def _halved(iterate: Iterate) -> Iterate:
     grid = Grid.of(problem)
     coarse = grid.coarser()
     height, width = coarse.mask.shape
-    camera = problem.camera.resize(width, height)
+    down, across = leads(padded(problem.mask))
+    camera: Any = problem.camera
+    covered = {"width": 2 * width, "height": 2 * height, "cx": camera.cx + across, "cy": camera.cy + down}
+    camera = replace(camera, **covered).resize(width, height)  # blocks may reach beyond the frame
     smaller = replace(
         problem,
         image=inner(coarse.image),
@@ -42,11 +47,16 @@ def _halved(iterate: Iterate) -> Iterate:
 
 
 def enlarged(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:
-    """Maps (..., h, w), known in a mask, on the pixels of a larger one, (..., H, W); nan outside it."""
+    """Maps (..., h, w), known in a mask, on the pixels that were `thinned`, (..., H, W); nan outside them."""
     if known.shape == mask.shape:
         return np.where(mask, a, np.nan)
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
-    filled = a[(..., *nearest)].reshape(-1, *known.shape)
-    size = mask.shape[::-1]
-    large = np.stack([cv2.resize(small, size, interpolation=cv2.INTER_LINEAR) for small in filled])
-    return np.where(mask, large.reshape(*a.shape[:-2], *mask.shape), np.nan)
+    large = np.moveaxis(a[(..., *nearest)].reshape(-1, *known.shape), 0, -1)
+    sizes = [mask.shape]
+    while sizes[-1] != known.shape:
+        sizes.append((half_size(sizes[-1][0]), half_size(sizes[-1][1])))
+    for height, width in sizes[-2::-1]:
+        large = resized(large, (2 * large.shape[0], 2 * large.shape[1]))
+        down, across = (large.shape[0] - height) // 2, (large.shape[1] - width) // 2
+        large = large[down : down + height, across : across + width]
+    return np.where(mask, np.moveaxis(large, -1, 0).reshape(*a.shape[:-2], *mask.shape), np.nan)

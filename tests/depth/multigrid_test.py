@@ -7,10 +7,12 @@ import pytest
 import scipy.sparse as sparse
 from scipy.sparse.linalg import spsolve
 
+import endolab as el
 from endolab.depth.energy import energy_terms
 from endolab.depth.grid import Grid
 from endolab.depth.multigrid import Multigrid, multiply
 from endolab.depth.normal_equations import WEIGHT
+from endolab.depth.problem import Problem
 from endolab.numerics.compiled import inner, padded
 from endolab.numerics.derivatives import links, shifted
 from tests.depth.gauss_newton_model import TWINS, GaussNewtonModel, check_the_compiled, inside, relative
@@ -203,3 +205,34 @@ def test_the_number_of_steps_does_not_grow_with_the_picture(scene, few, many, re
         steps.append([solver.solve(b, tolerance, 200)[1] for tolerance in (0.1, 1e-3)])
     assert np.all(np.max(steps, axis=0) <= [few, many])
     assert steps[2][1] <= 1.3 * steps[0][1] + 2
+
+
+PHOTOMETRY = el.Photometry(k=1.7, gamma=2.0, gain=900.0, brdf=el.Lambertian(0.6))
+TURNS = [lambda a: a[..., ::-1], lambda a: a[..., ::-1, :], lambda a: a.swapaxes(-1, -2)]
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("size", [(48, 64), (50, 62), (36, 36)])
+def test_a_cycle_of_a_turned_grid_is_the_turned_one_to_the_last_digit(rng, size, turn):
+    """Torn or not: where nothing comes first, nothing prefers left to right."""
+
+    def turned_system(turn):
+        rows, columns = size
+        i, j = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+        apart = np.hypot(i - 20.2, j - 24.3) < 11.4
+        mask = turn(np.hypot(i - rows / 2, j - columns / 2) < 0.6 * rows)
+        apart = turn(apart)
+        cuts = np.stack([apart ^ shifted(apart, 1, axis, False) for axis in (1, 0)]) & links(mask)
+        image = np.ascontiguousarray(turn(0.4 + 0.2 * np.cos(0.1 * i) * np.sin(0.13 * j + 0.05 * i)))
+        camera = el.Pinhole(*image.shape[::-1], 40.0, 40.0, *((np.array(image.shape[::-1]) - 1) / 2))
+        problem = Problem(image, np.ascontiguousarray(mask), camera, PHOTOMETRY, discontinuities=cuts)
+        coefficients, b = equations(problem, np.where(mask, problem.log_facing, 0.0))
+        return Multigrid(coefficients), b
+
+    (one, b), (other, _) = turned_system(lambda a: a), turned_system(turn)
+    one.levels[0].b[:] = b
+    inner(other.levels[0].b)[:] = turn(inner(one.levels[0].b))
+    one._cycle()
+    other._cycle()
+    found, expected = inner(other.levels[0].x), turn(inner(one.levels[0].x))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())

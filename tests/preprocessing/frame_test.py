@@ -154,3 +154,14 @@ def test_blur_spreads_light_like_a_gaussian():
     for axis in (0, 1):
         spread = np.average((np.indices(image.shape)[axis] - 40) ** 2, weights=light)
         assert spread == pytest.approx(9.0, rel=0.01)
+
+
+def test_a_turned_picture_has_the_turned_field_of_view_and_the_same_noise(rng):
+    """Once 30 px were seen in one of two that were turned, and equal bytes counted as noise or not."""
+    i, j = np.indices((90, 120))
+    image = np.where(np.hypot(i - 43, j - 61) < 40, np.round(rng.uniform(60, 200, (90, 120))) / 255, 0.0)
+    shown = field_of_view(image)
+    for turn in (np.fliplr, np.flipud, np.transpose):
+        there = np.ascontiguousarray(turn(image))
+        np.testing.assert_array_equal(field_of_view(there), turn(shown))
+        assert noise_level(there, turn(shown)) == pytest.approx(noise_level(image, shown), rel=1e-12)

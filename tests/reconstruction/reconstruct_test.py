@@ -308,15 +308,15 @@ def turned(camera, turn):
     [
         ({"regulariser": "second"}, TURNS),
         ({"regulariser": "second", "xi": "d"}, TURNS),
-        ({"regulariser": "curvature"}, ["transposed"]),
+        ({"regulariser": "second", "xi": "1/z"}, TURNS),
+        ({"regulariser": "curvature"}, TURNS),
         ({"regulariser": "first"}, ["transposed"]),
     ],
 )
 def test_a_frame_that_is_turned_has_the_turned_surface(options, turns):
-    """By which side lengths are told, another energy by 5 % was minimised, once.
+    """To 1e-5: by which side lengths are told, another energy by 5 % was minimised, once.
 
-    The first order and the curvature take differences to the right and downwards, as the paper does: they
-    know left from right.
+    The first order takes differences to the right and downwards, as the paper does: it knows left from right.
     """
     calibration = el.load_calibration("paper", 160)
     seen = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry, noise=1.0, bits=8)
@@ -329,8 +329,35 @@ def test_a_frame_that_is_turned_has_the_turned_surface(options, turns):
         known = el.Calibration(turned(seen.camera, turn), seen.photometry)
         other = el.reconstruct(el.Frame(image, mask), known, channel="green", **options)
         off = np.abs(other.distance / expected - 1)[other.mask]
-        assert np.percentile(off, 99) < 0.05, turn
-        assert other.energy == pytest.approx(one.energy, rel=5e-3)
+        assert off.max() < 1e-3, turn
+        assert other.energy == pytest.approx(one.energy, rel=1e-4)
+
+
+@pytest.mark.parametrize("contours", [False, None])
+def test_a_turned_frame_whose_light_bounced_has_the_turned_surface(contours):
+    """Measured, at the 99th percentile: 0.003 % while nothing is torn, and up to 1 % where folds are."""
+    sample = el.load_traced("matt")
+    frame, calibration = sample.frame.resize(240, 180, 2.2), sample.calibration.resize(240, 180)
+    one = el.reconstruct(frame, calibration, contours=contours)
+    for turn, turned_by in TURNS.items():
+        image, mask, expected = (
+            np.ascontiguousarray(turned_by(a)) for a in (frame.image, frame.mask, one.distance)
+        )
+        known = el.Calibration(turned(calibration.camera, turn), calibration.photometry)
+        other = el.reconstruct(el.Frame(image, mask), known, contours=contours)
+        off = np.abs(other.distance / expected - 1)[other.mask]
+        assert np.percentile(off, 99) < (0.002 if contours is False else 0.02), turn
+
+
+def test_a_frame_that_is_solved_again_is_torn_at_the_same_lines():
+    """Once new ones came of the light that had been taken out behind the old, and the error doubled."""
+    sample = el.load_traced("matt")
+    frame, calibration = sample.frame.resize(240, 180, 2.2), sample.calibration.resize(240, 180)
+    first = el.reconstruct(frame, calibration)
+    again = el.reconstruct(frame, calibration, start=first)
+    assert first.problem.discontinuities.any()
+    np.testing.assert_array_equal(again.problem.discontinuities, first.problem.discontinuities)
+    assert np.percentile(np.abs(again.distance / first.distance - 1)[first.mask], 90) < 0.05
 
 
 def test_discontinuities_that_are_given_are_kept():
