@@ -25,13 +25,13 @@ from endolab.depth.normal_equations import (
     EE,
     REACH,
     SE,
+    SE2,
     SEE,
     SS,
     SSE,
-    SSEE,
     SSW,
-    SSWW,
     SW,
+    SW2,
     SWW,
     Coefficients,
     E,
@@ -75,8 +75,8 @@ def _row_times(m: RealArray, x: RealArray, i: int, out: RealArray) -> None:
         rising = m[SSW, i, j + 2] * x[i + 2, j + 1] + m[SSW, i - 2, j + 3] * x[i - 2, j + 3]
         out[j] += wide + (falling + rising)
     for j in range(count):
-        falling = m[SSEE, i, j + 2] * x[i + 2, j + 4] + m[SSEE, i - 2, j] * x[i - 2, j]
-        out[j] += falling + (m[SSWW, i, j + 2] * x[i + 2, j] + m[SSWW, i - 2, j + 4] * x[i - 2, j + 4])
+        falling = m[SE2, i, j + 2] * x[i + 2, j + 4] + m[SE2, i - 2, j] * x[i - 2, j]
+        out[j] += falling + (m[SW2, i, j + 2] * x[i + 2, j] + m[SW2, i - 2, j + 4] * x[i - 2, j + 4])
 
 
 @on_cores(cost=0.3)

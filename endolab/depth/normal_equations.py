@@ -23,7 +23,7 @@ from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel
 from endolab.numerics.threads import ROWS, on_cores, rows_within
 
 # A pixel's own entry and those towards later pixels, and how many rows and columns away these are.
-CENTRE, E, EE, S, SS, SE, SW, SEE, SSE, SWW, SSW, SSEE, SSWW = range(13)
+CENTRE, E, EE, S, SS, SE, SW, SEE, SSE, SWW, SSW, SE2, SW2 = range(13)
 REACH = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0), (1, 1), (1, -1)]
 REACH += [(1, 2), (2, 1), (1, -2), (2, -1), (2, 2), (2, -2)]  # those of a form alone
 # Of each pair of the nine pixels of `curvature_kernels`, the entry, and which of the two holds it, the first:
