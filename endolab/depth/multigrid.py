@@ -267,10 +267,10 @@ class Multigrid:
         while True:
             level = self.levels[depth]
             matrix = self.matrix if depth == 0 else coefficients.matrix(damping)
+            _shorten(matrix, level.matrix)
             if coefficients.structure.pixels <= COARSEST:
                 self.solution = _inverted(matrix, coefficients.active)
                 break
-            _shorten(matrix, level.matrix)
             one = np.ones_like(level.inverse)
             _invert_sums(level.inverse, np.abs(level.matrix), one, coefficients.active)
             if depth == len(self.coarse):
