@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from endolab.depth.problem import EXACT, Problem
 from endolab.model.interreflection import MOST_INDIRECT, Walls, bounced_and_slope
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.preprocessing.frame import QUIET
 
 TISSUE = (0.7, 0.35, 0.28)  # red, green and blue of mucosa, before anything is known
 TEXTURE = (0.05, 0.2, 0.2)  # of the albedos' logarithms: blood takes green and blue light, hardly red
@@ -47,6 +48,9 @@ LEAST_PATCHES = 30  # patches that show all three colours
 ROUNDS = 3  # of the robust weights' scale
 ALIKE = 0.1  # albedos that differ by no more, as a share, tell nothing
 LAMPS = (0.0, 0.5, 1.0)  # shares b for which S is computed, to be interpolated
+# Width of log ι from place to place, as a share of ι/(1 + ι) in red: the surface's errors are those of S/E,
+# most of all deep down. And how many widths a tint may be off before it counts for texture only.
+FROM_PLACE_TO_PLACE, OUTLIER = 0.25, 1.5
 
 
 @dataclass(frozen=True)
@@ -187,6 +191,32 @@ def all_exact(colours: Sequence[Problem]) -> BoolArray:
         ],
         axis=0,
     )
+
+
+def by_tint(colours: Sequence[Problem], indirect_ratio: FloatArray, light: Light) -> FloatArray:
+    """Correct ι (H, W, 3) where the wall's own tint tells that there is more of it, or less.
+
+    Where the surface is wrong, S/E is wrong by one factor e^s in all colours, and what bounces too much is
+    redder than the wall. The most likely s is told by least squares, with a prior and the wall's texture, as
+    strong as the picture shows it.
+    """
+    if light.refused or not indirect_ratio.any():
+        return indirect_ratio
+    exact = all_exact(colours) & (indirect_ratio[..., 0] > 0)
+    if not exact.any():
+        return indirect_ratio
+    share, gamma = indirect_ratio[exact], colours[1].photometry.gamma
+    picture = np.stack([colour.image[exact] for colour in colours], axis=-1)
+    wall = gamma * np.log(np.maximum(picture, QUIET)) - np.log1p(share) - np.log(light.albedo)
+    tint = wall @ _whitened_tint().T
+    sigma = max(1.48 * float(np.median(np.abs(tint))), FLOOR)
+    tint = OUTLIER * np.tanh(tint / (OUTLIER * sigma))
+    slope = (share / (1 + share)) @ _whitened_tint().T / sigma
+    width = FROM_PLACE_TO_PLACE * share[:, 0] / (1 + share[:, 0])
+    s = (tint * slope).sum(axis=1) / ((slope**2).sum(axis=1) + 1 / width**2)
+    corrected = indirect_ratio.copy()
+    corrected[exact] *= np.exp(s)[:, None]
+    return corrected
 
 
 def _whitened_tint() -> FloatArray:

@@ -7,7 +7,7 @@ pictures are three measurements of E, which are merged and solved, and ι follow
 surface.
 
 Albedos that are not given are found from the colours: the tissue looks more alike all over the
-picture the better the bounced light is known.
+picture the better the bounced light is known. At last the tint of each place tells where ι is still wrong.
 
 This is the stage "bounced light and contours found" of a reconstruction. What it solves on the way
 it yields, iterate by iterate: `BOUNCED` names the stage, beside those of `contours`.
@@ -40,6 +40,7 @@ from endolab.reconstruction.colours import (
     NoColour,
     Patches,
     all_exact,
+    by_tint,
     found_light,
 )
 from endolab.reconstruction.contours import (
@@ -74,6 +75,9 @@ GUESS = 0.5  # of s in ι = s a/(1 - s a), before there is a surface
 GUESSED_BAR = 0.8  # lines of a picture without as much light everywhere are so much less steep
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
 ROUND_STEPS, TORN_STEPS = (10, 5, 5), 3  # of each round's solve, and of each bar's
+# Of the last one, in which the tint of each place is asked: earlier, all surfaces would agree with the colours,
+# which are to choose among them.
+TINTED_STEPS = 3
 # Of the surfaces that are torn over one bar or another, the least torn is taken whose misfit of the colours
 # is at most so many times the least, or, if that is the whole one, the one whose energy speaks for its cuts;
 # beyond this, no lower bar is tried. It is p times as many where the colours ask for more bounced light than
@@ -154,6 +158,8 @@ def separate(
 ) -> Generator[Iterate, None, Separation]:
     """Find the bounced light of a picture, its surface, and where it is torn, in rounds.
 
+    Some of the whole surface, one for each bar of the torn one, and a last one by the tint of each place.
+
     `posed` are red, green and blue of one picture; `albedo` is what is known of the wall's: (3,), green's
     alone, or nothing. Raises `NoColour` if the colours are one.
     """
@@ -166,20 +172,25 @@ def separate(
     whole = Separation(indirect_ratio, belief.light, surface)
     for number, steps in enumerate(ROUND_STEPS[1:], 2):
         whole = yield from _round(colours, belief, whole.surface, number, steps)
-    if contours is False:
-        return whole
-    return (yield from _torn(colours, whole, belief, bool(contours)))
+    trials = [whole]
+    if contours is not False:
+        trials = yield from _torn(colours, whole, belief)
+    found = whole if len(trials) == 1 else _chosen(trials, always=bool(contours))
+    if _none_bounced(found) or found.light.refused:
+        return found
+    number = len(ROUND_STEPS) + len(trials)
+    last = yield from _round(colours, belief, found.surface, number, TINTED_STEPS, tinted=True)
+    return Separation(*_bounced(colours, last.surface, belief, tinted=True), last.surface, found.cue)
 
 
 def _torn(
-    colours: Sequence[Problem], whole: Separation, belief: Belief, always: bool
-) -> Generator[Iterate, None, Separation]:
-    """Go on with the surface torn; return what is found, or the `whole` if nothing speaks for it.
+    colours: Sequence[Problem], whole: Separation, belief: Belief
+) -> Generator[Iterate, None, list[Separation]]:
+    """Go on with the surface torn; return what is found over each bar, the whole surface first.
 
     Where a fold hides a wall, a surface that goes on smoothly sends light to the wrong places, and the three
     colours of what is seen agree less on the light that has not bounced. So they tell over which of `BARS`
-    lines are to be opened: one bar after the other is tried, each from the surface before. With `always`, it
-    is torn even if they would leave it whole.
+    lines are to be opened: one bar after the other is tried, each from the surface before.
     """
     searched = Searched(whole.indirect_ratio, whole.light.albedo)
     surface = replace(whole.surface, provenance=replace(whole.surface.provenance, searched=searched))
@@ -197,7 +208,7 @@ def _torn(
         trials.append(Separation(*_bounced(colours, surface, belief), surface))
         if not _goes_on(trials):
             break
-    return whole if len(trials) == 1 else _chosen(trials, always)
+    return trials
 
 
 def _none_bounced(trial: Separation) -> bool:
@@ -223,7 +234,7 @@ def _goes_on(trials: Sequence[Separation]) -> bool:
 
 
 def _chosen(trials: Sequence[Separation], always: bool) -> Separation:
-    """The surface that colours speak for, or else the energy; the whole surface is the first."""
+    """The surface that colours speak for, or else the energy; the whole one, the first, not with `always`."""
     whole, torn = trials[0], trials[1]
     allowed = trials[1:] if always else trials
     if _none_bounced(whole):  # the picture is the model's own, and so is its energy
@@ -264,7 +275,7 @@ def continued(
     if bar is not None:
         problem = replace(problem, discontinuities=_lines(colours, searched, bar))
     surface = Iterate(problem, 0, log_distance, {}, provenance=provenance)
-    return (yield from _round(colours, belief, surface, 1, ROUND_STEPS[0]))
+    return (yield from _round(colours, belief, surface, 1, ROUND_STEPS[0], tinted=True))
 
 
 def _guess(colours: Sequence[Problem], belief: Belief) -> FloatArray:
@@ -285,10 +296,15 @@ def _lines(colours: Sequence[Problem], searched: Searched, bar: float) -> BoolAr
 
 
 def _round(
-    colours: Sequence[Problem], belief: Belief, surface: Iterate, number: int, steps: int
+    colours: Sequence[Problem],
+    belief: Belief,
+    surface: Iterate,
+    number: int,
+    steps: int,
+    tinted: bool = False,
 ) -> Generator[Iterate, None, Separation]:
     """Take out the light that bounces on a surface, and solve again from there."""
-    indirect_ratio, light = _bounced(colours, surface, belief)
+    indirect_ratio, light = _bounced(colours, surface, belief, tinted)
     problem = merged(colours, indirect_ratio, light.albedo)
     if surface.problem.discontinuities is not None:
         problem = replace(problem, discontinuities=surface.problem.discontinuities)
@@ -399,12 +415,15 @@ def _albedos(calibration: Endoscope) -> FloatArray | None:
     return albedo if np.all((low < albedo) & (albedo < high)) and not uniform else None
 
 
-def _bounced(colours: Sequence[Problem], surface: Iterate, belief: Belief) -> tuple[FloatArray, Light]:
-    """ι (H, W, 3) of a surface, and what the colours tell of its light."""
+def _bounced(
+    colours: Sequence[Problem], surface: Iterate, belief: Belief, tinted: bool = False
+) -> tuple[FloatArray, Light]:
+    """ι (H, W, 3) of a surface, and what the colours tell of its light; of each place too if `tinted`."""
     green, v = colours[1], surface.log_distance
     if not all_exact(colours).any():
         raise NoColour("no pixel shows all three of them")
     mask = np.any([colour.mask for colour in colours], axis=0) & np.isfinite(v)
     walls = Walls.of(v, mask, green.field, green.photometry.k, surface.problem.discontinuities)
     light = found_light(Patches.of(colours, walls), belief)
-    return light.indirect_ratio(walls, green.photometry.k), light
+    indirect_ratio = light.indirect_ratio(walls, green.photometry.k)
+    return by_tint(colours, indirect_ratio, light) if tinted else indirect_ratio, light

@@ -9,7 +9,7 @@ import endolab as el
 from endolab.model.interreflection import Walls
 from endolab.model.photometry import CHANNELS
 from endolab.reconstruction import colours
-from endolab.reconstruction.colours import Belief, Light, NoColour, Patches, found_light
+from endolab.reconstruction.colours import Belief, Light, NoColour, Patches, by_tint, found_light
 from endolab.reconstruction.problem_setup import make_problem
 
 ALBEDO = np.array([0.62, 0.30, 0.22])
@@ -25,15 +25,21 @@ def known():
     return problems, Walls.of(v, green.mask, green.field, green.photometry.k)
 
 
-def shown(known, light, texture=0.0):
-    """Patches of the picture that a wall in this light would make, its green and blue mottled together."""
+def pictures(known, light, indirect_ratio, texture=0.0):
+    """Three pictures of a wall that bounces so much, its green and blue mottled together."""
     problems, walls = known
-    k, gamma = problems[1].photometry.k, problems[1].photometry.gamma
+    gamma = problems[1].photometry.gamma
     mottle = np.random.default_rng(5).normal(scale=texture, size=walls.direct.shape)[..., None]
-    stored = walls.direct[..., None] * light.albedo * (1 + light.indirect_ratio(walls, k))
+    stored = walls.direct[..., None] * light.albedo * (1 + indirect_ratio)
     stored = stored * np.exp(mottle * [0.2, 1.0, 1.0])
     stored = (stored / stored.max()) ** (1 / gamma)
-    made = [replace(one, image=stored[..., i], evidence=None) for i, one in enumerate(problems)]
+    return [replace(one, image=stored[..., i], evidence=None) for i, one in enumerate(problems)]
+
+
+def shown(known, light, texture=0.0):
+    """Patches of the picture that a wall in this light would make."""
+    problems, walls = known
+    made = pictures(known, light, light.indirect_ratio(walls, problems[1].photometry.k), texture)
     return Patches.of(made, walls)
 
 
@@ -74,6 +80,23 @@ def test_what_ends_at_a_bound_is_refused_and_the_fallback_named(known):
     sentence = found.describe(True, np.array([90.0, 30.0, 20.0]))
     assert "do not tell how much there is" in sentence
     assert "given albedos: 0.62, 0.30, 0.22" in sentence
+
+
+@pytest.mark.parametrize("wrong", [0.7, 1.0, 1.4])
+def test_tint_tells_where_more_or_less_bounced(known, wrong):
+    """What was taken to bounce deep down is off by this factor: some of that is mended, and no more."""
+    problems, walls = known
+    light = Light(ALBEDO, 1.0, 1.0, 0.0)
+    true = light.indirect_ratio(walls, problems[1].photometry.k)
+    green = true[problems[1].mask, 1]
+    deep = problems[1].mask & (true[..., 1] > np.quantile(green, 0.8))
+    made = pictures(known, light, np.where(deep[..., None], true / wrong, true), texture=0.02)
+    corrected = by_tint(made, true, light)
+    mended, kept = (np.median((corrected / true)[where][:, 0]) for where in (deep, problems[1].mask & ~deep))
+    least, most = sorted(((1 / wrong) ** 0.35, 1 / wrong))
+    assert least - 0.02 < mended < most + 0.02
+    assert kept == pytest.approx(1, abs=0.02)
+    np.testing.assert_array_equal(by_tint(made, true, replace(light, refused="why")), true)
 
 
 def test_white_walls_have_no_colour(known):

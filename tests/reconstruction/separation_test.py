@@ -67,8 +67,9 @@ def test_observers_see_every_solve_with_its_stage_and_round(dry):
     result = solved(dry.frame, dry.calibration, contours=True, observers=[seen.append])
     named = list(dict.fromkeys((step.stage, step.round) for step in seen))
     count = len(named) - 1
-    assert 5 <= count <= 7  # one to four bars are tried after three rounds
-    rounds = [("bounced light" if number <= 3 else "contours", number) for number in range(1, count + 1)]
+    assert 5 <= count <= 8  # one to four bars are tried after three rounds, and the tint is asked last
+    stages = ["bounced light"] * 3 + ["contours"] * (count - 4) + ["bounced light"]
+    rounds = list(zip(stages, range(1, count + 1), strict=True))
     assert named == [*rounds, ("solution", 0)]
     assert [(stage.name, stage.round) for stage in result.stages] == named
     assert [step.k for step in seen if step.stage == "solution"] == [row["k"] for row in result.history]
