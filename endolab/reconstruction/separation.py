@@ -75,7 +75,7 @@ GUESS = 0.5  # of s in ι = s a/(1 - s a), before there is a surface
 GUESSED_BAR = 0.8  # lines of a picture without as much light everywhere are so much less steep
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
 ROUND_STEPS, TORN_STEPS = (10, 5, 5), 3  # of each round's solve, and of each bar's
-# Of the last one, in which the tint of each place is asked: earlier, all surfaces would agree with the colours,
+# Of the last one, by the tint of each place. Asked earlier, it makes all surfaces agree with the colours,
 # which are to choose among them.
 TINTED_STEPS = 3
 # Of the surfaces that are torn over one bar or another, the least torn is taken whose misfit of the colours
