@@ -84,8 +84,9 @@ TINTED_STEPS = 3
 # walls make, as on C3VD's phantom: they are believed less.
 AS_GOOD = 1.07
 WITNESS = 1.5  # p beyond which the colours ask for more bounced light than walls can make: not believed
-# Where no light bounced: the share of its energy that a cut as long as the picture's height must save.
-CLEAN_PRICE = 0.02
+# Where no light bounced: the share of its energy that a cut as long as the picture's height must save, and
+# how steep lines must be at least.
+CLEAN_PRICE, CLEAN_BAR = 0.02, 0.018
 
 
 @dataclass(frozen=True)
@@ -196,7 +197,7 @@ def _torn(
     surface = replace(whole.surface, provenance=replace(whole.surface.provenance, searched=searched))
     trials = [Separation(*_bounced(colours, surface, belief), surface)]
     number = len(ROUND_STEPS)
-    for bar in BARS:
+    for bar in (*BARS, CLEAN_BAR) if _none_bounced(trials[0]) else BARS:
         before = trials[-1].surface
         torn = torn_at_contours(before.problem, bar)
         if torn.discontinuities is None:
