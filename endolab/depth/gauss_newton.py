@@ -56,6 +56,7 @@ CONTINUATION = (10.0, 3.0, 1.0)  # multiples of λ on the coarsest grid
 COARSE_STEPS = 4  # on each of the coarser grids
 LOOK = 2  # times the grid is halved to see whether a start is near
 NEARLY_BEST = 1.2  # it is if its energy there is at most this many times what a step leaves
+SAME_ENERGY = 1e-9  # share by which energies of one map differ, once distances were in another unit
 
 
 @dataclass(frozen=True)
@@ -234,6 +235,7 @@ def gauss_newton(
     tolerance: float = 1e-2,
     max_iterations: int = 30,
     settled: float = 0.0,
+    converged_at: float = np.nan,
 ) -> Solver:
     """Minimise the energy by Gauss-Newton steps; see the head of this file.
 
@@ -244,8 +246,9 @@ def gauss_newton(
     inner solver left no more of them, and falls at the rate of the last ones sum to no more. That is an
     estimate: where an energy creeps, hundreds of further steps find up to 10 % more, rarely a quarter. It
     has converged, too, when of two steps neither changed distances by more than the share `settled`, root
-    mean square. The run ends as STALLED when no share of a step lowers the energy although more is left. A
-    step costs O(pixels).
+    mean square. A start whose energy is `converged_at` is where an earlier run converged: it stays, unless
+    one step tells that it has not. The run ends as STALLED when no share of a step lowers the energy although
+    more is left. A step costs O(pixels).
 
     First come the start, and what coarser grids make of it if it is far; or d₀, what each coarse grid
     makes of the frame, as long as its energy is lower, and the march at full size, likewise. Then one
@@ -266,6 +269,12 @@ def gauss_newton(
         state = _State.at(finest, v, problem.lam)
         iterate = Iterate.of(problem, inner(v), terms=state.terms)
         yield iterate
+        again = abs(state.energy - converged_at) <= SAME_ENERGY * state.energy
+        if max_iterations > 0 and again:
+            tried = state.stepped()
+            moved = Iterate.of(problem, inner(tried.v), iterate, terms=tried.terms).change
+            if tried.has_converged(tolerance) or moved < settled:
+                return Status.CONVERGED
         if max_iterations > 0:
             adapted = _State.at(finest, _adapted(finest, v, tolerance), problem.lam)
             if adapted.energy < state.energy:

@@ -34,6 +34,7 @@ class Provenance:
     picture_size: tuple[int, int] | None = None  # columns and rows of the frame that was given
     smooth: float = 0.0  # standard deviation of the Gaussian that the light was averaged with first, px
     albedo: tuple[float, ...] | None = None  # of the wall, with which indirect light was removed
+    given_albedo: tuple[float, ...] | None = None  # the same, as the calibration told it
     searched: Searched | None = field(default=None, compare=False, repr=False)
     bar: float | None = None  # steepness of log d₀ over which lines of the picture are torn, if any is
     scale: Scale | None = None

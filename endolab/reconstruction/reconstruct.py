@@ -23,6 +23,7 @@ from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver, knows_curvatur
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import excerpt
+from endolab.numerics.iteration import Status
 from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.contours import OneChannel, choose_bar
@@ -131,6 +132,9 @@ def _stages(
         options = options | {"start": begin}
     if choose_order and posed.provenance.albedo is None and knows_curvature(solver, problem.xi):
         problem = replace(problem, regulariser="curvature")
+    converged = before is not None and before.status is Status.CONVERGED
+    if converged and "converged_at" in options_of(solver):
+        options = {"converged_at": before.energy} | options
     if problem.discontinuities is not None and "settled" in options_of(solver):
         options = {"settled": SETTLED} | options
     posed = posed.noted(**{**settings, "regulariser": problem.regulariser})
@@ -204,8 +208,8 @@ def reconstruct(
     known_diameter : (mm, (column, row), (column, row)), optional
         Fix it so that the surface points at two pixels are so far apart.
     start : Result, optional
-        An earlier result of the same frame, to start from: after a small change of λ, say, the
-        next result is a step or two away.
+        An earlier result to start from. If it is of the same frame and endoscope, what was found of bounced
+        light and contours stays: with another λ, say, the next result is a step or two away.
     observers : iterable of callables
         Each is shown every iterate of every stage (`Iterate.stage`), and at last the answer in mm if a
         length is given; one that returns True stops the run.

@@ -29,6 +29,7 @@ from endolab.model.endoscope import Endoscope
 from endolab.model.interreflection import Walls
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.iteration import Status
 from endolab.numerics.side_by_side import by_rows
 from endolab.preprocessing.frame import BRIGHT, QUIET, Frame, noise_level
 from endolab.reconstruction.colours import (
@@ -127,13 +128,16 @@ def direct_light(
     """Find the light that has not bounced; every solve's iterates are yielded, stage and round named.
 
     `contours` says whether to tear the surface at those that are found, by default if that explains the
-    picture much better; an earlier result of the same or the last frame, `before`, makes one round enough.
-    Returns the problem of direct light in full, or of the clearest colour alone where
+    picture much better. An earlier result of the last frame, `before`, makes one round enough; one of this
+    frame tells all of it. Returns the problem of direct light in full, or of the clearest colour alone where
     they tell nothing, and log d (H, W) to begin with, or None.
     """
     given = colours.albedo
     if colours.fine[0].problem.discontinuities is not None:
         contours = False  # they are known
+    known = None if before is None else _as_before(colours, before, contours)
+    if before is not None and known is not None:
+        return known, on_grid(before.iterate, known.problem)
     try:
         if before is None:
             separation = yield from separate(colours.coarse, given, contours)
@@ -151,7 +155,40 @@ def direct_light(
         return (yield from choose_bar(clearest, contours, before))
     three = given is not None and given.ndim == 1
     posed = _in_full(colours.fine, separation, three, contours is not False)
+    posed = replace(posed, provenance=replace(posed.provenance, given_albedo=_as_told(given)))
     return posed, on_grid(separation.surface, posed.problem)
+
+
+def _as_before(colours: Colours, before: Result, contours: bool | None) -> PosedProblem | None:
+    """The problem that an earlier result solves, if it is of the same picture: light and lines are known."""
+    fine, old, settings = colours.fine[1], before.problem, before.provenance.settings
+    new, torn = fine.problem, old.discontinuities is not None
+    asked = {name: value for name, value in fine.provenance.settings.items() if name != "channel"}
+    same = (
+        before.status is Status.CONVERGED
+        and settings.get("channel") == SEPARATED
+        and before.provenance.given_albedo == _as_told(colours.albedo)
+        and all(settings.get(name) == value for name, value in asked.items())
+        and contours in (None, torn)
+        and new.discontinuities is None
+        and torn == (before.provenance.bar is not None)
+        and old.camera == new.camera
+        and replace(old.photometry, gain=None) == replace(new.photometry, gain=None)
+        and np.array_equal(old.shown, new.shown)
+        and np.array_equal(old.mask, np.any([colour.problem.mask for colour in colours.fine], axis=0))
+    )
+    if not same:
+        return None
+    known = replace(
+        new, image=old.image, mask=old.mask, evidence=old.evidence, discontinuities=old.discontinuities
+    )
+    kept = {name: settings[name] for name in ("channel", "contours", "albedo", "notes") if name in settings}
+    provenance = replace(before.provenance, scale=None, settings=fine.provenance.settings | kept)
+    return PosedProblem(in_units(known), provenance)
+
+
+def _as_told(albedo: FloatArray | None) -> tuple[float, ...] | None:
+    return None if albedo is None else tuple(np.ravel(albedo).tolist())
 
 
 def separate(
