@@ -132,8 +132,7 @@ def _stages(
         options = options | {"start": begin}
     if choose_order and posed.provenance.albedo is None and knows_curvature(solver, problem.xi):
         problem = replace(problem, regulariser="curvature")
-    converged = before is not None and before.status is Status.CONVERGED
-    if converged and "converged_at" in options_of(solver):
+    if before is not None and before.status is Status.CONVERGED and "converged_at" in options_of(solver):
         options = {"converged_at": before.energy} | options
     if problem.discontinuities is not None and "settled" in options_of(solver):
         options = {"settled": SETTLED} | options
