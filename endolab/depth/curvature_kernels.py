@@ -8,7 +8,7 @@ see `numerics.compiled`.
 import numpy as np
 
 from endolab.depth.curvature import ANGLE, CREASE, SLIGHT, TWOFOLD
-from endolab.numerics.arrays import ByteArray, FloatArray, SingleArray, Span
+from endolab.numerics.arrays import ByteArray, FloatArray, Span
 from endolab.numerics.compiled import PAD, copy_row, kernel
 from endolab.numerics.threads import on_cores, rows_within
 
@@ -223,7 +223,7 @@ def weigh_bending_row(
     i: int,
     epsilon: float,
     weight: FloatArray,
-    smoothness: SingleArray,
+    smoothness: FloatArray,
 ) -> None:
     """Write Q, six maps: the cost is about ½ formᵀ Q form; the form becomes its slope, Q form.
 
@@ -284,7 +284,7 @@ def weigh_bending_row(
 
 
 @kernel
-def stencils_row(link: ByteArray, shares: SingleArray, i: int, t: FloatArray) -> None:
+def stencils_row(link: ByteArray, shares: FloatArray, i: int, t: FloatArray) -> None:
     """Weights (3, 9, ...) of the nine pixels for uu, uv and vv, on a row; 0 where one is not known."""
     count = t.shape[2]
     next_to, below, above = link[0, i], link[1, i], link[1, i - 1]

@@ -27,7 +27,7 @@ from endolab.depth.normal_equations import (
 )
 from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, FIRST
 from endolab.model.photometry import Photometry
-from endolab.numerics.arrays import ByteArray, FloatArray, SingleArray, Span
+from endolab.numerics.arrays import ByteArray, FloatArray, Span
 from endolab.numerics.compiled import PAD, clear_row, copy_row, kernel
 from endolab.numerics.elementary import exp, log
 from endolab.numerics.threads import ROWS, on_cores, rows_within
@@ -360,7 +360,7 @@ def linearise(
     picture: Picture,
     wall: Wall,
     penalties: Penalties,
-    out: tuple[SingleArray, FloatArray, FloatArray],
+    out: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
     """Maps of `Coefficients` but for slope and caution, -Jᵀ W r and Dᵀ Q D ξ."""
     metric, edge, active, link, shares = picture[2], picture[3], picture[4], picture[5], picture[7]
@@ -406,7 +406,7 @@ def finish(
     xi: FloatArray,
     sign: float,
     free: ByteArray,
-    parts: SingleArray,
+    parts: FloatArray,
 ) -> None:
     """Subtract X Dᵀ Q D ξ from -Jᵀ W r, for pixels that are free, and write X."""
     for i in range(rows[0], rows[1]):
@@ -419,7 +419,7 @@ def finish(
 @on_cores(cost=3)
 def be_cautious(
     rows: Span,
-    parts: SingleArray,
+    parts: FloatArray,
     v: FloatArray,
     metric: FloatArray,
     link: ByteArray,

@@ -299,7 +299,7 @@ class Grid:
         the next call.
         """
         count = SMOOTHNESS + (6 if self._kind == CURVATURE else 1)
-        parts = np.zeros((count, *v.shape), np.float32) if old is None else old.parts
+        parts = np.zeros((count, *v.shape)) if old is None else old.parts
         xi, (_, descent, smooth) = self._xi(v), self._room
         sign = 1.0 if self.problem.xi == "d" else -1.0
         linearise(v, xi, *self._energy(lam), (parts, descent, smooth))

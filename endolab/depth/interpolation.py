@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.depth.tears import Cells, nearest, reached
-from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, RealArray, SingleArray, Span
+from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, Span
 from endolab.numerics.compiled import PAD, kernel, lead
 from endolab.numerics.threads import on_cores, rows_within
 
@@ -21,7 +21,7 @@ Strands = tuple[IntArray, IntArray, FloatArray]  # those of `Interpolation`: pix
 
 
 @on_cores(cost=0.4)
-def _prolong_add(rows: Span, x: RealArray, share: SingleArray, step: RealArray) -> None:
+def _prolong_add(rows: Span, x: FloatArray, share: FloatArray, step: FloatArray) -> None:
     """x += the coarse step, interpolated linearly between the coarse pixels that take part."""
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
     down, at = lead(x, step, 0), PAD - lead(x, step, 1)
@@ -36,10 +36,10 @@ def _prolong_add(rows: Span, x: RealArray, share: SingleArray, step: RealArray) 
 
 
 @on_cores(cost=2)
-def _restrict(rows: Span, out: SingleArray, r: SingleArray, share: SingleArray, coarse: ByteArray) -> None:
+def _restrict(rows: Span, out: FloatArray, r: FloatArray, share: FloatArray, coarse: ByteArray) -> None:
     """Adjoint of `_prolong_add`."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
-    taken = np.empty((4, r.shape[1]), r.dtype)
+    taken = np.empty((4, r.shape[1]))
     down, at = lead(r, out, 0), PAD - lead(r, out, 1)
     for ci in range(first, last):
         i = 2 * ci - PAD - down
@@ -68,7 +68,7 @@ def _place(i: int, j: int, k: int) -> tuple[int, int, float, float]:
 
 
 @kernel
-def _add_from(source: IntArray, target: IntArray, weight: FloatArray, a: RealArray, out: RealArray) -> None:
+def _add_from(source: IntArray, target: IntArray, weight: FloatArray, a: FloatArray, out: FloatArray) -> None:
     """Add weighted elements of one array to those of another, rounding but once."""
     values, sums, more = a.ravel(), out.reshape(-1), np.zeros(out.size)
     for k in range(weight.size):
@@ -79,7 +79,7 @@ def _add_from(source: IntArray, target: IntArray, weight: FloatArray, a: RealArr
 
 
 @kernel
-def _fill_shares(active: ByteArray, main: ByteArray, blocks: Cells, share: SingleArray) -> int:
+def _fill_shares(active: ByteArray, main: ByteArray, blocks: Cells, share: FloatArray) -> int:
     """Write the shares of pixels amid four blocks with nothing between; return the number of others."""
     known, across, uncut = blocks
     others, top, first = 0, PAD - 1 + lead(active, known, 0), PAD - 1 + lead(active, known, 1)
@@ -100,7 +100,7 @@ def _fill_shares(active: ByteArray, main: ByteArray, blocks: Cells, share: Singl
 
 
 @kernel
-def _fill_strands(pixels: Cells, main: ByteArray, blocks: Cells, share: SingleArray, strands: Strands) -> int:
+def _fill_strands(pixels: Cells, main: ByteArray, blocks: Cells, share: FloatArray, strands: Strands) -> int:
     """Write the strands to active pixels that have no share, or their shares; return how many strands."""
     active, link, whole = pixels
     known, across, _ = blocks
@@ -140,7 +140,7 @@ def _fill_strands(pixels: Cells, main: ByteArray, blocks: Cells, share: SingleAr
 class Interpolation(NamedTuple):
     """Linear interpolation from blocks to the active pixels of a grid; places are flat indices."""
 
-    share: SingleArray  # 1/16 for pixels amid four blocks of their side, else 0
+    share: FloatArray  # 1/16 for pixels amid four blocks of their side, else 0
     pixel: IntArray  # of each pair of another pixel and a block of its side
     block: IntArray
     weight: FloatArray
@@ -148,18 +148,18 @@ class Interpolation(NamedTuple):
     @classmethod
     def to(cls, pixels: Cells, main: ByteArray, blocks: Cells) -> Interpolation:
         """Find the way to the active pixels of a grid with these main parts."""
-        share = np.zeros(pixels.active.shape, np.float32)
+        share = np.zeros(pixels.active.shape)
         most = 6 * _fill_shares(pixels.active, main, blocks, share)
         strands = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most)
         count = _fill_strands(pixels, main, blocks, share, strands)
         return cls(share, *(strand[:count] for strand in strands))
 
-    def add(self, step: RealArray, x: RealArray) -> None:
+    def add(self, step: FloatArray, x: FloatArray) -> None:
         """x += the blocks' step, interpolated."""
         _prolong_add(x, self.share, step)
         _add_from(self.block, self.pixel, self.weight, step, x)
 
-    def adjoint(self, r: RealArray, active: ByteArray, out: RealArray) -> None:
+    def adjoint(self, r: FloatArray, active: ByteArray, out: FloatArray) -> None:
         """Write the adjoint of `add` to out, for blocks that are active."""
         _restrict(out, r, self.share, active)
         _add_from(self.pixel, self.block, self.weight, r, out)

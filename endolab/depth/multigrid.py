@@ -8,8 +8,8 @@ A smoothing step changes all pixels at once, so that none comes first: a mirrore
 solution. Chebyshev's polynomials of the fourth kind make most of such steps (Lottes, "Optimal polynomial
 smoothers for multigrid V-cycles", 2023); a row's sum of sizes bounds what they must hold.
 
-A cycle is in single precision: it is a guess that conjugate gradients, in double precision, put right.
-In single precision the matrix of a large frame may not be positive definite.
+All is in double precision. Behind cuts little holds a surface, and rounding grows a million times: in single
+precision, which is a tenth faster, mirrored frames differ by per cents.
 
 Vectors are padded (see `numerics.compiled`) and zero outside the mask, as the matrices are.
 """
@@ -38,17 +38,17 @@ from endolab.depth.normal_equations import (
     S,
     Structure,
 )
-from endolab.numerics.arrays import ByteArray, FloatArray, RealArray, SingleArray, Span
+from endolab.numerics.arrays import ByteArray, FloatArray, Span
 from endolab.numerics.compiled import PAD, kernel
 from endolab.numerics.threads import on_cores, rows_within
 
 COARSEST = 96  # pixels; there the equations are solved
-RIDGE = 1e-10  # of the diagonal, added to it there
+RIDGE = 1e-4  # of the diagonal, added to it there, where islands that nothing holds would let rounding grow
 DEGREE = 4  # smoothing steps before and after a coarser grid
 
 
 @kernel
-def _row_times(m: RealArray, x: RealArray, i: int, out: RealArray) -> None:
+def _row_times(m: FloatArray, x: FloatArray, i: int, out: FloatArray) -> None:
     """Row i of the matrix times x; out[j] is of column PAD + j.
 
     Pixels that change places in a mirrored or transposed picture are added first, so that the sum is the
@@ -80,7 +80,7 @@ def _row_times(m: RealArray, x: RealArray, i: int, out: RealArray) -> None:
 
 
 @on_cores(cost=0.3)
-def _dots(rows: Span, a: FloatArray, b: RealArray, out: FloatArray) -> None:
+def _dots(rows: Span, a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """Scalar products of the rows of two vectors, by four sums, so that none waits for the last."""
     width = a.shape[1]
     whole = width - width % 4
@@ -96,7 +96,7 @@ def _dots(rows: Span, a: FloatArray, b: RealArray, out: FloatArray) -> None:
         out[i] = (one + two) + (three + four)
 
 
-def dot(a: FloatArray, b: RealArray) -> float:
+def dot(a: FloatArray, b: FloatArray) -> float:
     """Scalar product of two vectors, the same on any number of threads."""
     products = np.empty(len(a))
     _dots(a, b, products)
@@ -104,9 +104,9 @@ def dot(a: FloatArray, b: RealArray) -> float:
 
 
 @on_cores(cost=2)
-def _multiply(rows: Span, out: RealArray, m: RealArray, x: RealArray) -> None:
+def _multiply(rows: Span, out: FloatArray, m: FloatArray, x: FloatArray) -> None:
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
-    row = np.empty(x.shape[1] - 2 * PAD, x.dtype)
+    row = np.empty(x.shape[1] - 2 * PAD)
     for i in range(first, last):
         _row_times(m, x, i, row)
         for j in range(row.size):
@@ -121,18 +121,18 @@ def multiply(m: FloatArray, x: FloatArray, out: FloatArray) -> None:
 @on_cores(cost=2)
 def _smooth(
     rows: Span,
-    following: SingleArray,
-    m: SingleArray,
-    inverse: SingleArray,
-    step: SingleArray,
-    x: SingleArray,
-    r: SingleArray,
+    following: FloatArray,
+    m: FloatArray,
+    inverse: FloatArray,
+    step: FloatArray,
+    x: FloatArray,
+    r: FloatArray,
     k: int,
 ) -> None:
     """Go a step, x += step and r -= M step, and write the one that follows: the k-th of a polynomial's."""
     first, last = rows_within(rows, PAD, x.shape[0] - PAD)
-    row = np.empty(x.shape[1] - 2 * PAD, x.dtype)
-    kept, added = x.dtype.type(max(2 * k - 1, 0) / (2 * k + 3)), x.dtype.type((8 * k + 4) / (2 * k + 3))
+    row = np.empty(x.shape[1] - 2 * PAD)
+    kept, added = max(2 * k - 1, 0) / (2 * k + 3), (8 * k + 4) / (2 * k + 3)
     for i in range(first, last):
         _row_times(m, step, i, row)
         for j in range(row.size):
@@ -142,7 +142,7 @@ def _smooth(
 
 
 @on_cores(cost=0.3)
-def _conjugate(rows: Span, z: SingleArray, share: float, direction: FloatArray) -> None:
+def _conjugate(rows: Span, z: FloatArray, share: float, direction: FloatArray) -> None:
     """direction = z + share · direction."""
     for i in range(rows[0], rows[1]):
         for j in range(z.shape[1]):
@@ -157,33 +157,20 @@ def _proceed(
     product: FloatArray,
     x: FloatArray,
     r: FloatArray,
-    b: SingleArray,
 ) -> None:
-    """x += length · direction, r -= length · product, and r once more, in b."""
+    """x += length · direction, r -= length · product."""
     for i in range(rows[0], rows[1]):
         for j in range(x.shape[1]):
             x[i, j] += length * direction[i, j]
         for j in range(x.shape[1]):
             r[i, j] -= length * product[i, j]
-            b[i, j] = r[i, j]
-
-
-@on_cores(cost=4)
-def _shorten(rows: Span, m: FloatArray, out: SingleArray) -> None:
-    """The matrix in single precision."""
-    for i in range(rows[0], rows[1]):
-        for k in range(len(m)):
-            for j in range(m.shape[2]):
-                out[k, i, j] = m[k, i, j]
 
 
 @on_cores(cost=2)
-def _invert_sums(
-    rows: Span, out: SingleArray, sizes: SingleArray, one: SingleArray, active: ByteArray
-) -> None:
+def _invert_sums(rows: Span, out: FloatArray, sizes: FloatArray, one: FloatArray, active: ByteArray) -> None:
     """One over the sum of the sizes of a row of the matrix; 0 where a pixel is held at 0."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
-    row = np.empty(out.shape[1] - 2 * PAD, out.dtype)
+    row = np.empty(out.shape[1] - 2 * PAD)
     for i in range(first, last):
         _row_times(sizes, one, i, row)
         for j in range(row.size):
@@ -207,24 +194,22 @@ def _inverted(m: FloatArray, active: ByteArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Level:
-    """One grid in single precision: its matrix, and room for a right-hand side, a solution and a residual."""
+    """One grid: its matrix, and room for a right-hand side, a solution and a residual."""
 
     structure: Structure
-    matrix: SingleArray
-    inverse: SingleArray  # of the rows' sums of sizes; 0 where a pixel is held at 0
-    x: SingleArray
-    b: SingleArray
-    r: SingleArray
-    steps: SingleArray  # (2, ...), of smoothing
+    matrix: FloatArray
+    inverse: FloatArray  # of the rows' sums of sizes; 0 where a pixel is held at 0
+    x: FloatArray
+    b: FloatArray
+    r: FloatArray
+    steps: FloatArray  # (2, ...), of smoothing
 
     @classmethod
     def on(cls, structure: Structure) -> _Level:
         """Make room."""
         shape = structure.active.shape
-        inverse, x, b, r, *steps = np.zeros((6, *shape), np.float32)
-        return cls(
-            structure, np.empty((structure.entries, *shape), np.float32), inverse, x, b, r, np.stack(steps)
-        )
+        inverse, x, b, r, *steps = np.zeros((6, *shape))
+        return cls(structure, np.empty((structure.entries, *shape)), inverse, x, b, r, np.stack(steps))
 
     def began(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
@@ -232,12 +217,12 @@ class _Level:
         self.x[:] = 0.0
         self.r[:] = self.b
         np.multiply(self.inverse, self.b, out=step)
-        step *= np.float32(4 / 3)
+        step *= 4 / 3
         for k in range(1, DEGREE + 1):
             _smooth(following, self.matrix, self.inverse, step, self.x, self.r, k)
             step, following = following, step
 
-    def corrected(self, coarse: SingleArray) -> None:
+    def corrected(self, coarse: FloatArray) -> None:
         """Add a coarser grid's correction, and smooth x."""
         step, following = self.steps
         step[:] = 0.0
@@ -259,24 +244,22 @@ class Multigrid:
     ) -> None:
         if old is not None and old.levels[0].structure is not coefficients.structure:
             old = None
-        self.matrix: FloatArray = coefficients.matrix(damping, None if old is None else old.matrix)
-        self.room: FloatArray = np.empty((4, *coefficients.active.shape)) if old is None else old.room
+        self.room: FloatArray = np.empty((3, *coefficients.active.shape)) if old is None else old.room
         self.levels: list[_Level] = [_Level.on(coefficients.structure)] if old is None else old.levels
-        self.coarse: list[SingleArray] = [] if old is None else old.coarse  # maps of `Coefficients`
+        self.coarse: list[FloatArray] = [] if old is None else old.coarse  # maps of `Coefficients`
         depth = 0
         while True:
             level = self.levels[depth]
-            matrix = self.matrix if depth == 0 else coefficients.matrix(damping)
-            _shorten(matrix, level.matrix)
+            coefficients.matrix(damping, level.matrix)
             if coefficients.structure.pixels <= COARSEST:
-                self.solution = _inverted(matrix, coefficients.active)
+                self.solution = _inverted(level.matrix, coefficients.active)
                 break
             one = np.ones_like(level.inverse)
             _invert_sums(level.inverse, np.abs(level.matrix), one, coefficients.active)
             if depth == len(self.coarse):
                 below = coefficients.structure.coarser
                 self.levels.append(_Level.on(below))
-                parts = np.zeros((len(coefficients.parts), *below.active.shape), np.float32)
+                parts = np.zeros((len(coefficients.parts), *below.active.shape))
                 self.coarse.append(parts)
             coefficients, depth = coefficients.coarser(self.coarse[depth]), depth + 1
 
@@ -302,10 +285,10 @@ class Multigrid:
         and that share.
         """
         top = self.levels[0]
-        x, direction, product, r = self.room
-        self.room[:3] = 0.0
+        x, direction, product = self.room
+        self.room[:] = 0.0
+        r = top.b
         r[:] = b
-        top.b[:] = b
         start, last, done = 0.0, 1.0, 0.0
         for step in range(most + 1):
             self._cycle()
@@ -316,11 +299,11 @@ class Multigrid:
                 break
             _conjugate(top.x, now / last if step else 0.0, direction)
             last = now
-            multiply(self.matrix, direction, product)
+            multiply(top.matrix, direction, product)
             curved = dot(direction, product)
             if curved <= 0:  # nothing is left but rounding
                 break
             length = now / curved
             done += length * now
-            _proceed(direction, length, product, x, r, top.b)
+            _proceed(direction, length, product, x, r)
         return x, step, left

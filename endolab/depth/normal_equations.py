@@ -18,7 +18,7 @@ from endolab.depth.curvature_kernels import DOWN, RIGHT, fill_shares, stencils_r
 from endolab.depth.interpolation import Interpolation
 from endolab.depth.problem import CURVATURE, FIRST
 from endolab.depth.tears import Cells, coarser_links, held, main_parts
-from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, SingleArray, Span
+from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
 from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel, lead
 from endolab.numerics.threads import ROWS, on_cores, rows_within
 
@@ -65,9 +65,7 @@ class Form(NamedTuple):
 
 
 FORMS = [Form.of(kind) for kind in range(len(TAKEN))]
-# A Python number would make double precision of all it meets.
-ONE, HALF, QUARTER = np.float32(1), np.float32(0.5), np.float32(0.25)
-# The maps of `Coefficients`, in single precision: the last are the smoothness, one or, of a form, six.
+# The maps of `Coefficients`: the last are the smoothness, one or, of a form, six.
 BY_V, BY_U, BY_W, WEIGHT, SLOPE, CAUTION_U, CAUTION_W, SMOOTHNESS = range(8)
 
 
@@ -83,7 +81,7 @@ def _add_products(left: FloatArray, right: FloatArray, products: IntArray, i: in
 
 @kernel
 def _data_row(
-    parts: SingleArray, link: ByteArray, i: int, damping: float, t: FloatArray, qt: FloatArray, m: FloatArray
+    parts: FloatArray, link: ByteArray, i: int, damping: float, t: FloatArray, qt: FloatArray, m: FloatArray
 ) -> None:
     """Write J of a row and W J; add the damping, and the squared differences of the step itself."""
     across, below, above = link[0, i], link[1, i], link[1, i - 1]
@@ -107,13 +105,13 @@ def _data_row(
     for j in range(count):
         centre[j + 2] += damping * weight[j + 2] * by_v[j + 2] * by_v[j + 2]
     for j in range(count):
-        u = HALF * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
+        u = 0.5 * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
         centre[j + 2] += u
         e[j + 2] -= u
     for j in range(count):
-        centre[j + 3] += HALF * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
+        centre[j + 3] += 0.5 * float(across[j + 2]) * (cautious_u[j + 2] + cautious_u[j + 3])
     for j in range(count):
-        w = HALF * float(below[j + 2]) * (cautious_w[j + 2] + beneath_w[j + 2])
+        w = 0.5 * float(below[j + 2]) * (cautious_w[j + 2] + beneath_w[j + 2])
         centre[j + 2] += w
         beneath[j + 2] += w
         s[j + 2] -= w
@@ -144,9 +142,9 @@ def _differences_row(link: ByteArray, kind: int, i: int, t: FloatArray) -> None:
 
 @kernel
 def _smooth_row(
-    parts: SingleArray,
+    parts: FloatArray,
     link: ByteArray,
-    shares: SingleArray,
+    shares: FloatArray,
     form: Form,
     i: int,
     t: FloatArray,
@@ -171,7 +169,7 @@ def _smooth_row(
             for j in range(count):
                 weight = here[j + 2]
                 if term == 1:  # of the squares around a pixel, each has a quarter of its weight
-                    weight = QUARTER * ((weight + below[j + 3]) + (here[j + 3] + below[j + 2]))
+                    weight = 0.25 * ((weight + below[j + 3]) + (here[j + 3] + below[j + 2]))
                 qt[term, k, j] = weight * t[term, k, j]
         return
     for k in range(9):
@@ -187,9 +185,9 @@ def _assemble(
     rows: Span,
     turns: Span,
     m: FloatArray,
-    parts: SingleArray,
+    parts: FloatArray,
     link: ByteArray,
-    shares: SingleArray,
+    shares: FloatArray,
     form: Form,
     damping: float,
 ) -> None:
@@ -219,23 +217,23 @@ def _assemble(
 
 @kernel
 def _halve_row(
-    above: SingleArray, below: SingleArray, kept: ByteArray, kept_below: ByteArray, out: SingleArray
+    above: FloatArray, below: FloatArray, kept: ByteArray, kept_below: ByteArray, out: FloatArray
 ) -> None:
     """Sums over a row of 2×2 blocks, of the pixels that are kept; maps begin where the first block does."""
-    upper, lower = np.empty(2 * out.size, out.dtype), np.empty(2 * out.size, out.dtype)
+    upper, lower = np.empty(2 * out.size), np.empty(2 * out.size)
     for j in range(upper.size):
-        upper[j], lower[j] = np.float32(kept[j]) * above[j], np.float32(kept_below[j]) * below[j]
+        upper[j], lower[j] = kept[j] * above[j], kept_below[j] * below[j]
     for j in range(out.size):
         out[j] = (upper[2 * j] + lower[2 * j + 1]) + (upper[2 * j + 1] + lower[2 * j])
 
 
 @on_cores(cost=25)
-def _coarsen(rows: Span, out: SingleArray, parts: SingleArray, kept: ByteArray, kind: int) -> None:
+def _coarsen(rows: Span, out: FloatArray, parts: FloatArray, kept: ByteArray, kind: int) -> None:
     """Write the maps of `Coefficients` on half the pixels: a derivative there is twice one here."""
     first, last = rows_within(rows, PAD, out.shape[1] - PAD)
     count = out.shape[2] - 2 * PAD
-    kept_sum, known = np.empty(count, out.dtype), np.empty(count, out.dtype)
-    flags = np.empty((4, parts.shape[2]), out.dtype)
+    kept_sum, known = np.empty(count), np.empty(count)
+    flags = np.empty((4, parts.shape[2]))
     down, at = lead(parts[0], out[0], 0), PAD - lead(parts[0], out[0], 1)
     for ci in range(first, last):
         i = 2 * ci - PAD - down
@@ -250,14 +248,14 @@ def _coarsen(rows: Span, out: SingleArray, parts: SingleArray, kept: ByteArray, 
             row = out[k, ci, PAD:-PAD]
             _halve_row(parts[k, i, at:], parts[k, i + 1, at:], here, beneath, row)
             if k <= BY_W:  # of the pixels that data speak for
-                halves = ONE if k == BY_V else HALF
+                halves = 1.0 if k == BY_V else 0.5
                 for j in range(count):
-                    row[j] *= halves / max(kept_sum[j], ONE)
+                    row[j] *= halves / max(kept_sum[j], 1.0)
             elif k == SLOPE:
                 for j in range(count):
-                    row[j] /= max(known[j], ONE)
+                    row[j] /= max(known[j], 1.0)
             elif k != WEIGHT:
-                share = np.float32(1 / 16 if k >= SMOOTHNESS and kind != FIRST else 1 / 4)
+                share = 1 / 16 if k >= SMOOTHNESS and kind != FIRST else 1 / 4
                 for j in range(count):
                     row[j] *= share
 
@@ -288,9 +286,9 @@ class Structure:
         return main_parts(self.active, self.link, self.whole)
 
     @cached_property
-    def shares(self) -> SingleArray:
+    def shares(self) -> FloatArray:
         """Those of `curvature_kernels.fill_shares`."""
-        return shares_of(self.rays, self.link).astype(np.float32)
+        return shares_of(self.rays, self.link)
 
     @cached_property
     def coarser(self) -> Structure:
@@ -329,7 +327,7 @@ def shares_of(rays: FloatArray, link: ByteArray) -> FloatArray:
 class Coefficients:
     """What the normal equations are made of: padded maps, (8 or 13, ...), and what they are on."""
 
-    parts: SingleArray
+    parts: FloatArray
     structure: Structure
 
     @property
@@ -338,32 +336,32 @@ class Coefficients:
         return self.structure.active
 
     @property
-    def by_v(self) -> SingleArray:
+    def by_v(self) -> FloatArray:
         """a of J's rows a + b·∇."""
         return self.parts[BY_V]
 
     @property
-    def by_v_u(self) -> SingleArray:
+    def by_v_u(self) -> FloatArray:
         """b of J, along rows."""
         return self.parts[BY_U]
 
     @property
-    def by_v_v(self) -> SingleArray:
+    def by_v_v(self) -> FloatArray:
         """b of J, along columns."""
         return self.parts[BY_W]
 
     @property
-    def weight(self) -> SingleArray:
+    def weight(self) -> FloatArray:
         """W."""
         return self.parts[WEIGHT]
 
     @property
-    def slope(self) -> SingleArray:
+    def slope(self) -> FloatArray:
         """X."""
         return self.parts[SLOPE]
 
     @property
-    def smoothness(self) -> SingleArray:
+    def smoothness(self) -> FloatArray:
         """Q, (1 or 6, ...)."""
         return self.parts[SMOOTHNESS:]
 
@@ -374,9 +372,9 @@ class Coefficients:
         _assemble(m, self.parts, on.link, on.shares, FORMS[on.kind], damping)
         return m
 
-    def coarser(self, out: SingleArray | None = None) -> Coefficients:
+    def coarser(self, out: FloatArray | None = None) -> Coefficients:
         """The same on half the pixels."""
         below = self.structure.coarser
-        parts = np.zeros((len(self.parts), *below.active.shape), np.float32) if out is None else out
+        parts = np.zeros((len(self.parts), *below.active.shape)) if out is None else out
         _coarsen(parts, self.parts, self.structure.main, self.structure.kind)
         return Coefficients(parts, below)

@@ -42,7 +42,7 @@ SECTORS = 20  # of the rim
 BACK = 2.0  # how far behind the camera the wall goes on, in radii
 RINGS = 100  # of it at most, as many as a view of 5° to the side needs
 NEARER = 1.1  # a wall must be nearer than a chord by this factor to block it: patches are coarse
-TOWARDS = 1e-9  # a chord between two cells is in that nearer the middle, as the mirrored chord is
+TOWARDS = 1e-9  # a chord between two cells is in that nearer the middle, as the mirrored chord is, or in both
 HIDDEN = 0.75  # of what a patch does not see, how much is a wall; so red and green say one E of traced colons
 BOUNCES = 16  # counted one by one; those after them fall by a constant share
 LASTING = 0.98  # share that a further bounce may leave
@@ -93,9 +93,14 @@ def _fill_exchange(
                 while k < steps:
                     share = k / steps
                     i_at, j_at = row + share * down, column + share * across
-                    i_at = np.rint(i_at + TOWARDS * (middle[0] - i_at))
-                    j_at = np.rint(j_at + TOWARDS * (middle[1] - j_at))
-                    if nearness + share * change < limit[int(i_at), int(j_at)]:
+                    off, aside = middle[0] - i_at, middle[1] - j_at
+                    i_in, j_in = int(np.rint(i_at + TOWARDS * off)), int(np.rint(j_at + TOWARDS * aside))
+                    blocks = limit[i_in, j_in]
+                    if min(abs(off), abs(aside)) < TOWARDS:  # between two cells that are as near the middle
+                        i_on = len(limit) - 1 - i_in if abs(off) < TOWARDS else i_in
+                        j_on = limit.shape[1] - 1 - j_in if abs(aside) < TOWARDS else j_in
+                        blocks = max(blocks, limit[i_on, j_in], limit[i_in, j_on], limit[i_on, j_on])
+                    if nearness + share * change < blocks:
                         break
                     k += 1
                 if k >= steps:

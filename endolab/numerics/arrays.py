@@ -9,7 +9,6 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 IndexArray = NDArray[np.int32]
 ByteArray = NDArray[np.int8]  # marks of pixels: 0 or 1, or a kind of evidence
-RealArray = NDArray[np.floating]  # of either precision
 Span = tuple[int, int]  # the first, and the one after the last
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numba.core import event
 
-from endolab.numerics.arrays import ByteArray, FloatArray, RealArray
+from endolab.numerics.arrays import ByteArray, FloatArray
 from endolab.numerics.iteration import CLOCK
 
 
@@ -50,7 +50,7 @@ event.register("numba:compile", _Compiling())
 
 
 @kernel
-def copy_row(source: FloatArray, target: RealArray) -> None:
+def copy_row(source: FloatArray, target: FloatArray) -> None:
     """Copy a row; in compiled loops several times as fast as an assignment to a slice."""
     for j in range(source.size):
         target[j] = source[j]

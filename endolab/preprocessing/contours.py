@@ -27,6 +27,7 @@ SHALLOW = 0.005  # basins of the slope less deep than this are one; of log d₀ 
 SHARE = 0.25  # of the way from a strip's lightest neighbour to its own log d₀: who is nearer is light
 LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the longer side
 RIM = 4.0  # a strip that is nowhere farther from the picture's rim is torn off by no line; likewise
+DIGITS = 10  # of a slope that count: what rounding makes of equals does not say which comes first
 
 
 @kernel
@@ -123,6 +124,7 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     light, share = side_by_side(lambda a: cv2.GaussianBlur(a, (0, 0), blur), maps, mask.size)
     smooth = light / np.maximum(share, 1e-6)
     slope = np.asarray(np.hypot(*np.gradient(smooth)) * unit) if min(mask.shape) > 1 else np.zeros(mask.shape)
+    slope = slope.round(DIGITS)
     region, count = basins(slope, mask)
     places, pairs, slopes = [], [], []
     for axis in (1, 0):

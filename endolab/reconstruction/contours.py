@@ -70,7 +70,10 @@ def torn_near(problem: Problem, coarse: BoolArray) -> Problem:
     beside[1:] |= coarse[1, :-1]
     wide = cv2.dilate(np.asarray(beside, np.uint8), np.ones((3, 3), np.uint8))
     wide = cv2.resize(wide, problem.mask.shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
-    return replace(problem, discontinuities=problem.discontinuities & (wide > 0))
+    near = np.stack([wide, wide]) > 0  # at either end of a step
+    near[0, :, :-1] |= near[0, :, 1:]
+    near[1, :-1] |= near[1, 1:]
+    return replace(problem, discontinuities=problem.discontinuities & near)
 
 
 def torn_where_it_pays(

@@ -182,7 +182,7 @@ def as_sparse(matrix):
 def test_it_agrees_with_a_direct_solver_and_holds_what_is_given(system):
     solver, b, free = system
     kept = np.flatnonzero(free)
-    matrix = as_sparse(solver.matrix)[kept][:, kept].tocsc()
+    matrix = as_sparse(solver.levels[0].matrix)[kept][:, kept].tocsc()
     for right in (b, np.where(free, b, 7.0)):  # whatever is asked of pixels that are held
         x, steps, remaining = solver.solve(right, 1e-12, 300)
         assert steps < 200  # measured 42 and 127 for equations as rough as these
