@@ -345,7 +345,7 @@ def test_a_frame_that_is_turned_has_the_turned_surface(options, turns):
 
 @pytest.mark.parametrize("contours", [False, None])
 def test_a_turned_frame_whose_light_bounced_has_the_turned_surface(contours):
-    """Measured, at the 99th percentile: up to 0.5 % while nothing is torn, up to 2.6 % torn, once 30 %."""
+    """Rounding grew in the inner solver: up to 2.6 % at the 99th percentile where it was torn, once 30 %."""
     sample = el.load_traced("matt")
     frame, calibration = sample.frame.resize(240, 180, 2.2), sample.calibration.resize(240, 180)
     one = el.reconstruct(frame, calibration, contours=contours)
@@ -356,7 +356,7 @@ def test_a_turned_frame_whose_light_bounced_has_the_turned_surface(contours):
         known = el.Calibration(turned(calibration.camera, turn), calibration.photometry)
         other = el.reconstruct(el.Frame(image, mask), known, contours=contours)
         off = np.abs(other.distance / expected - 1)[other.mask]
-        assert np.percentile(off, 99) < (0.02 if contours is False else 0.08), turn
+        assert np.percentile(off, 99) < 1e-3, turn
 
 
 def test_a_frame_that_is_solved_again_is_torn_at_the_same_lines():
