@@ -8,9 +8,9 @@ A smoothing step changes all pixels at once, so that none comes first: a mirrore
 solution. Chebyshev's polynomials of the fourth kind make most of such steps (Lottes, "Optimal polynomial
 smoothers for multigrid V-cycles", 2023); a row's sum of sizes bounds what they must hold.
 
-Behind cuts little holds a surface: there rounding grew a million times within one solve, and mirrored frames
-differed by per cents. So all is in double precision, and each residual is made orthogonal to earlier ones once
-more, as it would be without rounding (Saad, "Iterative methods for sparse linear systems", 2003, 6.7).
+Behind cuts little holds a surface: there rounding grew a million times within one solve, and mirrored
+frames differed by per cents. So all is in double precision, and each residual is made orthogonal to earlier
+ones once more, as it would be without rounding (Saad, "Iterative methods for sparse linear systems", 2003).
 
 Vectors are padded (see `numerics.compiled`) and zero outside the mask, as the matrices are.
 """
