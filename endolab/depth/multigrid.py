@@ -50,35 +50,35 @@ KEPT = 8_000_000  # numbers of earlier residuals that are kept, at most
 
 
 @kernel
-def _row_times(m: FloatArray, x: FloatArray, i: int, out: FloatArray) -> None:
-    """Row i of the matrix times x; out[j] is of column PAD + j.
+def _row_times(m: FloatArray, x: FloatArray, k: int, i: int, out: FloatArray) -> None:
+    """Row i of the matrix times the k-th of the maps x; out[j] is of column PAD + j.
 
     Pixels that change places in a mirrored or transposed picture are added first, so that the sum is the
     same to the last digit. In this and the following loops, j begins at 0 and what is added to it is not
     negative: so they compile to instructions that take many pixels at once. Views of rows would do as well,
     but counting who holds a view takes longer than a row, and the cores wait for one another to count.
     """
-    count = x.shape[1] - 2 * PAD
+    count = x.shape[2] - 2 * PAD
     for j in range(count):
-        beside = m[E, i, j + 2] * x[i, j + 3] + m[E, i, j + 1] * x[i, j + 1]
-        around = beside + (m[S, i, j + 2] * x[i + 1, j + 2] + m[S, i - 1, j + 2] * x[i - 1, j + 2])
-        falling = m[SE, i, j + 2] * x[i + 1, j + 3] + m[SE, i - 1, j + 1] * x[i - 1, j + 1]
-        rising = m[SW, i, j + 2] * x[i + 1, j + 1] + m[SW, i - 1, j + 3] * x[i - 1, j + 3]
-        out[j] = (m[CENTRE, i, j + 2] * x[i, j + 2] + around) + (falling + rising)
+        beside = m[E, i, j + 2] * x[k, i, j + 3] + m[E, i, j + 1] * x[k, i, j + 1]
+        around = beside + (m[S, i, j + 2] * x[k, i + 1, j + 2] + m[S, i - 1, j + 2] * x[k, i - 1, j + 2])
+        falling = m[SE, i, j + 2] * x[k, i + 1, j + 3] + m[SE, i - 1, j + 1] * x[k, i - 1, j + 1]
+        rising = m[SW, i, j + 2] * x[k, i + 1, j + 1] + m[SW, i - 1, j + 3] * x[k, i - 1, j + 3]
+        out[j] = (m[CENTRE, i, j + 2] * x[k, i, j + 2] + around) + (falling + rising)
     for j in range(count):
-        beside = m[EE, i, j + 2] * x[i, j + 4] + m[EE, i, j] * x[i, j]
-        out[j] += beside + (m[SS, i, j + 2] * x[i + 2, j + 2] + m[SS, i - 2, j + 2] * x[i - 2, j + 2])
+        beside = m[EE, i, j + 2] * x[k, i, j + 4] + m[EE, i, j] * x[k, i, j]
+        out[j] += beside + (m[SS, i, j + 2] * x[k, i + 2, j + 2] + m[SS, i - 2, j + 2] * x[k, i - 2, j + 2])
     if len(m) <= SEE:
         return
     for j in range(count):
-        falling = m[SEE, i, j + 2] * x[i + 1, j + 4] + m[SEE, i - 1, j] * x[i - 1, j]
-        wide = falling + (m[SWW, i, j + 2] * x[i + 1, j] + m[SWW, i - 1, j + 4] * x[i - 1, j + 4])
-        falling = m[SSE, i, j + 2] * x[i + 2, j + 3] + m[SSE, i - 2, j + 1] * x[i - 2, j + 1]
-        rising = m[SSW, i, j + 2] * x[i + 2, j + 1] + m[SSW, i - 2, j + 3] * x[i - 2, j + 3]
+        falling = m[SEE, i, j + 2] * x[k, i + 1, j + 4] + m[SEE, i - 1, j] * x[k, i - 1, j]
+        wide = falling + (m[SWW, i, j + 2] * x[k, i + 1, j] + m[SWW, i - 1, j + 4] * x[k, i - 1, j + 4])
+        falling = m[SSE, i, j + 2] * x[k, i + 2, j + 3] + m[SSE, i - 2, j + 1] * x[k, i - 2, j + 1]
+        rising = m[SSW, i, j + 2] * x[k, i + 2, j + 1] + m[SSW, i - 2, j + 3] * x[k, i - 2, j + 3]
         out[j] += wide + (falling + rising)
     for j in range(count):
-        falling = m[SE2, i, j + 2] * x[i + 2, j + 4] + m[SE2, i - 2, j] * x[i - 2, j]
-        out[j] += falling + (m[SW2, i, j + 2] * x[i + 2, j] + m[SW2, i - 2, j + 4] * x[i - 2, j + 4])
+        falling = m[SE2, i, j + 2] * x[k, i + 2, j + 4] + m[SE2, i - 2, j] * x[k, i - 2, j]
+        out[j] += falling + (m[SW2, i, j + 2] * x[k, i + 2, j] + m[SW2, i - 2, j + 4] * x[k, i - 2, j + 4])
 
 
 @on_cores(cost=0.3)
@@ -107,40 +107,73 @@ def dot(a: FloatArray, b: FloatArray) -> float:
 
 @on_cores(cost=2)
 def _multiply(rows: Span, out: FloatArray, m: FloatArray, x: FloatArray) -> None:
-    first, last = rows_within(rows, PAD, x.shape[0] - PAD)
-    row = np.empty(x.shape[1] - 2 * PAD)
+    first, last = rows_within(rows, PAD, out.shape[0] - PAD)
+    row = np.empty(out.shape[1] - 2 * PAD)
     for i in range(first, last):
-        _row_times(m, x, i, row)
+        _row_times(m, x, 0, i, row)
         for j in range(row.size):
             out[i, j + 2] = row[j]
 
 
 def multiply(m: FloatArray, x: FloatArray, out: FloatArray) -> None:
     """out = M x."""
-    _multiply(out, m, x)
+    _multiply(out, m, x[None])
 
 
-@on_cores(cost=2)
-def _smooth(
-    rows: Span,
-    following: FloatArray,
+@kernel
+def _smooth_row(
     m: FloatArray,
     inverse: FloatArray,
-    step: FloatArray,
+    steps: FloatArray,
     x: FloatArray,
     r: FloatArray,
+    first: int,
     k: int,
+    i: int,
+    row: FloatArray,
 ) -> None:
-    """Go a step, x += step and r -= M step, and write the one that follows: the k-th of a polynomial's."""
-    first, last = rows_within(rows, PAD, x.shape[0] - PAD)
+    """Go the k-th step in row i, x += step and r -= M step, and write the one that follows."""
+    _row_times(m, steps, k, i, row)
+    n = first + k
+    kept, added = max(2 * n - 1, 0) / (2 * n + 3), (8 * n + 4) / (2 * n + 3)
+    for j in range(row.size):
+        step = steps[k, i, j + 2]
+        x[i, j + 2] += step
+        r[i, j + 2] -= row[j]
+        steps[k + 1, i, j + 2] = kept * step + added * inverse[i, j + 2] * r[i, j + 2]
+
+
+@on_cores(cost=20, turns=2)
+def _smooth(
+    rows: Span,
+    turns: Span,
+    x: FloatArray,
+    r: FloatArray,
+    m: FloatArray,
+    inverse: FloatArray,
+    steps: FloatArray,
+    first: int,
+) -> None:
+    """Take smoothing steps, from `steps[0]`; `first` is the number of its polynomial.
+
+    A step needs two rows of the one before on either side. So steps follow one another at two rows'
+    distance, while what they read is still near; and where rows are another's to do, each of its steps
+    ends two rows earlier than the one before. What is left there is the second turn's.
+    """
+    top, end, degree = PAD, x.shape[0] - PAD, len(steps) - 1
     row = np.empty(x.shape[1] - 2 * PAD)
-    kept, added = max(2 * k - 1, 0) / (2 * k + 3), (8 * k + 4) / (2 * k + 3)
-    for i in range(first, last):
-        _row_times(m, step, i, row)
-        for j in range(row.size):
-            x[i, j + 2] += step[i, j + 2]
-            r[i, j + 2] -= row[j]
-            following[i, j + 2] = kept * step[i, j + 2] + added * inverse[i, j + 2] * r[i, j + 2]
+    if turns[0] == 0:
+        for leading in range(rows[0], rows[1] + PAD * degree):
+            for k in range(degree):
+                i = leading - PAD * k
+                above = top if rows[0] == 0 else max(top, rows[0] + PAD * k)
+                below = end if rows[1] == x.shape[0] else min(end, rows[1] - PAD * k)
+                if above <= i < below:
+                    _smooth_row(m, inverse, steps, x, r, first, k, i, row)
+    if turns[1] == 2 and rows[0] > 0:
+        for k in range(1, degree):
+            for i in range(max(top, rows[0] - PAD * k), min(end, rows[0] + PAD * k)):
+                _smooth_row(m, inverse, steps, x, r, first, k, i, row)
 
 
 @on_cores(cost=0.3)
@@ -182,7 +215,7 @@ def _invert_sums(rows: Span, out: FloatArray, sizes: FloatArray, one: FloatArray
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
     row = np.empty(out.shape[1] - 2 * PAD)
     for i in range(first, last):
-        _row_times(sizes, one, i, row)
+        _row_times(sizes, one, 0, i, row)
         for j in range(row.size):
             out[i, j + 2] = 1 / row[j] if active[i, j + 2] and row[j] > 0 else 0.0
 
@@ -212,35 +245,30 @@ class _Level:
     x: FloatArray
     b: FloatArray
     r: FloatArray
-    steps: FloatArray  # (2, ...), of smoothing
+    steps: FloatArray  # (DEGREE + 1, ...), of smoothing
 
     @classmethod
     def on(cls, structure: Structure) -> _Level:
         """Make room."""
         shape = structure.active.shape
-        inverse, x, b, r, *steps = np.zeros((6, *shape))
-        return cls(structure, np.empty((structure.entries, *shape)), inverse, x, b, r, np.stack(steps))
+        inverse, x, b, r = np.zeros((4, *shape))
+        steps = np.zeros((DEGREE + 1, *shape))
+        return cls(structure, np.empty((structure.entries, *shape)), inverse, x, b, r, steps)
 
     def began(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
-        step, following = self.steps
         self.x[:] = 0.0
         self.r[:] = self.b
-        np.multiply(self.inverse, self.b, out=step)
-        step *= 4 / 3
-        for k in range(1, DEGREE + 1):
-            _smooth(following, self.matrix, self.inverse, step, self.x, self.r, k)
-            step, following = following, step
+        np.multiply(self.inverse, self.b, out=self.steps[0])
+        self.steps[0] *= 4 / 3
+        _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 1)
 
     def corrected(self, coarse: FloatArray) -> None:
         """Add a coarser grid's correction, and smooth x."""
-        step, following = self.steps
-        step[:] = 0.0
-        self.structure.way.add(coarse, step)
-        for k in range(DEGREE):
-            _smooth(following, self.matrix, self.inverse, step, self.x, self.r, k)
-            step, following = following, step
-        np.add(self.x, step, out=self.x)
+        self.steps[0] = 0.0
+        self.structure.way.add(coarse, self.steps[0])
+        _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 0)
+        np.add(self.x, self.steps[-1], out=self.x)
 
 
 class Multigrid:
@@ -264,7 +292,7 @@ class Multigrid:
             if coefficients.structure.pixels <= COARSEST:
                 self.solution = _inverted(level.matrix, coefficients.active)
                 break
-            one = np.ones_like(level.inverse)
+            one = np.ones_like(level.inverse[None])
             _invert_sums(level.inverse, np.abs(level.matrix), one, coefficients.active)
             if depth == len(self.coarse):
                 below = coefficients.structure.coarser

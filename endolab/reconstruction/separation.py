@@ -75,10 +75,10 @@ DOUBT = 0.15  # share of ι that may be wrong
 GUESS = 0.5  # of s in ι = s a/(1 - s a), before there is a surface
 GUESSED_BAR = 0.8  # lines of a picture without as much light everywhere are so much less steep
 SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
-ROUND_STEPS, TORN_STEPS = (10, 5, 5), 3  # of each round's solve, and of each bar's
+ROUND_STEPS, TORN_STEPS = (8, 4, 3), 3  # of each round's solve, and of each bar's
 # Of the last one, by the tint of each place. Asked earlier, it makes all surfaces agree with the colours,
 # which are to choose among them.
-TINTED_STEPS = 3
+TINTED_STEPS = 2
 # Of the surfaces that are torn over one bar or another, the least torn is taken whose misfit of the colours
 # is at most so many times the least, or, if that is the whole one, the one whose energy speaks for its cuts;
 # beyond this, no lower bar is tried. It is p times as many where the colours ask for more bounced light than
@@ -210,15 +210,17 @@ def separate(
     whole = Separation(indirect_ratio, belief.light, surface)
     for number, steps in enumerate(ROUND_STEPS[1:], 2):
         whole = yield from _round(colours, belief, whole.surface, number, steps)
-    trials = [whole]
-    if contours is not False:
+    if contours is False:
+        found = Separation(*_bounced(colours, whole.surface, belief), whole.surface)
+    else:
         trials = yield from _torn(colours, whole, belief)
-    found = whole if len(trials) == 1 else _chosen(trials, always=bool(contours))
+        number += len(trials) - 1
+        found = trials[0] if len(trials) == 1 else _chosen(trials, always=bool(contours))
     if _none_bounced(found) or found.light.refused:
         return found
-    number = len(ROUND_STEPS) + len(trials)
-    last = yield from _round(colours, belief, found.surface, number, TINTED_STEPS, tinted=True)
-    return Separation(*_bounced(colours, last.surface, belief, tinted=True), last.surface, found.cue)
+    tinted = by_tint(colours, found.indirect_ratio, found.light), found.light
+    surface = yield from _taken_out(colours, *tinted, found.surface, number + 1, TINTED_STEPS)
+    return Separation(*_bounced(colours, surface, belief, tinted=True), surface, found.cue)
 
 
 def _torn(
@@ -342,14 +344,26 @@ def _round(
     tinted: bool = False,
 ) -> Generator[Iterate, None, Separation]:
     """Take out the light that bounces on a surface, and solve again from there."""
-    indirect_ratio, light = _bounced(colours, surface, belief, tinted)
+    bounced = _bounced(colours, surface, belief, tinted)
+    return Separation(*bounced, (yield from _taken_out(colours, *bounced, surface, number, steps)))
+
+
+def _taken_out(
+    colours: Sequence[Problem],
+    indirect_ratio: FloatArray,
+    light: Light,
+    surface: Iterate,
+    number: int,
+    steps: int,
+) -> Generator[Iterate, None, Iterate]:
+    """Solve again from a surface, without this light."""
     problem = merged(colours, indirect_ratio, light.albedo)
     if surface.problem.discontinuities is not None:
         problem = replace(problem, discontinuities=surface.problem.discontinuities)
     v = surface.log_distance
     start = np.where(np.isfinite(v), v, problem.log_facing)
     solver = carrying(gauss_newton(problem, start=start, max_iterations=steps), surface.provenance)
-    return Separation(indirect_ratio, light, (yield from staged(solver, BOUNCED, number)))
+    return (yield from staged(solver, BOUNCED, number))
 
 
 def _in_full(fine: list[PosedProblem], separation: Separation, given: bool, asked: bool) -> PosedProblem:
