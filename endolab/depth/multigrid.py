@@ -202,20 +202,37 @@ def _proceed(
 
 
 @on_cores(cost=0.4)
-def _take_off(rows: Span, r: FloatArray, share: float, past: FloatArray) -> None:
-    """r -= share · past."""
+def _add(rows: Span, x: FloatArray, share: float, y: FloatArray) -> None:
+    """x += share · y."""
     for i in range(rows[0], rows[1]):
-        for j in range(r.shape[1]):
-            r[i, j] -= share * past[i, j]
+        for j in range(x.shape[1]):
+            x[i, j] += share * y[i, j]
 
 
-@on_cores(cost=2)
-def _invert_sums(rows: Span, out: FloatArray, sizes: FloatArray, one: FloatArray, active: ByteArray) -> None:
+@on_cores(cost=1)
+def _begin(
+    rows: Span, x: FloatArray, r: FloatArray, b: FloatArray, inverse: FloatArray, steps: FloatArray
+) -> None:
+    """x = 0, r = b, and the first of the smoothing steps from there."""
+    for i in range(rows[0], rows[1]):
+        for j in range(x.shape[1]):
+            x[i, j] = 0.0
+            r[i, j] = b[i, j]
+            steps[0, i, j] = 4 / 3 * (inverse[i, j] * b[i, j])
+
+
+@on_cores(cost=10)
+def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) -> None:
     """One over the sum of the sizes of a row of the matrix; 0 where a pixel is held at 0."""
     first, last = rows_within(rows, PAD, out.shape[0] - PAD)
-    row = np.empty(out.shape[1] - 2 * PAD)
+    row, one = np.empty(out.shape[1] - 2 * PAD), np.ones((1, 2 * PAD + 1, out.shape[1]))
+    sizes = np.empty((len(m), PAD + 1, out.shape[1]))  # of this row and those above
     for i in range(first, last):
-        _row_times(sizes, one, 0, i, row)
+        for k in range(len(m)):
+            for above in range(PAD + 1):
+                for j in range(out.shape[1]):
+                    sizes[k, PAD - above, j] = abs(m[k, i - above, j])
+        _row_times(sizes, one, 0, PAD, row)
         for j in range(row.size):
             out[i, j + 2] = 1 / row[j] if active[i, j + 2] and row[j] > 0 else 0.0
 
@@ -257,10 +274,7 @@ class _Level:
 
     def began(self) -> None:
         """Smooth x, from nothing; leaves in r what is left of b."""
-        self.x[:] = 0.0
-        self.r[:] = self.b
-        np.multiply(self.inverse, self.b, out=self.steps[0])
-        self.steps[0] *= 4 / 3
+        _begin(self.x, self.r, self.b, self.inverse, self.steps)
         _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 1)
 
     def corrected(self, coarse: FloatArray) -> None:
@@ -268,7 +282,7 @@ class _Level:
         self.steps[0] = 0.0
         self.structure.way.add(coarse, self.steps[0])
         _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 0)
-        np.add(self.x, self.steps[-1], out=self.x)
+        _add(self.x, 1.0, self.steps[-1])
 
 
 class Multigrid:
@@ -292,8 +306,7 @@ class Multigrid:
             if coefficients.structure.pixels <= COARSEST:
                 self.solution = _inverted(level.matrix, coefficients.active)
                 break
-            one = np.ones_like(level.inverse[None])
-            _invert_sums(level.inverse, np.abs(level.matrix), one, coefficients.active)
+            _invert_sums(level.inverse, level.matrix, coefficients.active)
             if depth == len(self.coarse):
                 below = coefficients.structure.coarser
                 self.levels.append(_Level.on(below))
@@ -331,7 +344,7 @@ class Multigrid:
         kept: list[tuple[FloatArray, FloatArray, float]] = []
         for step in range(most + 1):
             for past, answer, size in kept:
-                _take_off(r, dot(r, answer) / size, past)
+                _add(r, -dot(r, answer) / size, past)
             self._cycle()
             now = max(dot(r, top.x), 0.0)
             if now > 0 and (len(kept) + 1) * r.size <= KEPT:
