@@ -28,8 +28,9 @@ AUTO = "auto"  # the one that the frame's evidence allows
 # px of the longer side; what is smooth, as light that has bounced, and long, as contours, need not be fine
 COARSE = 240
 LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
-# At the peak of a whole run of gauss_newton with its recording and its files, measured at 0.2 to 12 Mpx.
-BYTES, BYTES_PER_PIXEL = 400e6, 720
+# At the peak of a whole run of gauss_newton with its recording and its files, of one channel and of three,
+# measured at 3 and 9 Mpx.
+BYTES, BYTES_PER_PIXEL = 400e6, {1: 920, 3: 1400}
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def make_problems(
     if width is not None and width != frame.width:
         height = max(1, round(frame.height * width / frame.width))
         frame, camera = frame.resize(width, height, photometry.gamma), camera.resize(width, height)
-    _check_frame(frame.width, frame.height)
+    _check_frame(frame.width, frame.height, len(channels))
     if smooth is not None and smooth > frame.width:
         raise ValueError(f"smooth must not exceed the frame's width of {frame.width} px, got {smooth}")
     picture, known = frame.image, frame.mask & camera.field.valid
@@ -156,11 +157,11 @@ def two_sizes(
     return fine, make_problems(frame, calibration, preparation, channels)
 
 
-def _check_frame(width: int, height: int) -> None:
+def _check_frame(width: int, height: int, channels: int) -> None:
     if min(width, height) < LEAST_SIDE:
         least = f"expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
         raise ValueError(f"a frame of {width}x{height} px is too small to be solved: {least}")
-    needed = BYTES + width * height * BYTES_PER_PIXEL
+    needed = BYTES + width * height * BYTES_PER_PIXEL[channels]
     check_memory(needed, f"a frame of {width}x{height} px", "; make it smaller with width=")
 
 
