@@ -206,7 +206,7 @@ def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray | None = None) 
         shape=(here.size, holes.size),
     ).tocsc()
     # A hint of the nearest value keeps a hole definite that the mask's rim cuts off on all sides.
-    hint, inner, log = 1e-6, differences[:, wanted], log.reshape(holes.size, -1)
+    hint, inner, log = 1e-9, differences[:, wanted], log.reshape(holes.size, -1)
     matrix = inner.T @ inner + hint * scipy.sparse.eye_array(inner.shape[1], format="csc")
     right = hint * log[wanted] - inner.T @ (differences @ np.where(wanted[:, None], 0.0, log))
     # The matrix is symmetric: ordered for that, its factors stay thin.
