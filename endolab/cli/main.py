@@ -231,9 +231,13 @@ def in_one_line(error: object) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+class _ToldToEnd(KeyboardInterrupt):
+    """An interrupt that Python leaves to us: one of its own that passes exec() makes the exit status its."""
+
+
 def _interrupted(number: int, _: object) -> NoReturn:
     _ended.append(number)
-    raise KeyboardInterrupt
+    raise _ToldToEnd
 
 
 def _ignored(what: Any) -> None:

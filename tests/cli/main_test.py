@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import termios
+import textwrap
 import time
 from pathlib import Path
 
@@ -450,6 +451,21 @@ def test_told_to_end_before_there_is_anything_it_writes_nothing(tmp_path, proces
         out, error = running.communicate(timeout=60)
     assert (running.returncode, out, error.count(b"\n"), b"interrupted" in error) == (status, b"", 1, True)
     assert names(tmp_path) == []
+
+
+def test_told_to_end_within_exec_it_ends_with_its_own_status(tmp_path):
+    """Python ends as by Ctrl-C after an interrupt of its own that passed exec(), such as a dataclass's."""
+    code = """
+        import endolab.synthetic.rendering as rendering
+        from endolab.cli.main import run
+
+        rendering.render = lambda *_, **__: exec("import signal; signal.raise_signal(signal.SIGTERM)")
+        run()
+    """
+    (tmp_path / "told.py").write_text(textwrap.dedent(code))
+    command = [sys.executable, "-m", "told", "simulate", "colon", "--out", "o"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=60)
+    assert (ended.returncode, ended.stderr.count(b"\n")) == (143, 1)
 
 
 def test_nobody_needs_to_read_what_is_printed_in_any_encoding(work, process):
