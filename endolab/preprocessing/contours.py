@@ -8,8 +8,9 @@ and noise make lines, too, of less slope. Basins are kept small, so that a line 
 nowhere: a fold fades into the wall, and a long line would be torn where there is none any more.
 
 A wall that turns away is dark at its rim, before it ends. So a thin strip is the limb of its lightest
-neighbour, and what is torn is the strip's other side. A strip along the picture's own rim is torn off by
-nothing: the rim is dark, too, and such a strip hangs by nothing.
+neighbour, and what is torn is the strip's other side. Beside a tube's dark end the watersheds of noise run
+up the slope: nothing rises across them, so they are no contours either. A strip along the picture's own rim
+is torn off by nothing: the rim is dark, too, and such a strip hangs by nothing.
 """
 
 from typing import Any
@@ -26,6 +27,7 @@ BLUR = 1.5  # of log d₀, in 1/320 of the longer side
 SHALLOW = 0.005  # basins of the slope less deep than this are one; of log d₀ per 1/320 of the longer side
 SHARE = 0.25  # of the way from a strip's lightest neighbour to its own log d₀: who is nearer is light
 LIMB = 8.0  # a strip that is thinner than this may be a limb; in 1/320 of the longer side
+ACROSS = 0.1  # share of a line's slope that must lie across it, on the whole
 RIM = 4.0  # a strip that is nowhere farther from the picture's rim is torn off by no line; likewise
 DIGITS = 10  # of a slope that count: what rounding makes of equals does not say which comes first
 
@@ -126,19 +128,23 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     slope = np.asarray(np.hypot(*np.gradient(smooth)) * unit) if min(mask.shape) > 1 else np.zeros(mask.shape)
     slope = slope.round(DIGITS)
     region, count = basins(slope, mask)
-    places, pairs, slopes = [], [], []
+    places, pairs, slopes, rises = [], [], [], []
     for axis in (1, 0):
         here, there = (np.s_[:-1], np.s_[1:]) if axis == 0 else (np.s_[:, :-1], np.s_[:, 1:])
         where = np.nonzero(mask[here] & mask[there] & (region[here] != region[there]))
         places.append(where)
         pairs.append(np.stack([region[here][where], region[there][where]]))
         slopes.append((slope[here][where] + slope[there][where]) / 2)
+        rise = (smooth[there] - smooth[here])[where] * unit
+        rises.append(np.where(pairs[-1][0] < pairs[-1][1], rise, -rise))
     pair = np.sort(np.concatenate(pairs, axis=1).astype(np.int64), axis=0)
     if pair.size == 0:
         return steepness
     both, line = np.unique(pair[0] * count + pair[1], return_inverse=True)
     both = np.stack(np.divmod(both, count))
     steep = _medians(np.concatenate(slopes), line, both.shape[1])
+    across, along = (np.bincount(line, np.concatenate(those)) for those in (rises, slopes))
+    steep[np.abs(across) < ACROSS * along] = 0.0
     within = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
     at_rim = _largest(within, region, count) <= RIM * unit
     steep[at_rim[both].any(axis=0) | _joins_a_limb(both, region, count, log_facing, LIMB * unit)] = 0.0

@@ -48,6 +48,14 @@ def test_smooth_walls_have_none(scene):
     assert not (find_contours(problem.log_facing, problem.mask) > BARS[0]).any()
 
 
+def test_a_tube_is_not_torn_along_its_wall():
+    """Lines that ran up the dark wall before its end cut pieces off it, 87 % too far."""
+    known = datasets.load_calibration("simple", 160)
+    seen = el.render(el.SCENES["tube"], known.camera, known.photometry, noise=1, bits=8)
+    result = el.reconstruct(el.Frame(seen.image, seen.mask), el.Calibration(seen.camera, seen.photometry))
+    assert np.abs(result.distance / seen.distance - 1)[result.mask].max() < 0.3
+
+
 def test_a_step_is_one_closed_line_one_step_thin():
     """A disc that is farther: its rim is torn, all around, and nothing else."""
     rows, columns = np.indices((120, 160))
