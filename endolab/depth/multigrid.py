@@ -184,23 +184,6 @@ def _conjugate(rows: Span, z: FloatArray, share: float, direction: FloatArray) -
             direction[i, j] = z[i, j] + share * direction[i, j]
 
 
-@on_cores(cost=0.8)
-def _proceed(
-    rows: Span,
-    direction: FloatArray,
-    length: float,
-    product: FloatArray,
-    x: FloatArray,
-    r: FloatArray,
-) -> None:
-    """x += length · direction, r -= length · product."""
-    for i in range(rows[0], rows[1]):
-        for j in range(x.shape[1]):
-            x[i, j] += length * direction[i, j]
-        for j in range(x.shape[1]):
-            r[i, j] -= length * product[i, j]
-
-
 @on_cores(cost=0.4)
 def _add(rows: Span, x: FloatArray, share: float, y: FloatArray) -> None:
     """x += share · y."""
@@ -361,5 +344,6 @@ class Multigrid:
                 break
             length = now / curved
             done += length * now
-            _proceed(direction, length, product, x, r)
+            _add(x, length, direction)
+            _add(r, -length, product)
         return x, step, left
