@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from endolab.depth.gauss_newton import gauss_newton
@@ -41,6 +40,7 @@ ENERGY, THE_COLOURS = "energy", "colour evidence"  # cues that decide on contour
 # Share of the smooth surface's energy that a cut as long as the picture's height must save if only the energy
 # speaks for it, so that gentle folds of a real phantom stay whole.
 PRICE = 0.1
+HALFWAY = 1e-9  # share of a pixel within which it is halfway between two
 
 
 def length_of(discontinuities: BoolArray | None, mask: BoolArray) -> float:
@@ -61,19 +61,19 @@ def torn_at_contours(problem: Problem, bar: float = BARS[0]) -> Problem:
     return replace(problem, discontinuities=discontinuities if discontinuities.any() else None)
 
 
-def torn_near(problem: Problem, coarse: BoolArray) -> Problem:
-    """Leave of a problem's cuts those that lie within a pixel of these on fewer pixels, (2, h, w)."""
-    if problem.discontinuities is None:
-        return problem
-    beside = np.asarray(coarse[0] | coarse[1])
-    beside[:, 1:] |= coarse[0, :, :-1]
-    beside[1:] |= coarse[1, :-1]
-    wide = cv2.dilate(np.asarray(beside, np.uint8), np.ones((3, 3), np.uint8))
-    wide = cv2.resize(wide, problem.mask.shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
-    near = np.stack([wide, wide]) > 0  # at either end of a step
-    near[0, :, :-1] |= near[0, :, 1:]
-    near[1, :-1] |= near[1, 1:]
-    return replace(problem, discontinuities=problem.discontinuities & near)
+def enlarged_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
+    """Cut steps (2, h, w), as `Problem` has them, on more pixels (H, W).
+
+    A pixel halfway between two of the fewer counts as the one nearer to the picture's middle.
+    """
+    rows, columns = (
+        np.floor(fewer / 2 + (1 - HALFWAY) * fewer / more * (np.arange(more) + 0.5 - more / 2)).astype(int)
+        for fewer, more in zip(cuts.shape[1:], shape, strict=True)
+    )
+    enlarged = cuts[:, rows[:, None], columns]
+    enlarged[0] &= np.diff(columns, append=columns[-1]) > 0
+    enlarged[1] &= np.diff(rows, append=rows[-1])[:, None] > 0
+    return enlarged
 
 
 def torn_where_it_pays(

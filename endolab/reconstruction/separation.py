@@ -53,11 +53,11 @@ from endolab.reconstruction.contours import (
     OneChannel,
     bar_of,
     choose_bar,
+    enlarged_cuts,
     length_of,
     pays,
     remarked_on_contours,
     torn_at_contours,
-    torn_near,
 )
 from endolab.reconstruction.problem_setup import (
     SEPARATED,
@@ -376,16 +376,14 @@ def _in_full(fine: list[PosedProblem], separation: Separation, given: bool, aske
     problem = merged(colours, enlarged(separation.indirect_ratio, shape), separation.light.albedo)
     discontinuities = surface.problem.discontinuities
     if discontinuities is not None:
-        if discontinuities.shape[1:] == shape:
-            problem = replace(problem, discontinuities=discontinuities)
-        else:
+        if separation.cue == ENERGY or discontinuities.shape[1:] == shape:  # it chose these very lines
+            lines = enlarged_cuts(discontinuities, shape)
+        else:  # colours choose a bar
             searched = surface.provenance.searched or Searched(
                 separation.indirect_ratio, separation.light.albedo
             )
             lines = _lines(colours, searched, bar_of(surface) or BARS[0])
-            problem = replace(problem, discontinuities=lines)
-            if separation.cue == ENERGY:  # colours choose a bar, the energy these very lines
-                problem = torn_near(problem, discontinuities)
+        problem = replace(problem, discontinuities=lines)
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in separation.indirect_ratio.T]
     note = separation.light.describe(given, np.array(medians))
     provenance = replace(fine[1].provenance, bar=surface.provenance.bar, searched=surface.provenance.searched)
