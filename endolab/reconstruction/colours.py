@@ -305,7 +305,7 @@ def found_light(patches: Patches, belief: Belief) -> Light:
         inside = np.clip(x, low + 1e-3, high - 1e-3)  # where its steps to bounds begin
         apart = _Disagreement(patches, belief, sigma)
         solved = scipy.optimize.least_squares(
-            apart.residual, inside, apart.jacobian, bounds=(low, high), xtol=1e-8, ftol=1e-8
+            apart.residual, inside, apart.jacobian, bounds=(low, high), xtol=1e-5, ftol=1e-5
         )
         x = solved.x
         sigma = max(1.48 * float(np.median(np.abs(unexplained(x) @ tint.T))), FLOOR)

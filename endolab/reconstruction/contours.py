@@ -55,9 +55,10 @@ def pays(torn: Iterate, smooth: Iterate, price: float = PRICE) -> bool:
     return torn.energy / smooth.energy + price * length_of(torn.problem.discontinuities, torn.mask) < 1
 
 
-def torn_at_contours(problem: Problem, bar: float = BARS[0]) -> Problem:
+def torn_at_contours(problem: Problem, bar: float = BARS[0], lines: FloatArray | None = None) -> Problem:
     """Tear the surface at the picture's lines that are steeper than a bar, if there are any."""
-    discontinuities = find_contours(problem.log_facing, problem.mask) > bar
+    lines = find_contours(problem.log_facing, problem.mask) if lines is None else lines
+    discontinuities = lines > bar
     return replace(problem, discontinuities=discontinuities if discontinuities.any() else None)
 
 

@@ -31,6 +31,7 @@ from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.iteration import Status
 from endolab.numerics.side_by_side import by_rows
+from endolab.preprocessing.contours import find_contours
 from endolab.preprocessing.frame import BRIGHT, QUIET, Frame, noise_level
 from endolab.reconstruction.colours import (
     ALBEDOS,
@@ -235,10 +236,10 @@ def _torn(
     searched = Searched(whole.indirect_ratio, whole.light.albedo)
     surface = replace(whole.surface, provenance=replace(whole.surface.provenance, searched=searched))
     trials = [Separation(*_bounced(colours, surface, belief), surface)]
-    number = len(ROUND_STEPS)
+    number, lines = len(ROUND_STEPS), find_contours(surface.problem.log_facing, surface.problem.mask)
     for bar in (*BARS, CLEAN_BAR) if _none_bounced(trials[0]) else BARS:
         before = trials[-1].surface
-        torn = torn_at_contours(before.problem, bar)
+        torn = torn_at_contours(before.problem, bar, lines)
         if torn.discontinuities is None:
             continue
         number += 1
