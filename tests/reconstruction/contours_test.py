@@ -85,3 +85,13 @@ def test_with_a_channel_of_its_own_and_without_contours():
         result = el.reconstruct(el.Frame(seen.image, seen.mask), known, contours=True)
         assert result.provenance.settings["contours"] is expected
         assert (result.problem.discontinuities is not None) is expected
+
+
+def test_lines_that_the_energy_chose_are_those_that_are_torn(data):
+    """On a frame of more pixels than lines are chosen on. Measured 5.7 %; 7.5 when they were looked for anew."""
+    place = data / "rendered" / "clean_pinhole"
+    known = el.load_calibration(place.with_suffix(".json"))
+    frame = el.read_frame(place.with_suffix(".png"), known, mask=f"{place}_mask.png")
+    result = el.reconstruct(frame, known)
+    assert "energy" in result.provenance.notes[-1]
+    assert error(result, np.load(f"{place}_truth.npz")["distance"]) < 6.5
