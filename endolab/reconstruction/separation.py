@@ -378,13 +378,13 @@ def _in_full(fine: list[PosedProblem], separation: Separation, given: bool, aske
     discontinuities = surface.problem.discontinuities
     if discontinuities is not None:
         if separation.cue == ENERGY or discontinuities.shape[1:] == shape:  # it chose these very lines
-            lines = enlarged_cuts(discontinuities, shape)
+            discontinuities = enlarged_cuts(discontinuities, shape)
         else:  # colours choose a bar
             searched = surface.provenance.searched or Searched(
                 separation.indirect_ratio, separation.light.albedo
             )
-            lines = _lines(colours, searched, bar_of(surface) or BARS[0])
-        problem = replace(problem, discontinuities=lines)
+            discontinuities = _lines(colours, searched, bar_of(surface) or BARS[0])
+        problem = replace(problem, discontinuities=discontinuities)
     medians = [100 * np.median(s[s > 0]) if (s > 0).any() else 0.0 for s in separation.indirect_ratio.T]
     note = separation.light.describe(given, np.array(medians))
     provenance = replace(fine[1].provenance, bar=surface.provenance.bar, searched=surface.provenance.searched)
