@@ -11,7 +11,7 @@ import numpy as np
 from endolab.numerics.arrays import FloatArray
 from endolab.tuning.engine import Answer
 from endolab.tuning.panels import PANELS, Panel, View, ratio_of
-from endolab.tuning.pictures import BAR, Map, Picture, scale_bar
+from endolab.tuning.pictures import BAR, Chart, Map, Picture, scale_bar
 
 COLUMNS = 3
 ROWS = ("distance", "model - frame", "section")  # of answers that are compared
@@ -128,6 +128,11 @@ def of_several(
             return None
         error = "" if answer.median_error is None else f", error {answer.median_error:.1f} %"
         shown = PANELS[name](answer, replace(view, like=like))
-        return _named(label + error, shown) if name == ROWS[0] else shown, answer
+        title = shown.title.split(",")[0]
+        if name == ROWS[0]:
+            title = f"{label} [{answer.result.problem.unit}]{error}"
+        if isinstance(shown, Chart):  # no room for the names of its curves
+            shown = replace(shown, curves=[("", *curve[1:]) for curve in shown.curves])
+        return replace(shown, title=title), answer
 
     return _board([[panel(name, *labelled) for labelled in answers] for name in ROWS], room, text, BAR * text)
