@@ -126,13 +126,13 @@ def of_several(
     def panel(name: str, label: str, answer: Answer | None) -> tuple[Panel, Answer] | None:
         if answer is None:
             return None
-        error = "" if answer.median_error is None else f", error {answer.median_error:.1f} %"
         shown = PANELS[name](answer, replace(view, like=like))
         title = shown.title.split(",")[0]
         if name == ROWS[0]:
-            title = f"{label} [{answer.result.problem.unit}]{error}"
+            title = f"{label}: {title.lower()}"
         if isinstance(shown, Chart):  # no room for the names of its curves
             shown = replace(shown, curves=[("", *curve[1:]) for curve in shown.curves])
+            title = title if answer.median_error is None else f"Section, error {answer.median_error:.1f} %"
         return replace(shown, title=title), answer
 
     return _board([[panel(name, *labelled) for labelled in answers] for name in ROWS], room, text, BAR * text)
