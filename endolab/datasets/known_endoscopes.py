@@ -48,7 +48,7 @@ CALIBRATIONS: dict[str, Calibration] = {
         C3VD_LIGHT,
     ),
     # SimCol3D (Rau et al., 2023). Published with the picture's corner as origin, c = 237.5. Its light, a game
-    # engine's, bounces nowhere; of k from 0.7 to 2.5, this one's depths are the nearest to the truth.
+    # engine's, is no endoscope's: of k from 0.7 to 2.5, this one's depths are nearest to five frames' truth.
     "simcol3d": Calibration(
         Pinhole(475, 475, 227.60416, 227.60416, 237.0, 237.0), Photometry(k=1.5, gamma=2.2), NOMINAL
     ),
