@@ -86,12 +86,13 @@ clean: ## delete what the other targets made, but for .venv
 
 # uv is several times faster than pip; where it cannot be had, or cannot reach the packages, pip does it. What they
 # install is byte-compiled, so that no first run does it, nor each where nothing can be kept; the loops beside it.
+# `compat` puts the checkout on Python's path: a script beside it then imports the package, not the checkout's folder.
 $(READY): requirements.lock pyproject.toml | $(BIN)/python
 	@echo 'Setting up $(VENV): about 3 GB, and some minutes the first time.'
-	$(PIP) install --quiet uv && $(BIN)/uv pip install --python $(BIN)/python -r requirements.lock \
-	  || $(PIP) install --no-compile -r requirements.lock
-	$(PIP) install --quiet --no-deps --no-build-isolation -e .
-	$(BIN)/python -m endolab.cli.lab $(VENV)
+	@$(PIP) install --quiet uv && $(BIN)/uv pip install --quiet --python $(BIN)/python -r requirements.lock \
+	  || $(PIP) install --quiet --no-compile -r requirements.lock
+	@$(PIP) install --quiet --no-deps --no-build-isolation --config-settings editable_mode=compat -e .
+	@$(BIN)/python -m endolab.cli.lab $(VENV)
 	@echo 'Compiling packages and loops: a minute.'
 	-@$(BIN)/python -m compileall -qq -j 2 endolab $(VENV)/lib & \
 	  $(BIN)/endolab simulate colon --width 200 --out $(VENV)/first --overwrite >/dev/null 2>&1 && \

@@ -11,5 +11,8 @@ lists them, for editors and type checkers too.
 
 import lazy_loader
 
+from endolab._extras import check_opencv
+
+check_opencv()
 __version__ = "0.2.0"
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,6 +1,10 @@
-"""The packages of the extra `lab`, which the core does without: what is missing is said in a sentence."""
+"""Packages that are missing, or too old: each is said in a sentence, and nothing is loaded for it."""
 
+import re
 from importlib.util import find_spec
+from pathlib import Path
+
+LEAST_OPENCV = 5  # major version
 
 
 class MissingPackage(ImportError):
@@ -18,3 +22,22 @@ def need(*packages: str) -> None:
     sentence = lacking(*packages)
     if sentence:
         raise MissingPackage(sentence)
+
+
+def check_opencv() -> None:
+    """Raise ImportError, in one sentence, if another OpenCV package has put an older version in place.
+
+    The four packages of OpenCV write into one folder, `cv2`, and the last that was installed is imported.
+    """
+    package = find_spec("cv2")
+    if package is None or package.origin is None:
+        return
+    stated = Path(package.origin).with_name("version.py")
+    if not stated.is_file():
+        return
+    version = re.search(r"(\d+)[\d.]+", stated.read_text(encoding="utf-8"))
+    if version is not None and int(version[1]) < LEAST_OPENCV:
+        packages = "opencv-python opencv-contrib-python opencv-python-headless"
+        remedy = f"pip uninstall {packages}, then install endolab"
+        where = f"{version[0]} in {stated.parent}"
+        raise ImportError(f"endolab needs OpenCV {LEAST_OPENCV}, found {where}: {remedy}")

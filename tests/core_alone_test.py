@@ -87,3 +87,27 @@ def test_what_is_missing_is_said_in_a_sentence(without_lab, use, package):
 def test_the_command_line_says_it_too(without_lab, capsys):
     assert cli.main(["lab"]) == 2
     assert capsys.readouterr().err == f"endolab: {SENTENCE.format('jupyterlab')}\n"
+
+
+@pytest.mark.parametrize(("version", "accepted"), [("4.14.0.94", False), ("5.0.0.93", True)])
+def test_an_older_opencv_is_refused_in_one_sentence_at_the_first_import(version, accepted, tmp_path):
+    package = tmp_path / "cv2"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "version.py").write_text(f'opencv_version = "{version}"\n')
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    command = [sys.executable, "-c", "import endolab"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    assert (done.returncode == 0) == accepted, done.stderr
+    if not accepted:
+        assert f"needs OpenCV 5, found {version}" in done.stderr.splitlines()[-1]
+
+
+def test_a_script_beside_the_clone_imports_the_package_not_the_clones_folder(tmp_path):
+    (tmp_path / "endolab").symlink_to(ROOT, target_is_directory=True)
+    script = tmp_path / "script.py"
+    script.write_text("import endolab; print(endolab.__version__)")
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    command = [sys.executable, script]
+    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == el.__version__, done.stderr
