@@ -18,7 +18,7 @@ import endolab as el
 from endolab.depth.energy import energy_terms, model_image
 from endolab.model.surface import XI, to_xi
 from endolab.numerics.derivatives import hessian
-from endolab.reconstruction.problem_setup import make_problem
+from endolab.reconstruction.channels import make_problem
 
 NOT_YET = "Nothing here yet. Replace the dots, or the line that raises, and run the cell again."
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from endolab.depth.result import Result
 from endolab.io.atomic import PathLike, damage_named, read_bytes, write_atomically
-from endolab.reconstruction.contours import bar_of
+from endolab.reconstruction.contours.choice import min_steepness_of
 from endolab.reconstruction.sequence import Step
 
 Row = dict[str, Any]
@@ -40,7 +40,7 @@ def step_row(step: Step, index: int) -> Row:
     if step.result is not None:
         problem, known = step.result.problem, step.result.distance[step.result.mask]
         row |= measured(step.result) | {"unit": problem.unit, "gain": problem.photometry.gain}
-        row |= {"torn": bar_of(step.result) or 0, "pixels": known.size}
+        row |= {"torn": min_steepness_of(step.result) or 0, "pixels": known.size}
         row["median_distance"] = float(np.median(known))
     return row
 

@@ -122,8 +122,8 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     from endolab.io.descriptions import Calibration, read_camera
     from endolab.io.video import open_frames
     from endolab.numerics.iteration import Status
+    from endolab.reconstruction.light.unknown_light import estimate_light
     from endolab.reconstruction.sequence import framed
-    from endolab.reconstruction.unknown_light import estimate_light
 
     known = arguments.camera in CALIBRATIONS
     camera = load_calibration(arguments.camera).camera if known else read_camera(arguments.camera)

@@ -6,14 +6,26 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-CHANNELS = ("auto", "separated", "red", "green", "blue", "grey")
-LARGEST_COUNT = 2**31 - 1  # that a whole number may be; no count is larger
-CONTOURS = {"auto": None, "yes": True, "no": False}
-LENGTHS = ("median_distance", "known_distance", "known_diameter")  # one of which may fix the scale
-SOLVING = (
-    *("solver", "xi", "regulariser", "lam", "epsilon", "threshold", "max_iterations", "channel"),
-    *("width", "smooth", "highlights", *LENGTHS),
+from endolab.reconstruction.settings import (
+    COUNT,
+    DIAMETER,
+    DISTANCE,
+    FRAME_AND_LIGHT,
+    LENGTHS,
+    MAP,
+    NUMBER,
+    SCALE,
+    SURFACE,
+    SWITCH,
+    WORD,
+    Option,
+    option_fields,
+    option_of,
 )
+
+LARGEST_COUNT = 2**31 - 1  # that a whole number may be; no count is larger
+SWITCHES = {"auto": None, "yes": True, "no": False}
+SWEPT = {"lam": "0.1,1,10", "xi": "d,1/d", "regulariser": "first,curvature"}  # lists of a sweep
 COMPILING = "Compiling for this machine, a minute or so; only the first run does."
 LOOPS = 170  # that a default reconstruction compiles
 NOT_KEPT = "Compiling, a minute or so, in every run: NUMBA_CACHE_DIR can name a folder to keep it in."
@@ -86,6 +98,15 @@ def _numbers(text: str, form: str) -> list[float]:
     return values
 
 
+READERS: dict[str, Callable[[str], Any]] = {
+    WORD: str,
+    NUMBER: number,
+    COUNT: count,
+    DISTANCE: _distance,
+    DIAMETER: _diameter,
+}
+
+
 # Options --------------------------------------------------------------------------------
 def add_command(
     commands: Any, name: str, run: Callable[[argparse.Namespace], None], does: str, *examples: str
@@ -117,51 +138,43 @@ def add_solving_options(
     parser: argparse.ArgumentParser, most_used: Callable[..., Any], swept: bool = False
 ) -> None:
     """Add what `solving` reads, in groups; λ, ξ and order are lists if `swept`."""
-    more, orders, weights = (
-        f"; several as {example}" if swept else "" for example in ("d,1/d", "first,curvature", "0.1,1,10")
+    most_used(
+        "--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name"
     )
-    kinds: list[Any] = [several(str), several(number)] if swept else [str, number]
+    for group in ("", SURFACE, FRAME_AND_LIGHT, SCALE):
+        add = parser.add_argument_group(group).add_argument if group else most_used
+        if group == FRAME_AND_LIGHT:
+            _add_light_options(add, swept)
+        for part in option_fields():
+            facts = option_of(part.name)
+            if facts.group == group and facts.kind != MAP:
+                _add_option(add, part.name, facts, swept)
 
-    add = most_used
-    add("--calibration", required=True, metavar="CAL", help="endoscope.json, or a known endoscope's name")
-    add("--width", type=count, metavar="PX", help="shrink the frame to this width first")
-    text = f"weight of the regulariser; larger is smoother (default 1){weights}"
-    add("--lam", type=kinds[1], metavar="λ", help=text)
-    text = "auto (default): all three colours, indirect light removed, if the frame allows it; separated: "
-    text += "always; red, green, blue or grey: this channel as it is (green with the paper's solvers)"
-    add("--channel", choices=CHANNELS, metavar="NAME", help=text)
 
-    add = parser.add_argument_group("surface").add_argument
-    text = f"first, second, curvature or auto (default): curvature, or second if light bounced{orders}"
-    add("--regulariser", type=kinds[0], metavar="ORDER", help=text)
-    text = "whether folds may hide what is behind them; auto (default): if that explains the picture better"
-    add("--contours", choices=tuple(CONTOURS), help=text)
-    text = f"the map that is made smooth: 1/z, d or 1/d (default){more}"
-    add("--xi", type=kinds[0], metavar="ξ", help=text)
-    add("--solver", metavar="NAME", help="facing, fast_marching, gauss_newton (default) or primal_dual")
-    add("--max-iterations", type=count, metavar="N", help="steps of the solver at most")
-    text = "derivative of ξ above which the penalty grows linearly (default 1e-3)"
-    add("--epsilon", type=number, metavar="ε", help=text)
-    text = "error of a stored value above which the penalty grows linearly (default 0.05)"
-    add("--threshold", type=number, metavar="ρ", help=text)
+def _add_option(add: Callable[..., Any], name: str, facts: Option, swept: bool) -> None:
+    """Add an option of `Settings`."""
+    if swept and facts.kind in (DISTANCE, DIAMETER):  # of one frame
+        return
+    flag = f"--{name.replace('_', '-')}"
+    if facts.kind == SWITCH:
+        add(flag, choices=tuple(SWITCHES), help=facts.help)
+        return
+    if swept and name in SWEPT:
+        text = f"{facts.help}; several as {SWEPT[name]}"
+        add(flag, type=several(READERS[facts.kind]), metavar=facts.form, help=text)
+        return
+    choices = facts.choices or None
+    add(flag, type=READERS[facts.kind], choices=choices, metavar=facts.form or None, help=facts.help)
 
-    add = parser.add_argument_group("frame and light").add_argument
+
+def _add_light_options(add: Callable[..., Any], swept: bool) -> None:
+    """Add what is said of the frame and its light, and is no option of `Settings`."""
     if not swept:
         add("--mask", metavar="M.png", help="bright where the frame is to be used")
         text = "settings that the tuner exported; options given here win"
         add("--settings", metavar="FILE.json", help=text)
     text = "of a matt wall, or R,G,B, in place of the calibration's BRDF"
     add("--albedo", type=albedo, metavar="A", help=text)
-    text = "mirrored light (default: ignore with auto and separated, else keep)"
-    add("--highlights", choices=("keep", "ignore", "inpaint"), help=text)
-    add("--smooth", type=number, metavar="PX", help="blur the light first (default: by the noise)")
-
-    add = parser.add_argument_group("scale, where the gain is unknown").add_argument
-    add("--median-distance", type=number, metavar="MM", help="of the result")
-    if not swept:
-        add("--known-distance", type=_distance, metavar="MM,COLUMN,ROW", help="of the surface at a pixel")
-        text = "between the surface at two pixels: a polyp, the lumen"
-        add("--known-diameter", type=_diameter, metavar="MM,COLUMN1,ROW1,COLUMN2,ROW2", help=text)
 
 
 # What they stand for --------------------------------------------------------------------
@@ -183,9 +196,12 @@ def solving(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     evidence = calibration.evidence.get("photometry")
     if "albedo" not in light and isinstance(evidence, dict) and evidence.get("brdf_of"):
         print("The BRDF is that of the calibration sheet; --albedo 0.5 takes a matt wall instead.")
-    chosen = {name: value for name in SOLVING if (value := getattr(arguments, name, None)) is not None}
-    if arguments.contours is not None:
-        chosen["contours"] = CONTOURS[arguments.contours]
+    chosen: dict[str, Any] = {}
+    for part in option_fields():
+        value = getattr(arguments, part.name, None)
+        if value is not None:
+            is_switch = option_of(part.name).kind == SWITCH
+            chosen[part.name] = SWITCHES[value] if is_switch else value
     if any(name in chosen for name in LENGTHS):
         keywords = {name: value for name, value in keywords.items() if name not in LENGTHS}
     return SolvingSettings(photometry=light).believed(calibration), keywords | chosen

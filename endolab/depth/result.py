@@ -200,10 +200,10 @@ class _Kept:
         return self.last if status is Status.CONVERGED else self.lowest
 
 
-def _bounded(
+def limit_steps(
     steps: Solver,
     max_iterations: int | None = None,
-    passed: Callable[[Iterate], Iterate] = lambda iterate: iterate,
+    change: Callable[[Iterate], Iterate] = lambda iterate: iterate,
 ) -> Solver:
     """Pass iterates on as long as they are finite and not too many."""
     try:
@@ -215,19 +215,19 @@ def _bounded(
                 return status
             if not np.all(np.isfinite(iterate.log_distance[iterate.mask])):
                 return Status.NON_FINITE
-            yield passed(iterate)
+            yield change(iterate)
             if max_iterations is not None and iterate.stage == SOLUTION and iterate.k >= max_iterations:
                 return Status.MAX_ITERATIONS
     finally:
         steps.close()
 
 
-def carrying(steps: Solver, provenance: Provenance) -> Solver:
+def with_provenance(steps: Solver, provenance: Provenance) -> Solver:
     """Pass a solver's iterates on with the provenance of their problem."""
-    return _bounded(steps, passed=lambda iterate: replace(iterate, provenance=provenance))
+    return limit_steps(steps, change=lambda iterate: replace(iterate, provenance=provenance))
 
 
-def staged(steps: Solver, stage: str, round: int = 0) -> Generator[Iterate, None, Iterate]:
+def name_stage(steps: Solver, stage: str, round: int = 0) -> Generator[Iterate, None, Iterate]:
     """Pass a solver's iterates on as those of a stage, and return the answer."""
     kept: list[_Kept] = []
 
@@ -238,7 +238,7 @@ def staged(steps: Solver, stage: str, round: int = 0) -> Generator[Iterate, None
         kept[0].add(named, 0.0)
         return named
 
-    status = yield from _bounded(steps, passed=keep)
+    status = yield from limit_steps(steps, change=keep)
     if not kept:
         raise ValueError(NOTHING)
     return kept[0].answer(status)
@@ -281,7 +281,7 @@ def run(
 
     watching = checked_observers(observers)
     with closing(watching):
-        status = drive(_bounded(iterates, max_iterations), watching, keep)
+        status = drive(limit_steps(iterates, max_iterations), watching, keep)
         if not kept:
             raise ValueError(NOTHING)
         before = 0.0

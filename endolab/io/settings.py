@@ -15,6 +15,16 @@ from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.brdf import Lambertian
 from endolab.model.endoscope import Endoscope
 from endolab.model.schema import Section, quoted
+from endolab.reconstruction.settings import (
+    COUNT,
+    DIAMETER,
+    DISTANCE,
+    NUMBER,
+    SWITCH,
+    WORD,
+    option_fields,
+    option_of,
+)
 
 FORMAT, VERSION = "endolab_settings", 1
 
@@ -107,13 +117,18 @@ def _albedo(part: Section, name: str) -> float | tuple[float, ...]:
     return part.numbers(name, 3) if isinstance(part.content[name], list) else part.number(name)
 
 
-# What a file may say, and how it is read; what may be said of each is `reconstruct`'s affair.
-KEYWORDS: dict[str, Callable[[Section, str], Any]] = {
-    **dict.fromkeys(("solver", "channel", "xi", "regulariser", "highlights"), _word),
-    **dict.fromkeys(("lam", "epsilon", "threshold", "smooth", "median_distance"), Section.number),
-    **dict.fromkeys(("max_iterations", "width"), _count),
-    "contours": _switch,
-    "known_distance": _distance,
-    "known_diameter": _diameter,
+READERS: dict[str, Callable[[Section, str], Any]] = {
+    WORD: _word,
+    NUMBER: Section.number,
+    COUNT: _count,
+    SWITCH: _switch,
+    DISTANCE: _distance,
+    DIAMETER: _diameter,
+}
+# What a file may say, and how it is read; what may be said of each is the affair of `Settings`.
+KEYWORDS = {
+    part.name: READERS[option_of(part.name).kind]
+    for part in option_fields()
+    if option_of(part.name).kind in READERS
 }
 LIGHT = dict.fromkeys(("k", "gamma", "gain"), Section.number) | {"albedo": _albedo}

@@ -26,6 +26,7 @@ RANGES = {
     "lam": (0.0, 1e12),
     "epsilon": (1e-12, 1e6),
     "threshold": (1e-9, 1e6),
+    "smooth": (0.0, 1e6),  # px
     # Cameras, px
     "fx": (1e-2, 1e7),
     "fy": (1e-2, 1e7),

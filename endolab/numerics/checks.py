@@ -42,6 +42,13 @@ def whole(name: str, value: Any, least: int = 0) -> int:
     return int(value)
 
 
+def truth_value(name: str, value: Any) -> bool:
+    """Return True or False; ValueError for anything else."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name} must be True, False or None, got {excerpt(value)}")
+    return bool(value)
+
+
 def real_array(name: str, value: Any) -> FloatArray:
     """Return an array of real numbers, as it is if it is one; else ValueError."""
     try:

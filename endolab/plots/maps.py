@@ -289,7 +289,7 @@ def overview(
         f"iteration {iterate.k}",
         f"energy {iterate.energy:.4g}",
     ]
-    if channel := iterate.provenance.settings.get("channel"):
+    if channel := iterate.provenance.channel:
         words.insert(0, f"channel {channel}")
     if isinstance(shown, Result):
         words.insert(0, shown.status.value.rstrip("."))

@@ -5,7 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from endolab.depth.problem import AT_LEAST, NONE
+from endolab.depth.provenance import ContourOutcome, ContourReport, LightOutcome, LightReport, Provenance
 from endolab.depth.result import Iterate, Result
+from endolab.reconstruction.light.colours import FIT
 from endolab.reconstruction.scale import pixel_name, scale_of
 
 GAMMA_STEP = 0.1  # error of γ whose effect is told
@@ -28,8 +30,52 @@ def meaning(result: Result | Iterate) -> tuple[str, ...]:
 
 
 def notes(result: Result | Iterate) -> tuple[str, ...]:
-    """Return what was noted on the way, in sentences."""
-    return result.provenance.notes
+    """Say what was done about indirect light and contours, and why, in a sentence each."""
+    return (*_of_light(result.provenance), *_of_contours(result.provenance.contours))
+
+
+def _of_light(provenance: Provenance) -> Iterator[str]:
+    light = provenance.light
+    if light is None:
+        return
+    if light.outcome is LightOutcome.GREY:
+        yield (
+            "The picture is grey, so that light which came by way of other walls cannot be told from the "
+            "lamp's: it was left in."
+        )
+    elif light.outcome is LightOutcome.NO_COLOUR:
+        why = f"The colours tell nothing of bounced light ({light.reason})"
+        yield f"{why}, so {provenance.channel} is taken as it is."
+    elif light.outcome is LightOutcome.NONE_BOUNCED:
+        yield "The colours show no indirect light, and none was removed."
+    else:
+        yield _of_removed_light(light)
+
+
+def _of_removed_light(light: LightReport) -> str:
+    albedos = ", ".join(f"{value:.2f}" for value in light.albedo)
+    red, green, blue = light.percent
+    removed = f"red {red:.0f} %, green {green:.0f} %, blue {blue:.0f} % of the direct light"
+    if light.outcome is LightOutcome.COMPUTED:
+        whose = "given albedos" if light.given else "albedos of tissue"
+        why = f"The colours do not tell how much there is ({light.reason})"
+        return f"Indirect light removed: {removed}. {why}, so it was computed with {whose}: {albedos}."
+    film = " and a wet film's sheen" if light.film > FIT.film_seen else ""
+    whose = "given" if light.given else "estimated"
+    return (
+        f"Indirect light removed: {removed} (medians){film}. By the colours it is {light.factor:.2f} times "
+        f"what the surface predicts with {whose} albedos {albedos}; {100 * light.lamp:.0f} % of k is the "
+        "lamp's."
+    )
+
+
+def _of_contours(contours: ContourReport | None) -> Iterator[str]:
+    if contours is None or contours.outcome in (ContourOutcome.NOT_ASKED, ContourOutcome.GIVEN):
+        return
+    if contours.steps:
+        yield f"Contours: the surface is cut over {contours.steps:,} px ({contours.outcome.value})."
+    else:
+        yield "Contours: none is cut, as no line of the picture gives clear evidence."
 
 
 def _of_scale(result: Result | Iterate) -> Iterator[str]:

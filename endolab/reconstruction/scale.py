@@ -83,10 +83,7 @@ def in_unit(iterate: Iterate, factor: float, metric: bool = True, scale: Scale |
     photometry = replace(old.photometry, gain=(old.photometry.gain or 1.0) * factor**2)
     problem = replace(old, photometry=photometry, metric=metric)
     if scale is not None:
-        name = scale.by.replace(" ", "_")
-        added = {"scale": scale.by} if scale.length is None else {name: scale.length}
-        added |= {} if scale.by_gain is None else {"by_gain": scale.by_gain}
-        provenance = replace(provenance, scale=scale, settings=provenance.settings | added)
+        provenance = replace(provenance, scale=scale)
     moved = frozen(iterate.log_distance + np.log(factor))
     return replace(iterate, problem=problem, log_distance=moved, stage=SCALED, provenance=provenance)
 
@@ -133,7 +130,8 @@ def pixel_name(pixel: Pixel) -> str:
 def own_pixel(result: Result | Iterate, pixel: Pixel) -> FloatArray:
     """A pixel of the picture as one of the depth map, which may be smaller: column, row."""
     own = (result.problem.camera.width, result.problem.camera.height)
-    full = np.array(result.provenance.picture_size or own)
+    prepared = result.provenance.preparation
+    full = np.array(own if prepared is None else prepared.picture_size)
     place = np.array(pixel, dtype=np.float64)
     if not (np.all(place >= -0.5) and np.all(place <= full - 0.5)):
         raise ValueError(f"the pixel at {pixel_name(pixel)} is outside the picture of {full[0]}x{full[1]} px")

@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from endolab.depth.problem import Problem
-from endolab.depth.provenance import Provenance, Scale
+from endolab.depth.provenance import ContourOutcome, ContourReport, Provenance, Scale
 from endolab.depth.result import Iterate, Result
 from endolab.depth.solvers import DEFAULT_SOLVER, options_of
 from endolab.model.endoscope import Endoscope
@@ -76,7 +76,8 @@ class Carried:
             metric=surface.metric,
             discontinuities=np.zeros((2, *v.shape), dtype=bool) if bar else None,
         )
-        iterate = Iterate(problem, 0, frozen(v), {}, provenance=Provenance(bar=bar))
+        contours = ContourReport(ContourOutcome.AS_BEFORE, min_steepness=bar or None)
+        iterate = Iterate(problem, 0, frozen(v), {}, provenance=Provenance(contours=contours))
         result = Result(iterate, Status.CONVERGED, [], 0.0)
         return cls(result, _light(frame, calibration.photometry.gamma), least, 1)
 

@@ -15,6 +15,7 @@ from endolab.depth.result import SOLUTION, Iterate, Result
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import DECIDERS, common_limits, in_colour
+from endolab.reconstruction.assumptions import notes
 from endolab.recording.layouts import TIMELINE, Shown, comparison, reconstruction
 from endolab.recording.pictures import BLACK, RESIDUAL, Painter
 from endolab.recording.stream import (
@@ -317,8 +318,8 @@ class Recorder:
             return
         self._end_stage(self._last)
         table = "\n".join(["| stage | iterations | energy, first | last |", "|---|---|---|---|", *self._rows])
-        notes = "\n".join(f"- {note}" for note in self._last.provenance.notes)
-        words = rr.TextDocument(f"## End\n\n{table}\n\n{notes}", media_type="text/markdown")
+        said = "\n".join(f"- {note}" for note in notes(self._last))
+        words = rr.TextDocument(f"## End\n\n{table}\n\n{said}", media_type="text/markdown")
         self._log("end", words, static=True)
         if self.shown is not None:
             self.shown = replace(self.shown, last=self._before + self._last.k)
@@ -385,7 +386,7 @@ def _settings(iterate: Iterate) -> str:
         "ξ": problem.xi,
         "regulariser": f"{problem.regulariser}{order}, λ = {problem.lam:g}, ε = {problem.epsilon:g}",
         "data": f"Huber, ρ = {255 * problem.threshold:.3g}/255",
-        **{name: value for name, value in iterate.provenance.settings.items() if name != "notes"},
+        **iterate.provenance.settings,
     }
     cells = {name: str(value).replace("|", "\\|") for name, value in rows.items()}
     table = "\n".join(f"| {name} | {value} |" for name, value in cells.items())

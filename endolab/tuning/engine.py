@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from endolab.depth.energy import contradicted, model_image
-from endolab.depth.result import Iterate, Observer, Result, carrying, run
+from endolab.depth.result import Iterate, Observer, Result, run, with_provenance
 from endolab.depth.solvers import solve
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
@@ -304,7 +304,7 @@ class Tuner:
         if steps and before and settings == replace(before.settings, **moved):
             problem, start = replace(before.result.problem, **moved), before.result.iterate.log_distance
             solver = solve(problem, settings.solver, start=start, max_iterations=steps[0])
-            result = run(carrying(solver, before.result.provenance), [_watch(is_stale)])
+            result = run(with_provenance(solver, before.result.provenance), [_watch(is_stale)])
             seconds = time.perf_counter() - started
             return Answer(settings, FIRST, seconds, subject, result, followed=result)
         if settings.width < LEAST_WIDTH:

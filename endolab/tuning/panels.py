@@ -12,7 +12,7 @@ from endolab.depth.problem import AT_LEAST, NONE
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import DECIDERS, common_limits
-from endolab.preprocessing.contours import find_contours
+from endolab.reconstruction.contours.lines import find_contours
 from endolab.tuning import pictures
 from endolab.tuning.engine import FINAL, Answer
 from endolab.tuning.pictures import Chart, Limits, Map, coloured, grey_or_colour

@@ -14,12 +14,13 @@ import cv2
 import numpy as np
 
 from endolab.depth.problem import Problem
+from endolab.depth.provenance import LightOutcome
 from endolab.depth.result import Iterate
-from endolab.model.interreflection import Walls
 from endolab.model.surface import normals
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.derivatives import fineness, links
-from endolab.preprocessing.contours import find_contours
+from endolab.reconstruction.contours.lines import find_contours
+from endolab.reconstruction.light.walls import Walls
 from endolab.uncertainty.linearised import Linearised
 from endolab.uncertainty.prior_sigma import PriorSigma
 
@@ -121,8 +122,8 @@ def named(iterate: Iterate, prior_sigma: PriorSigma) -> Iterator[tuple[str, Floa
 def bounced_light(iterate: Iterate) -> FloatArray:
     """log(1 + ι) of the light that the wall's green bounces, as this surface makes it."""
     problem, albedo = iterate.problem, iterate.provenance.albedo
-    separated = iterate.provenance.settings.get("channel") == "separated"
-    if albedo is None and separated:  # and there was none
+    light = iterate.provenance.light
+    if light is not None and light.outcome is LightOutcome.NONE_BOUNCED:
         return np.zeros(problem.mask.shape)
     brdf = problem.photometry.brdf
     rho = float(np.pi * brdf.value(np.ones(1), np.ones(1))[0]) if albedo is None else albedo[1]

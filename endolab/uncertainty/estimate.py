@@ -130,7 +130,7 @@ def uncertainty_of(
     if not isinstance(prior_sigma, PriorSigma | None):
         raise ValueError(f"prior_sigma must be a PriorSigma, got {excerpt(prior_sigma)}")
     draws = whole("draws", draws, LEAST_DRAWS)
-    check_solver(result.provenance.settings.get("solver"))
+    check_solver(result.provenance.asked.get("solver"))
     iterate = result.iterate if isinstance(result, Result) else result
     prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
     watching = checked_observers(observers)
@@ -261,7 +261,9 @@ def _held(iterate: Iterate) -> list[tuple[int, int]] | None:
 
 def noise_left(result: Result | Iterate) -> tuple[float, float]:
     """Standard deviation of the picture's noise, and the blur, px, that it was given since."""
-    shown, blur = result.problem.shown, result.provenance.smooth
+    shown = result.problem.shown
+    prepared = result.provenance.preparation
+    blur = 0.0 if prepared is None else prepared.smooth
     level = max(noise_level(shown if shown.ndim == 2 else shown[..., 1], result.mask), QUIET)
     # The mean of a Gaussian's weights, squared; they fall short of it for less than half a pixel.
     return (level / (2 * np.sqrt(np.pi) * blur), blur) if blur >= SHARP else (level, 0.0)

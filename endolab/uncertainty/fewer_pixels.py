@@ -41,7 +41,10 @@ def _halved(iterate: Iterate) -> Iterate:
         evidence=inner(coarse.evidence) if coarse.evidence.size else None,
         picture=np.asarray(cv2.resize(problem.shown, (width, height), interpolation=cv2.INTER_AREA), float),
     )
-    provenance = replace(iterate.provenance, smooth=iterate.provenance.smooth / 2)
+    provenance = iterate.provenance
+    if provenance.preparation is not None:
+        prepared = replace(provenance.preparation, smooth=provenance.preparation.smooth / 2)
+        provenance = replace(provenance, preparation=prepared)
     v = inner(grid.restrict(padded(np.where(iterate.mask, iterate.log_distance, 0.0))))
     return Iterate.of(smaller, np.where(smaller.mask, v, 0.0), provenance=provenance)
 

@@ -15,7 +15,7 @@ from endolab import datasets
 from endolab.depth.energy import energy_terms
 from endolab.depth.solvers import solve
 from endolab.metrics.depth_errors import angle_between
-from endolab.reconstruction.problem_setup import make_problem
+from endolab.reconstruction.channels import make_problem
 from endolab.synthetic.scenes import Tube
 from tests.benchmarks.report import table
 from tests.tools.problems import Shot

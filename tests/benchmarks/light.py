@@ -18,7 +18,7 @@ from endolab import datasets
 from endolab.metrics.depth_errors import compare
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
-from endolab.reconstruction.unknown_light import USUAL
+from endolab.reconstruction.light.unknown_light import USUAL
 from tests.benchmarks.colon import at_width
 from tests.benchmarks.report import table
 from tests.benchmarks.unseen import FOLDER

@@ -14,7 +14,7 @@ import endolab as el
 from endolab import datasets
 from endolab.depth.problem import Problem
 from endolab.depth.solvers import solve
-from endolab.reconstruction.problem_setup import make_problem
+from endolab.reconstruction.channels import make_problem
 from tests.benchmarks.report import both, ended, table
 from tests.tools.problems import Shot
 

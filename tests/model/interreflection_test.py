@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from endolab import datasets
-from endolab.model import interreflection
-from endolab.model.interreflection import Walls, _exchange, bounced_and_slope
+from endolab.reconstruction.light import walls
+from endolab.reconstruction.light.walls import Walls, _exchange, bounced_and_slope
 from endolab.numerics.threads import limited_threads
 from endolab.synthetic.scenes import Colon, Tube
 

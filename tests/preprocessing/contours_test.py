@@ -12,9 +12,9 @@ import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import depth_discontinuities
 from endolab.numerics.derivatives import links, shifted
-from endolab.preprocessing.contours import SHALLOW, basins, find_contours
-from endolab.reconstruction.contours import BARS
-from endolab.reconstruction.problem_setup import make_problem
+from endolab.reconstruction.contours.lines import SHALLOW, basins, find_contours
+from endolab.reconstruction.contours.choice import BARS
+from endolab.reconstruction.channels import make_problem
 
 
 def seen(scene, width=320, **options):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.model.interreflection import Walls
+from endolab.reconstruction.light.walls import Walls
 from endolab.model.photometry import CHANNELS
 from endolab.reconstruction import colours
-from endolab.reconstruction.colours import Belief, Light, NoColour, Patches, by_tint, found_light
-from endolab.reconstruction.problem_setup import make_problem
+from endolab.reconstruction.light.colours import Belief, Light, NoColour, Patches, by_tint, found_light
+from endolab.reconstruction.channels import make_problem
 
 ALBEDO = np.array([0.62, 0.30, 0.22])
 

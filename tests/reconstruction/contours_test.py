@@ -7,13 +7,13 @@ import endolab as el
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.provenance import Provenance
 from endolab.depth.result import staged
-from endolab.reconstruction.contours import (
+from endolab.reconstruction.contours.choice import (
     OneChannel,
     choose_bar,
     torn_at_contours,
     torn_where_it_pays,
 )
-from endolab.reconstruction.problem_setup import PosedProblem, make_problem
+from endolab.reconstruction.channels import PosedProblem, make_problem
 from tests.tools.problems import finish, percent_off, problem_of
 
 

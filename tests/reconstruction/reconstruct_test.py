@@ -11,7 +11,7 @@ from endolab import datasets
 from endolab.depth.energy import energy_terms
 from endolab.depth.solvers import SOLVERS, solve
 from endolab.reconstruction.assumptions import notes
-from endolab.reconstruction.problem_setup import make_problem
+from endolab.reconstruction.channels import make_problem
 from tests.tools.problems import Shot
 
 CALIBRATION = datasets.load_calibration("simple")

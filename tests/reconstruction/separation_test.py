@@ -10,8 +10,8 @@ from endolab.depth.problem import NONE
 from endolab.metrics.depth_errors import compare
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.problem_setup import Preparation, make_problems
-from endolab.reconstruction.separation import merged, separate
+from endolab.reconstruction.channels import Preparation, make_problems
+from endolab.reconstruction.light.separation import merged, separate
 from tests.tools.problems import finish
 
 ALBEDO = np.array([0.75, 0.38, 0.30])

@@ -7,7 +7,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.reconstruction.contours import bar_of
+from endolab.reconstruction.contours.choice import bar_of
 from endolab.reconstruction.scale import in_unit
 from endolab.reconstruction.sequence import Carried, Surface, framed, reconstruct_sequence, scale_between
 from tests.tools.problems import moved_colon

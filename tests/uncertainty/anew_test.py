@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from endolab.depth.gauss_newton import gauss_newton
-from endolab.reconstruction.contours import torn_at_contours
+from endolab.reconstruction.contours.choice import torn_at_contours
 from endolab.uncertainty.anew import solved_anew
 from tests.tools.problems import finish, problem_of
 

@@ -11,8 +11,8 @@ from endolab.depth.problem import NONE
 from endolab.depth.provenance import Provenance, Scale
 from endolab.depth.result import Iterate, run
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.contours import torn_at_contours
-from endolab.reconstruction.unknown_light import USUAL_ERROR
+from endolab.reconstruction.contours.choice import torn_at_contours
+from endolab.reconstruction.light.unknown_light import USUAL_ERROR
 from endolab.uncertainty.causes import LENGTH, correlated
 from endolab.uncertainty.estimate import LARGEST_SIGMA, LEAST_DRAWS, uncertainty_of
 from endolab.uncertainty.linearised import Linearised

@@ -26,12 +26,12 @@ import scipy
 from endolab.metrics.depth_errors import depth_discontinuities, resampled_truth
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
-from endolab.model.interreflection import Walls, bounced_and_slope
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size
 from endolab.preprocessing.highlights import find_highlights
-from endolab.reconstruction.colours import ALBEDOS, LEAST_PATCHES, TISSUE
+from endolab.reconstruction.light.colours import ALBEDOS, LEAST_PATCHES, TISSUE
+from endolab.reconstruction.light.walls import Walls, bounced_and_slope
 
 WIDTH = 225  # px, of what is fitted
 WIDEST = 60.0  # degrees from the axis: beyond, few cameras are known well enough

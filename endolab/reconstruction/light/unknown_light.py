@@ -32,18 +32,20 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
 from endolab.depth.gauss_newton import gauss_newton
-from endolab.depth.result import Iterate, Observer, carrying, staged
+from endolab.depth.provenance import Provenance
+from endolab.depth.result import Iterate, Observer, name_stage, with_provenance
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Endoscope
-from endolab.model.photometry import Photometry
+from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import FloatArray, frozen
 from endolab.numerics.checks import excerpt, number, real_array
 from endolab.numerics.iteration import Status, checked_observers, closing, drive
 from endolab.preprocessing.frame import Frame
-from endolab.reconstruction.colours import NoColour
-from endolab.reconstruction.problem_setup import PosedProblem, Preparation, make_problems
-from endolab.reconstruction.separation import Colours, continued, separate
+from endolab.reconstruction.channels import Channel, make_channels
+from endolab.reconstruction.light.colours import NoColour, known_albedo
+from endolab.reconstruction.light.separation import separate, separate_from
+from endolab.reconstruction.settings import Settings
 
 LIGHT = "light"  # stage
 EXPONENTS = np.linspace(0.0, 5.0, 11)  # k that are tried; endoscopes have 0.5 to 3.5
@@ -211,15 +213,16 @@ Chain = Generator[Iterate, None, Iterate]
 
 def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, indirect light removed each time."""
-    preparation = Preparation(width=min(WIDTH, frame.width), smooth=SMOOTH)
-    colours = Colours.of(frame, calibration, preparation)
+    settings = Settings(width=min(WIDTH, frame.width), smooth=SMOOTH, highlights="ignore")
+    colours = make_channels(frame, calibration, settings, CHANNELS)
+    albedo = known_albedo(calibration)
 
     def solve(k: float, before: Iterate | None) -> Chain:
-        posed = [_under(colour, k) for colour in colours.fine]
+        lit = [_under(colour, k) for colour in colours]
         if before is None:
-            separation = yield from separate(posed, colours.albedo, False)
+            separation = yield from separate(lit, albedo, False)
         else:
-            separation = yield from continued(posed, colours.albedo, _moved(before, k))
+            separation = yield from separate_from(lit, albedo, _moved(before, k))
         return separation.surface
 
     return (yield from _chained(solve))
@@ -227,15 +230,15 @@ def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, 
 
 def _grey(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, all light being taken for direct."""
-    preparation = Preparation(width=min(WIDTH, frame.width), smooth=SMOOTH)
-    (posed,) = make_problems(frame, calibration, preparation, [None])
-    posed = posed.noted(contours=False)
+    settings = Settings(width=min(WIDTH, frame.width), smooth=SMOOTH)
+    (channel,) = make_channels(frame, calibration, settings, [None])
+    provenance = Provenance(preparation=channel.report)
 
     def solve(k: float, before: Iterate | None) -> Chain:
         start = None if before is None else _moved(before, k)
         number = int(np.argmin(np.abs(EXPONENTS - k))) + 1
-        solver = gauss_newton(_under(posed, k).problem, start=start)
-        return (yield from staged(carrying(solver, posed.provenance), LIGHT, number))
+        solver = gauss_newton(_under(channel, k).problem, start=start)
+        return (yield from name_stage(with_provenance(solver, provenance), LIGHT, number))
 
     return (yield from _chained(solve))
 
@@ -251,9 +254,9 @@ def _chained(solve: Callable[[float, Iterate | None], Chain]) -> Generator[Itera
     return [*down[:0:-1], *up]
 
 
-def _under(posed: PosedProblem, k: float) -> PosedProblem:
-    problem = posed.problem
-    return replace(posed, problem=replace(problem, photometry=replace(problem.photometry, k=k)))
+def _under(channel: Channel, k: float) -> Channel:
+    problem = channel.problem
+    return replace(channel, problem=replace(problem, photometry=replace(problem.photometry, k=k)))
 
 
 def _moved(surface: Iterate, k: float) -> FloatArray:

@@ -1,0 +1,246 @@
+"""A frame and an endoscope become problems: one a channel, on all pixels and on few.
+
+This is the stage *prepare*: the channel, the pixels that take part, the unit of length. Nothing is solved.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
+from endolab.depth.provenance import LightOutcome, LightReport, PreparationReport, Provenance
+from endolab.depth.result import Iterate
+from endolab.model.endoscope import Endoscope
+from endolab.model.photometry import CHANNELS
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.memory import check_memory
+from endolab.numerics.resampling import resized
+from endolab.numerics.side_by_side import side_by_side
+from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
+from endolab.preprocessing.highlights import find_highlights, inpaint
+from endolab.reconstruction.settings import AUTO, SEPARATED, Settings
+
+# px of the longer side; what is smooth, as light that has bounced, and long, as contours, need not be fine
+SMALL = 240
+LEAST_SIDE = 8  # px; derivatives and noise take their neighbours
+# At the peak of a whole run of gauss_newton with its recording and its files, measured at 3 and 9 Mpx.
+RUN_BYTES = 400e6
+BYTES_PER_PIXEL = {1: 920, 3: 1400}  # of one channel, and of three
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel of a frame as a problem, and how it became one."""
+
+    problem: Problem
+    report: PreparationReport
+
+
+@dataclass(frozen=True)
+class Channels:
+    """A frame that is prepared: one channel, or red, green and blue."""
+
+    full: Sequence[Channel]  # on all pixels
+    small: Sequence[Channel]  # on as few as bounced light and contours need
+    light: LightReport | None = None  # what is known already of indirect light
+
+    @property
+    def are_colours(self) -> bool:
+        """Whether there are three of them, in which indirect light is to be looked for."""
+        return len(self.full) == len(CHANNELS)
+
+    @property
+    def middle(self) -> Channel:
+        """Green, or the only one, on all pixels."""
+        return self.full[len(self.full) // 2]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one stage hands to the next: a problem to solve, and what was done for it."""
+
+    problem: Problem
+    small: Problem  # the same on few pixels
+    provenance: Provenance
+    start: FloatArray | None = None  # log d to begin with, (H, W)
+
+    def with_light(self, report: LightReport) -> Task:
+        """Add what was found of indirect light."""
+        return replace(self, provenance=replace(self.provenance, light=report))
+
+
+def prepare_channels(frame: Frame, endoscope: Endoscope, settings: Settings) -> Channels:
+    """Prepare what the settings ask for: three colours, or one channel."""
+    grey = frame.image.ndim == 2
+    if settings.used_channel == SEPARATED and grey:
+        raise ValueError(f"{frame.name} is grey, and channel='separated' needs its three colours")
+    if settings.uses_colours:
+        settings = replace(settings, highlights=settings.highlights or "ignore")
+    if settings.uses_colours and not grey:
+        full, small = _in_two_sizes(frame, endoscope, settings, CHANNELS)
+        return Channels(full, small)
+    channel = None if settings.uses_colours else settings.used_channel
+    light = LightReport(LightOutcome.GREY) if settings.used_channel == AUTO else None
+    if not settings.searches_contours:
+        full = make_channels(frame, endoscope, settings, [channel])
+        return Channels(full, full, light=light)
+    full, small = _in_two_sizes(frame, endoscope, settings, [channel])
+    return Channels(full, small, light=light)
+
+
+def make_problem(frame: Frame, endoscope: Endoscope, **options: object) -> Problem:
+    """Turn one channel of a frame, green by default, into the problem that solvers take.
+
+    `options` are those of `Settings`. With an unknown gain, one is chosen that makes the median of d₀ one
+    unit.
+    """
+    settings = Settings.of(options)
+    if settings.channel in (SEPARATED, AUTO):
+        raise ValueError(f"channel={settings.channel!r} is found by solving: use reconstruct() or iterate()")
+    (made,) = make_channels(frame, endoscope, settings, [settings.channel])
+    return made.problem
+
+
+def make_channels(
+    frame: Frame, endoscope: Endoscope, settings: Settings, names: Sequence[str | None]
+) -> list[Channel]:
+    """Make the problem of each of these channels; None is green, or grey of a grey picture."""
+    camera = endoscope.camera
+    photometry = endoscope.photometry
+    picture_size = (frame.width, frame.height)
+    check_size(frame.name, picture_size, camera)
+    width = settings.width
+    if width is not None and width != frame.width:
+        height = max(1, round(frame.height * width / frame.width))
+        frame = frame.resize(width, height, photometry.gamma)
+        camera = camera.resize(width, height)
+    _check_frame(frame.width, frame.height, len(names))
+    if settings.smooth is not None and settings.smooth > frame.width:
+        most = f"the frame's width of {frame.width} px"
+        raise ValueError(f"smooth must not exceed {most}, got {settings.smooth}")
+    known = frame.mask & camera.field.valid
+    no_evidence = np.zeros_like(known) if frame.silent is None else frame.silent
+    highlights = settings.highlights or "keep"
+    mirrored = no_evidence
+    if highlights != "keep":
+        mirrored = no_evidence | find_highlights(frame.image, known, photometry.gamma)
+    treated = frame
+    if mirrored.any():
+        treated = replace(frame, image=inpaint(frame.image, mirrored, known))
+    if highlights == "ignore":
+        no_evidence = mirrored
+    fingerprint = _fingerprint(frame, endoscope)
+
+    def make(wanted: str | None) -> Channel:
+        name, image = treated.channel(wanted)
+        called = frame.name if frame.image.ndim == 2 else f"{frame.name} in {name}"
+        own = photometry.simplified().channel(name)
+        seen = frame.seen(image) & camera.field.valid
+        saturated = image >= BRIGHT
+        # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
+        # loses nothing on the simple scenes that noise has not taken already.
+        blur = settings.smooth
+        if blur is None:
+            blur = 2 * float(np.sqrt(255 * noise_level(image, seen)))
+        image = smooth_light(image, seen, photometry.gamma, blur)
+        evidence = np.where(saturated, AT_LEAST, EXACT).astype(np.int8)
+        evidence[no_evidence] = NONE
+        problem = Problem(
+            image=image,
+            mask=usable(image, seen, camera.field.cos_alpha, called),
+            camera=camera,
+            photometry=own if own.gain is not None else replace(own, gain=1.0),
+            metric=own.gain is not None,
+            evidence=evidence if evidence[seen].any() else None,
+            picture=frame.image,
+            xi=settings.xi,
+            regulariser=settings.first_regulariser,
+            lam=settings.lam,
+            epsilon=settings.epsilon,
+            threshold=settings.threshold,
+            discontinuities=settings.discontinuities,
+        )
+        report = PreparationReport(
+            frame=frame.name,
+            picture_size=picture_size,
+            channel=name,
+            width=camera.width,
+            height=camera.height,
+            smooth=blur,
+            highlights=highlights,
+            fingerprint=fingerprint,
+        )
+        return Channel(in_units(problem), report)
+
+    return side_by_side(make, names, frame.width * frame.height)
+
+
+def _fingerprint(frame: Frame, endoscope: Endoscope) -> str:
+    """Digits that are equal for the same picture of the same endoscope, whatever its gain."""
+    total = hashlib.blake2b(digest_size=16)
+    silent = b"" if frame.silent is None else frame.silent.tobytes()
+    known = replace(endoscope.photometry, gain=None)
+    for part in (frame.image, frame.mask):
+        total.update(np.ascontiguousarray(part).data)
+    total.update(silent)
+    total.update(repr((frame.image.shape, endoscope.camera, known)).encode())
+    return total.hexdigest()
+
+
+def _in_two_sizes(
+    frame: Frame, endoscope: Endoscope, settings: Settings, names: Sequence[str | None]
+) -> tuple[list[Channel], list[Channel]]:
+    """Make channels on all pixels, and on few."""
+    full = make_channels(frame, endoscope, settings, names)
+    camera = full[0].problem.camera
+    share = SMALL / max(camera.width, camera.height)
+    if share >= 1 or share * min(camera.width, camera.height) < LEAST_SIDE:
+        return full, full
+    less = replace(settings, width=round(share * camera.width), discontinuities=None)
+    return full, make_channels(frame, endoscope, less, names)
+
+
+def _check_frame(width: int, height: int, channels: int) -> None:
+    if min(width, height) < LEAST_SIDE:
+        least = f"expected {LEAST_SIDE}x{LEAST_SIDE} px or more"
+        raise ValueError(f"a frame of {width}x{height} px is too small to be solved: {least}")
+    needed = RUN_BYTES + width * height * BYTES_PER_PIXEL[channels]
+    check_memory(needed, f"a frame of {width}x{height} px", "; make it smaller with width=")
+
+
+def in_units(problem: Problem) -> Problem:
+    """Choose the gain, if it is not known, that makes the median of d₀ one unit."""
+    if problem.metric:
+        return problem
+    factor = 1 / float(np.median(np.exp(problem.log_facing[problem.mask])))
+    gain = (problem.photometry.gain or 1.0) * factor**2
+    return replace(problem, photometry=replace(problem.photometry, gain=gain))
+
+
+# An earlier surface as a start ----------------------------------------------------------
+
+
+def resample_maps(maps: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Resample maps (h, w, ...) to (H, W, ...), linearly."""
+    return maps if maps.shape[:2] == shape else resized(maps, shape)
+
+
+def resample_surface(surface: Iterate, problem: Problem) -> FloatArray:
+    """Return log d of a surface on a problem's grid, at the scale of its gain; nan where unknown."""
+    shape = problem.mask.shape
+    share = resample_maps(surface.mask.astype(np.float64), shape)
+    v = resample_maps(np.where(surface.mask, surface.log_distance, 0.0), shape)
+    gain = problem.photometry.gain or 1.0
+    gain_before = surface.problem.photometry.gain or 1.0
+    moved = v / np.where(share > 0, share, 1) + 0.5 * np.log(gain / gain_before)
+    return np.where(share > 0, moved, np.nan)
+
+
+def start_from(surface: Iterate, problem: Problem) -> FloatArray:
+    """Return log d of a surface on a problem's grid, (H, W), and log d₀ where it does not reach."""
+    v = resample_surface(surface, problem)
+    return np.where(np.isnan(v), problem.log_facing, v)

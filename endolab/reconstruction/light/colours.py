@@ -1,0 +1,382 @@
+r"""What three colours of one wall tell: how much light bounced, the wall's albedos, how much it mirrors.
+
+A wall of albedo a_c shows, of the lamp's light E,
+
+    q_c = g/π E (a_c (1 + p ι_c) + m M),        ι_c = S_c/E,
+
+where S, light that bounced, follows from a surface and the albedos (`walls`) and M is the lobe of a rough wet
+film. E is the same in red, green and blue:
+
+    red    log q_r - log(a_r (1 + p ι_r) + m M)  \
+    green  log q_g - log(a_g (1 + p ι_g) + m M)   >  one log E for each patch of the wall
+    blue   log q_b - log(a_b (1 + p ι_b) + m M)  /
+
+So the colours, in level and in tint, tell how right S is: a factor p for walls that are not in the picture,
+the share b of the light's fall cos^k α that is the lamp's (the lens's part lights no walls), the albedos, and
+m. All have priors, so that what the colours do not tell stays as it was: given albedos as given, others those
+of mucosa. The priors of p and m are lines, not squares, far from their middle, so that a picture in which
+nothing bounces is heard.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from endolab.depth.problem import EXACT, Problem
+from endolab.depth.provenance import LightOutcome
+from endolab.model.endoscope import Endoscope
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.preprocessing.frame import QUIET
+from endolab.reconstruction.light.walls import MOST_INDIRECT, Walls, bounced_and_slope
+
+TISSUE = (0.7, 0.35, 0.28)  # red, green and blue albedo of mucosa, before anything is known
+ALBEDOS = (0.02, 0.95)  # least and greatest
+LEAST_PATCHES = 30  # patches that show all three colours
+ALIKE = 0.1  # albedos that differ by no more, as a share, tell nothing
+LAMPS = (0.0, 0.5, 1.0)  # shares b for which S is computed, to be interpolated
+
+
+@dataclass(frozen=True)
+class LightFit:
+    """The constants of the fit, chosen on path-traced cavities, whose truth is known.
+
+    A prior is its middle and its width. Albedos' widths are of logarithms: of green's, and of red's and
+    blue's against green's.
+    """
+
+    factor: tuple[float, float] = (0.9, 0.2)  # p; 0.8 to 1.1 for the true surfaces of traced cavities
+    lamp: tuple[float, float] = (1.0, 0.3)  # b: all the lamp's, or any share
+    film: tuple[float, float] = (0.0, 0.15)  # m; 1 mirrors 4 % at normal incidence, as water does
+    given: tuple[float, float] = (0.03, 0.03)  # of albedos that are given
+    green: tuple[float, float] = (0.1, 0.35)  # where green's alone is given
+    unknown: tuple[float, float] = (0.35, 0.35)  # where none is
+    # Of the albedos' logarithms in red, green and blue: blood takes green and blue light, hardly red.
+    texture: tuple[float, float, float] = (0.05, 0.2, 0.2)
+    together: float = 0.8  # correlation of green's texture with blue's
+    pieces: float = 20.0  # errors of S go on over many patches: so many of them are independent
+    least_spread: float = 0.25  # robust standard deviation, in units of texture: S is never exact
+    largest_factor: float = 2.5
+    largest_film: float = 3.0
+    at_bound: float = 0.98  # share of a bound beyond which an estimate is at it
+    most_misfit: float = 0.1  # mean difference of the colours' log E beyond which they say no one E
+    none_bounced: float = 0.05  # p below which nothing is taken to have bounced
+    film_seen: float = 0.2  # m beyond which a film is spoken of
+    rounds: int = 3  # of the robust weights' scale
+    # Width of log ι from place to place, as a share of ι/(1 + ι) in red: the surface's errors are those of
+    # S/E, most of all deep down. And how many widths a tint may be off before it counts for texture only.
+    width_per_pixel: float = 0.25
+    outlier: float = 1.5
+
+
+FIT = LightFit()
+
+
+@dataclass(frozen=True)
+class AlbedoPrior:
+    """What is believed of a wall's albedos before the colours are asked."""
+
+    albedo: FloatArray  # (3,)
+    widths: tuple[float, float]  # of the logarithm of green's, and of red's and blue's against green's
+
+    @classmethod
+    def of(cls, given: ArrayLike | None) -> AlbedoPrior:
+        """Make it of three albedos, of green's alone, or of nothing but that the wall is tissue."""
+        tissue = np.array(TISSUE)
+        if given is None:
+            return cls(tissue, FIT.unknown)
+        albedo = np.asarray(given, dtype=np.float64)
+        if albedo.ndim == 1:
+            return cls(albedo, FIT.given)
+        return cls(np.minimum(tissue * albedo / tissue[1], 0.9 * ALBEDOS[1]), FIT.green)
+
+    @property
+    def is_given(self) -> bool:
+        """Whether all three albedos were given."""
+        return self.widths == FIT.given
+
+    @property
+    def light(self) -> Light:
+        """What follows if the colours are not heard."""
+        return Light(LightOutcome.COMPUTED, self.albedo, FIT.factor[0], FIT.lamp[0], FIT.film[0])
+
+    @property
+    def whitening(self) -> FloatArray:
+        """What makes the albedos' logarithms independent and of unit variance, (3, 3)."""
+        level, ratio = self.widths
+        return np.array([[1 / ratio, -1 / ratio, 0.0], [0.0, 1 / level, 0.0], [0.0, -1 / ratio, 1 / ratio]])
+
+
+def known_albedo(endoscope: Endoscope) -> FloatArray | None:
+    """Return albedos in red, green and blue, (3,), or green's alone, (), as far as they can be: else None."""
+    albedo = np.asarray(getattr(endoscope.photometry.brdf, "albedo", 0.0), dtype=np.float64)
+    if albedo.ndim == 0:
+        return albedo if ALBEDOS[0] < albedo < ALBEDOS[1] else None
+    possible = np.all((albedo > 0) & (albedo < 1))
+    differ = np.ptp(albedo) >= ALIKE * albedo.max()
+    return albedo if possible and differ else None
+
+
+class NoColour(ValueError):
+    """The three colours of a picture are one, so that nothing of bounced light can be told from them."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """What three colours tell of a wall and its light."""
+
+    outcome: LightOutcome
+    albedo: FloatArray  # (3,)
+    factor: float  # p
+    lamp: float  # b
+    film: float  # m
+    misfit: float = 0.0  # mean |log E_c - its mean over colours|
+    reason: str = ""  # why the colours' word is not taken, in words; else ""
+
+    def indirect_ratio(self, walls: Walls, k: float) -> FloatArray:
+        """Return what is seen beside the direct light of a matt wall, as a share of it, (H, W, 3).
+
+        k is the joint exponent of lamp and lens.
+        """
+        bounced = self.factor * walls.under(self.lamp * k).indirect_ratio(self.albedo)
+        mirrored = self.film * np.where(walls.cosine > 0, film_lobe(walls.cosine), 0.0)
+        return bounced + mirrored[..., None] / self.albedo
+
+
+def film_lobe(cosine: FloatArray, roughness: float = 0.3) -> FloatArray:
+    """Return π times the film's BRDF towards the lamp, at cos θ: GGX, 4 % at normal incidence."""
+    slope = 1 / np.maximum(cosine, 0.1) ** 2 - 1  # tan² θ
+    visible = 2 / (1 + np.sqrt(1 + roughness**2 * slope))  # of its facets, and lit (Smith)
+    return 0.01 * roughness**2 * (1 + slope) ** 3 * (visible / (roughness**2 + slope)) ** 2
+
+
+@dataclass(frozen=True)
+class Patches:
+    """What the fit needs of a picture and its walls; P patches of it that show all three colours."""
+
+    light: FloatArray  # (P, 3), log q_c
+    direct: FloatArray  # (L, P), E under each of LAMPS
+    orders: list[FloatArray]  # (BOUNCES, P) under each, see `Walls.orders`
+    lobe: FloatArray  # (P,), M
+
+    @classmethod
+    def of(cls, colours: Sequence[Problem], walls: Walls) -> Patches:
+        """Average a picture over the patches of its walls."""
+        photometry = colours[1].photometry
+        exact = all_exact(colours) & (walls.direct > 0)
+        lit = [walls.under(lamp * photometry.k) for lamp in LAMPS]
+        pictures = [colour.image**photometry.gamma for colour in colours]
+        direct = [under.direct for under in lit]
+        maps = np.dstack([np.ones(exact.shape), *pictures, *direct, film_lobe(walls.cosine)])
+        sums = walls.sums(np.where(exact[..., None], maps, 0.0))
+        full = np.all(sums[:, :4] > 0, axis=1) & (sums[:, 0] > walls.full / 2)
+        means = sums[full, 1:] / sums[full, :1]
+        orders = [under.orders[:, : walls.count][:, full] for under in lit]
+        return cls(np.log(means[:, :3]), means[:, 3:-1].T, orders, means[:, -1])
+
+    def ratio_and_slopes(
+        self, factor: float, lamp: float, albedo: FloatArray, film: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return indirect over direct light, (P, 3), and its derivatives, (4, P, 3).
+
+        They are those by the factor, the lamp's share, the film and the logarithm of the colour's albedo.
+        """
+        place = lamp * (len(LAMPS) - 1)
+        low = min(int(place), len(LAMPS) - 2)
+        ratios = []
+        slopes = []
+        for index in (low, low + 1):
+            bounced, slope = bounced_and_slope(self.orders[index], albedo)
+            direct = self.direct[index][:, None]
+            ratio = bounced / direct
+            ratios.append(np.minimum(ratio, MOST_INDIRECT))
+            slopes.append(np.where(ratio < MOST_INDIRECT, slope / direct, 0.0))
+        change = ratios[1] - ratios[0]
+        ratio = ratios[0] + (place - low) * change
+        by_albedo = slopes[0] + (place - low) * (slopes[1] - slopes[0])
+        mirrored = self.lobe[:, None] / albedo
+        by_lamp = factor * (len(LAMPS) - 1) * change
+        by_albedo = factor * by_albedo - film * mirrored
+        return factor * ratio + film * mirrored, np.stack([ratio, by_lamp, mirrored, by_albedo])
+
+
+def all_exact(colours: Sequence[Problem]) -> BoolArray:
+    """Return where all three colours say how bright the wall is, (H, W)."""
+    exact = np.ones(colours[0].mask.shape, dtype=bool)
+    for colour in colours:
+        exact &= colour.mask
+        if colour.evidence is not None:
+            exact &= colour.evidence == EXACT
+    return exact
+
+
+def refine_per_pixel(colours: Sequence[Problem], indirect_ratio: FloatArray, light: Light) -> FloatArray:
+    """Correct ι (H, W, 3) where the wall's own tint tells that there is more of it, or less.
+
+    Where the surface is wrong, S/E is wrong by one factor e^s in all colours, and what bounces too much is
+    redder than the wall. The most likely s is told by least squares, with a prior and the wall's texture, as
+    strong as the picture shows it.
+    """
+    if light.reason or not indirect_ratio.any():
+        return indirect_ratio
+    exact = all_exact(colours) & (indirect_ratio[..., 0] > 0)
+    if not exact.any():
+        return indirect_ratio
+    ratio = indirect_ratio[exact]
+    picture = np.stack([colour.image[exact] for colour in colours], axis=-1)
+    lit = colours[1].photometry.gamma * np.log(np.maximum(picture, QUIET))
+    wall = lit - np.log1p(ratio) - np.log(light.albedo)
+    tint = wall @ _whitened_tint().T
+    sigma = max(1.48 * float(np.median(np.abs(tint))), FIT.least_spread)
+    tint = FIT.outlier * np.tanh(tint / (FIT.outlier * sigma))
+    slope = (ratio / (1 + ratio)) @ _whitened_tint().T / sigma
+    width = FIT.width_per_pixel * ratio[:, 0] / (1 + ratio[:, 0])
+    s = (tint * slope).sum(axis=1) / ((slope**2).sum(axis=1) + 1 / width**2)
+    corrected = indirect_ratio.copy()
+    corrected[exact] *= np.exp(s)[:, None]
+    return corrected
+
+
+def _whitened_tint() -> FloatArray:
+    """Return two sums of the colours' logarithms, (2, 3).
+
+    They are independent, of unit variance by texture, and know nothing of E.
+    """
+    covariance = np.diag(np.square(FIT.texture))
+    covariance[1, 2] = covariance[2, 1] = FIT.together * FIT.texture[1] * FIT.texture[2]
+    differences = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
+    return np.linalg.solve(np.linalg.cholesky(differences @ covariance @ differences.T), differences)
+
+
+def _charbonnier(r: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what half the square of is Charbonnier's penalty, √(1 + r²) - 1, and its derivative.
+
+    The penalty is a square, but for large r a line.
+    """
+    root = np.sqrt(1 + r**2)
+    size = np.sqrt(2 * (root - 1))
+    small = np.abs(r) < 1e-4  # where the root says nothing
+    slope = np.where(small, 1.0, np.abs(r) / (root * np.where(small, 1.0, size)))
+    return np.sign(r) * size, slope
+
+
+class ColourResiduals:
+    """How far the colours and the priors are from what light and albedos x make of them.
+
+    x holds p, b, m and the logarithms of the albedos.
+    """
+
+    def __init__(self, patches: Patches, prior: AlbedoPrior, sigma: float) -> None:
+        self._patches = patches
+        self._prior = prior
+        self._tint = _whitened_tint().T / sigma
+        self._weight = float(np.sqrt(min(FIT.pieces / len(patches.light), 1.0)))
+        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        """Return what least squares are of, (2 P + 6,)."""
+        return self._at(x)[1]
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """Return its derivatives, a column for each of x."""
+        return self._at(x)[2]
+
+    def _at(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        if self._last is None or not np.array_equal(self._last[0], x):
+            self._last = (x.copy(), *self._compute(x))
+        return self._last
+
+    def _compute(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        by_colours, slopes_by_colours = self._of_colours(x)
+        by_prior, slopes_by_prior = self._of_prior(x)
+        residual = np.concatenate([by_colours.ravel(), by_prior])
+        return residual, np.concatenate([slopes_by_colours.reshape(-1, len(x)), slopes_by_prior])
+
+    def _of_colours(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (P, 2), and by x (P, 2, 6)."""
+        ratio, slopes = self._patches.ratio_and_slopes(x[0], x[1], np.exp(x[3:]), x[2])
+        apart = (self._patches.light - np.log1p(ratio) - x[3:]) @ self._tint
+        slopes = -slopes / (1 + ratio)
+        jacobian = np.empty((*apart.shape, len(x)))
+        jacobian[..., :3] = np.moveaxis(slopes[:3] @ self._tint, 0, -1)
+        jacobian[..., 3:] = (slopes[3] - 1)[:, None] * self._tint.T
+        apart, bend = _charbonnier(apart)
+        jacobian *= self._weight * bend[..., None]
+        return self._weight * apart, jacobian
+
+    def _of_prior(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (6,), and by x (6, 6): a line far from the middle for p and m."""
+        middle, width = np.transpose([FIT.factor, FIT.lamp, FIT.film])
+        whitening = self._prior.whitening
+        light = (x[:3] - middle) / width
+        by_light = np.diag(1 / width)
+        for index in (0, 2):
+            light[index], bend = _charbonnier(light[index])
+            by_light[index, index] *= bend
+        albedo = whitening @ (x[3:] - np.log(self._prior.albedo))
+        none = np.zeros((3, 3))
+        return np.concatenate([light, albedo]), np.block([[by_light, none], [none, whitening]])
+
+
+def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
+    """Fit the light to the three colours; reject the fit where it is at a bound or they say no one E.
+
+    Raises `NoColour` if albedos that are not given come out as good as equal.
+    """
+    if len(patches.light) < LEAST_PATCHES:
+        return replace(prior.light, reason="too little of the picture shows all three")
+
+    def log_direct(x: FloatArray) -> FloatArray:
+        """Return log E_c but for a constant, (P, 3)."""
+        ratio, _ = patches.ratio_and_slopes(x[0], x[1], np.exp(x[3:]), x[2])
+        return patches.light - np.log1p(ratio) - x[3:]
+
+    low = np.array([0.0, 0.0, 0.0, *np.log(3 * [ALBEDOS[0]])])
+    high = np.array([FIT.largest_factor, 1.0, FIT.largest_film, *np.log(3 * [ALBEDOS[1]])])
+    tint = _whitened_tint()
+    x = np.array([FIT.factor[0], FIT.lamp[0], FIT.film[1], *np.log(prior.albedo)])
+    sigma = 1.0
+    for _ in range(FIT.rounds):
+        inside = np.clip(x, low + 1e-3, high - 1e-3)  # where its steps to bounds begin
+        colours = ColourResiduals(patches, prior, sigma)
+        x = scipy.optimize.least_squares(
+            colours.residual,
+            inside,
+            colours.jacobian,
+            bounds=(low, high),
+            xtol=1e-5,
+            ftol=1e-5,
+        ).x
+        sigma = max(1.48 * float(np.median(np.abs(log_direct(x) @ tint.T))), FIT.least_spread)
+    light = log_direct(x)
+    misfit = float(np.abs(light - light.mean(axis=1, keepdims=True)).mean())
+    albedo = np.exp(x[3:])
+    estimate = Light(LightOutcome.REMOVED, albedo, float(x[0]), float(x[1]), float(x[2]), misfit)
+    if not prior.is_given and np.ptp(albedo) < ALIKE * albedo.max():
+        raise NoColour("they are as good as equal")
+    reason = _why_unlikely(estimate)
+    if reason:
+        return replace(prior.light, misfit=misfit, reason=reason)
+    if estimate.factor < FIT.none_bounced and estimate.film < FIT.film_seen:
+        known = prior.light if prior.is_given else estimate
+        none = LightOutcome.NONE_BOUNCED
+        return replace(known, outcome=none, factor=0.0, film=0.0, misfit=misfit)
+    return estimate
+
+
+def _why_unlikely(estimate: Light) -> str:
+    """Say why a fit is no answer; "" if it is one."""
+    if estimate.factor > FIT.at_bound * FIT.largest_factor:
+        return "more light than can have bounced"
+    if estimate.film > FIT.at_bound * FIT.largest_film:
+        return "more mirrored light than a film returns"
+    albedo = estimate.albedo
+    if albedo.max() > FIT.at_bound * ALBEDOS[1] or albedo.min() < ALBEDOS[0] / FIT.at_bound:
+        return "albedos that no tissue has"
+    if estimate.misfit > FIT.most_misfit:
+        return "the channels disagree on the direct light"
+    return ""

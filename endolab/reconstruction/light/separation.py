@@ -1,0 +1,469 @@
+"""Direct light out of a colour picture: what bounced is computed from the surface and removed.
+
+A wall of albedo a shows I_c = g a/π (E + S), the lamp's light E and light S from other walls. The three
+colours see one E, but the more a colour is reflected, the more of it bounces. From a surface that is known
+roughly follows ι = S/E for each colour (`walls`, `colours`); divided by 1 + ι, the three pictures are three
+measurements of E, which are merged and solved, and ι follows anew from a better surface:
+
+                 surface ----> ι of red, green, blue
+                    ^                  |
+                 solve <---- merge the three colours
+
+    rounds: uncut, uncut, uncut | cut at ever less steep lines | the best of these, ι refined per pixel
+
+Albedos that are not given are found from the colours: the tissue looks more alike all over the picture the
+better the bounced light is known. At last the tint of each place tells where ι is still wrong.
+
+This is the stage *remove indirect light*. It asks which contours are cut, since where a fold hides a wall, a
+surface that goes on smoothly sends light to the wrong places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from endolab.depth.gauss_newton import gauss_newton
+from endolab.depth.problem import EXACT, NONE, Problem
+from endolab.depth.provenance import (
+    ContourOutcome,
+    ContourReport,
+    LightOutcome,
+    LightReport,
+    Provenance,
+    SearchedPicture,
+)
+from endolab.depth.result import Iterate, Result, name_stage, with_provenance
+from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.iteration import Status
+from endolab.numerics.side_by_side import by_rows
+from endolab.preprocessing.frame import BRIGHT, QUIET, noise_level
+from endolab.reconstruction.channels import (
+    Channel,
+    Channels,
+    Task,
+    in_units,
+    resample_maps,
+    resample_surface,
+    start_from,
+)
+from endolab.reconstruction.contours.choice import (
+    CHOICE,
+    CONTOURS,
+    Trial,
+    cut_at_contours,
+    enlarge_cuts,
+    min_steepness_of,
+)
+from endolab.reconstruction.contours.lines import find_contours
+from endolab.reconstruction.light.colours import (
+    FIT,
+    AlbedoPrior,
+    Light,
+    NoColour,
+    Patches,
+    all_exact,
+    fit_light,
+    refine_per_pixel,
+)
+from endolab.reconstruction.light.walls import Walls
+
+BOUNCED = "bounced light"  # stage
+SAME = 0.01  # median difference of stored values, as a share, up to which two colours are one
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """How many steps each solve takes, and what is taken before there is a surface.
+
+    Chosen on rendered and path-traced frames: more steps bring nothing, fewer cost a point on wet walls.
+    """
+
+    uncut: tuple[int, ...] = (8, 4, 3)
+    cut: int = 3  # of each trial
+    # Of the last round, whose ι is refined per pixel. Asked earlier, the tint makes all surfaces agree with
+    # the colours, which are to choose among them.
+    refined: int = 2
+    ratio_doubt: float = 0.15  # share of ι that may be wrong
+    first_guess: float = 0.5  # s in ι = s a/(1 - s a), before there is a surface
+    # Lines of a picture without as much light everywhere are so much less steep.
+    guessed_steepness: float = 0.8
+
+
+ROUNDS = Rounds()
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What was found of a picture's indirect light."""
+
+    indirect_ratio: FloatArray  # (H, W, 3), ι in red, green and blue; 0 where nothing is known
+    light: Light
+    surface: Iterate  # of the last problem that was solved, with the cuts that were chosen
+    contours: ContourReport
+
+
+# The stage ------------------------------------------------------------------------------
+
+
+def remove_indirect_light(
+    channels: Channels,
+    albedo: FloatArray | None,
+    contours: bool | None = None,
+    before: Result | None = None,
+) -> Generator[Iterate, None, Task]:
+    """Find the light that has not bounced; every solve's iterates are yielded, stage and round named.
+
+    `albedo` is what is known of the wall's: (3,), green's alone, or None. `contours` says whether to cut the
+    surface at those that are found, by default if that explains the picture much better. An earlier result
+    of the last frame, `before`, makes one round enough; one of this frame tells all of it.
+
+    Returns the problem of direct light, or that of the clearest colour where colours tell nothing. One
+    channel alone is returned as it is.
+    """
+    if not channels.are_colours:
+        return _task_of(channels, 0, channels.light)
+    known = None if before is None else _as_before(channels, before, contours)
+    if known is not None:
+        return known
+    if channels.middle.problem.discontinuities is not None:
+        contours = False  # they are known
+    try:
+        if before is None:
+            separation = yield from separate(channels.small, albedo, contours)
+        else:
+            separation = yield from _continue(channels, albedo, contours, before)
+    except NoColour as error:
+        clearest = max(
+            (1, 2, 0), key=lambda index: _signal(channels.full[index].problem)
+        )  # of equals, not red
+        return _task_of(channels, clearest, LightReport(LightOutcome.NO_COLOUR, reason=str(error)))
+    given = albedo is not None and albedo.ndim == 1
+    return _in_full(channels, separation, given)
+
+
+def _task_of(channels: Channels, index: int, light: LightReport | None) -> Task:
+    """Take one channel as it is."""
+    full = channels.full[index]
+    provenance = Provenance(preparation=full.report, light=light)
+    return Task(full.problem, channels.small[index].problem, provenance)
+
+
+def _as_before(channels: Channels, before: Result, contours: bool | None) -> Task | None:
+    """Return the task that an earlier result solves, if it is of the same picture; else None.
+
+    Light and contours are known then, and only the energy may be another.
+    """
+    new = channels.middle
+    old = before.provenance
+    cuts = before.problem.discontinuities
+    is_same = (
+        before.status is Status.CONVERGED
+        and old.preparation == new.report
+        and old.light is not None
+        and old.light.outcome is not LightOutcome.NO_COLOUR
+        and old.contours is not None
+        and old.contours.outcome is not ContourOutcome.GIVEN
+        and new.problem.discontinuities is None
+        and contours in (None, cuts is not None)
+    )
+    if not is_same:
+        return None
+    problem = replace(
+        new.problem,
+        image=before.problem.image,
+        mask=before.problem.mask,
+        evidence=before.problem.evidence,
+        discontinuities=cuts,
+    )
+    problem = in_units(problem)
+    provenance = Provenance(preparation=new.report, light=old.light, contours=old.contours)
+    return Task(problem, problem, provenance, start_from(before.iterate, problem))
+
+
+def _continue(
+    channels: Channels, albedo: FloatArray | None, contours: bool | None, before: Result
+) -> Generator[Iterate, None, Separation]:
+    """Separate the picture from the surface of an earlier result, another frame's say."""
+    surface = resample_surface(before.iterate, channels.small[1].problem)
+    steepness = None if contours is False else min_steepness_of(before)
+    # Another frame has other lines; those of the same one stay.
+    is_same = np.array_equal(before.problem.shown, channels.middle.problem.shown)
+    known = before.provenance.contours
+    searched = known.searched if is_same and known is not None else None
+    return (yield from separate_from(channels.small, albedo, surface, steepness, searched))
+
+
+def separate(
+    channels: Sequence[Channel], albedo: FloatArray | None = None, contours: bool | None = None
+) -> Generator[Iterate, None, Separation]:
+    """Find the indirect light of a picture, its surface, and where it is cut, in rounds.
+
+    `channels` are red, green and blue of one picture; `albedo` is what is known of the wall's: (3,), green's
+    alone, or nothing. Raises `NoColour` if the colours are one.
+    """
+    colours = [channel.problem for channel in channels]
+    provenance = Provenance(preparation=channels[1].report)
+    _check_colours(colours)
+    prior = AlbedoPrior.of(albedo)
+    ratio = _guess(colours, prior)
+    light = prior.light
+    first = merge(colours, ratio, prior.albedo)
+    steps = with_provenance(gauss_newton(first, max_iterations=ROUNDS.uncut[0]), provenance)
+    surface = yield from name_stage(steps, BOUNCED, 1)
+    for number, count in enumerate(ROUNDS.uncut[1:], 2):
+        ratio, light = estimate_indirect(colours, surface, prior)
+        surface = yield from solve_direct(colours, ratio, light, surface, number, count)
+    if contours is False:
+        ratio, light = estimate_indirect(colours, surface, prior)
+        report = ContourReport(ContourOutcome.NOT_ASKED)
+    else:
+        searched = SearchedPicture(ratio, light.albedo)
+        trials = yield from _try_contours(colours, surface, prior)
+        number += len(trials) - 1
+        chosen, outcome = CHOICE.choose([trial.facts for trial in trials], always=bool(contours))
+        ratio = trials[chosen].indirect_ratio
+        light = trials[chosen].light
+        surface = trials[chosen].facts.surface
+        steepness = trials[chosen].facts.min_steepness
+        report = ContourReport(outcome, min_steepness=steepness, searched=searched)
+    if light.outcome is LightOutcome.REMOVED:
+        ratio = refine_per_pixel(colours, ratio, light)
+        surface = yield from solve_direct(colours, ratio, light, surface, number + 1, ROUNDS.refined)
+        ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
+    return Separation(ratio, light, surface, report)
+
+
+@dataclass(frozen=True)
+class _LitTrial:
+    """A surface that is cut, or not, with its light."""
+
+    facts: Trial
+    indirect_ratio: FloatArray
+    light: Light
+
+
+def _try_contours(
+    colours: Sequence[Problem], surface: Iterate, prior: AlbedoPrior
+) -> Generator[Iterate, None, list[_LitTrial]]:
+    """Cut the surface at ever less steep lines; return what is found each time, the uncut surface first.
+
+    The three colours tell which of them is right: they agree less on the light that has not bounced the
+    worse the surface is.
+    """
+
+    def judge(surface: Iterate, min_steepness: float | None) -> _LitTrial:
+        ratio, light = estimate_indirect(colours, surface, prior)
+        facts = Trial(surface, min_steepness, light.outcome, light.factor, light.misfit)
+        return _LitTrial(facts, ratio, light)
+
+    trials = [judge(surface, None)]
+    lines = find_contours(surface.problem.log_facing, surface.problem.mask)
+    number = len(ROUNDS.uncut)
+    for min_steepness in CHOICE.steepnesses(trials[0].facts):
+        last = trials[-1].facts.surface
+        problem = cut_at_contours(last.problem, min_steepness, lines)
+        if problem.discontinuities is None:
+            continue
+        number += 1
+        solver = gauss_newton(problem, start=last.log_distance, max_iterations=ROUNDS.cut)
+        steps = with_provenance(solver, last.provenance)
+        surface = yield from name_stage(steps, CONTOURS, number)
+        trials.append(judge(surface, min_steepness))
+        if not CHOICE.goes_on([trial.facts for trial in trials]):
+            break
+    return trials
+
+
+def separate_from(
+    channels: Sequence[Channel],
+    albedo: FloatArray | None,
+    log_distance: FloatArray,
+    min_steepness: float | None = None,
+    searched: SearchedPicture | None = None,
+) -> Generator[Iterate, None, Separation]:
+    """Do the same with a surface that is nearly the right one, the last frame's say: one round.
+
+    `log_distance` is its log d (H, W), nan where unknown, in the unit that the gain of `channels` gives. If
+    there is a `min_steepness`, it is cut at this frame's lines that are steeper, or at those of the picture
+    that was `searched`.
+    """
+    colours = [channel.problem for channel in channels]
+    prior = AlbedoPrior.of(albedo)
+    if searched is None:
+        searched = SearchedPicture(_guess(colours, prior), prior.albedo, ROUNDS.guessed_steepness)
+    cuts = None
+    if min_steepness is not None:
+        cuts = _find_cuts(colours, searched, min_steepness)
+    problem = replace(colours[1], discontinuities=cuts)
+    provenance = Provenance(preparation=channels[1].report)
+    surface = Iterate(problem, 0, log_distance, {}, provenance=provenance)
+    ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
+    surface = yield from solve_direct(colours, ratio, light, surface, 1, ROUNDS.uncut[0])
+    outcome = ContourOutcome.NONE_CLEAR if cuts is None else ContourOutcome.AS_BEFORE
+    report = ContourReport(outcome, min_steepness=min_steepness, searched=searched)
+    return Separation(ratio, light, surface, report)
+
+
+def estimate_indirect(
+    colours: Sequence[Problem], surface: Iterate, prior: AlbedoPrior, per_pixel: bool = False
+) -> tuple[FloatArray, Light]:
+    """Return ι (H, W, 3) of a surface, refined if `per_pixel`, and what the colours tell of its light."""
+    if not all_exact(colours).any():
+        raise NoColour("no pixel shows all three of them")
+    green = colours[1]
+    k = green.photometry.k
+    v = surface.log_distance
+    mask = np.any([colour.mask for colour in colours], axis=0) & np.isfinite(v)
+    walls = Walls.of(v, mask, green.field, k, surface.problem.discontinuities)
+    light = fit_light(Patches.of(colours, walls), prior)
+    ratio = light.indirect_ratio(walls, k)
+    return (refine_per_pixel(colours, ratio, light) if per_pixel else ratio), light
+
+
+def solve_direct(
+    colours: Sequence[Problem],
+    indirect_ratio: FloatArray,
+    light: Light,
+    surface: Iterate,
+    number: int,
+    count: int,
+) -> Generator[Iterate, None, Iterate]:
+    """Solve again from a surface, without its indirect light: `count` steps at most, as round `number`."""
+    problem = merge(colours, indirect_ratio, light.albedo)
+    if surface.problem.discontinuities is not None:
+        problem = replace(problem, discontinuities=surface.problem.discontinuities)
+    v = surface.log_distance
+    start = np.where(np.isfinite(v), v, problem.log_facing)
+    solver = gauss_newton(problem, start=start, max_iterations=count)
+    return (yield from name_stage(with_provenance(solver, surface.provenance), BOUNCED, number))
+
+
+def _guess(colours: Sequence[Problem], prior: AlbedoPrior) -> FloatArray:
+    """Return ι before there is a surface, (H, W, 3): one number a colour."""
+    share = ROUNDS.first_guess * prior.albedo
+    return np.broadcast_to(share / (1 - share), (*colours[1].mask.shape, 3))
+
+
+def _find_cuts(
+    colours: Sequence[Problem], searched: SearchedPicture, min_steepness: float
+) -> BoolArray | None:
+    """Return cuts at the contours of the picture that is searched.
+
+    What bounces on a cut surface takes so much light from limbs, and from what lies behind folds, that new
+    lines would come of it: so it is that without the light that bounced on the surface when it was uncut.
+    """
+    ratio = resample_maps(searched.indirect_ratio, colours[1].mask.shape)
+    picture = merge(colours, ratio, searched.albedo)
+    return cut_at_contours(picture, searched.share * min_steepness).discontinuities
+
+
+def _in_full(channels: Channels, separation: Separation, given: bool) -> Task:
+    """Return the problem of the light that has not bounced, at full size; `given`: whether albedos were."""
+    colours = [channel.problem for channel in channels.full]
+    shape = colours[1].mask.shape
+    light = separation.light
+    problem = merge(colours, resample_maps(separation.indirect_ratio, shape), light.albedo)
+    report = separation.contours
+    cuts = separation.surface.problem.discontinuities
+    if cuts is not None:
+        if report.outcome is ContourOutcome.BY_ENERGY or cuts.shape[1:] == shape:  # it chose these very lines
+            cuts = enlarge_cuts(cuts, shape)
+        else:  # the colours chose how steep they must be
+            searched = report.searched or SearchedPicture(separation.indirect_ratio, light.albedo)
+            cuts = _find_cuts(colours, searched, report.min_steepness or CHOICE.min_steepness[0])
+        problem = replace(problem, discontinuities=cuts)
+    cuts = problem.discontinuities
+    if cuts is not None and report.outcome is ContourOutcome.NOT_ASKED:
+        report = ContourReport(ContourOutcome.GIVEN)
+    steps = 0 if cuts is None else int(cuts.sum())
+    problem = in_units(problem)
+    provenance = Provenance(
+        preparation=channels.middle.report,
+        light=_report_on(light, separation.indirect_ratio, given),
+        contours=replace(report, steps=steps),
+    )
+    small = separation.surface.problem
+    return Task(problem, small, provenance, start_from(separation.surface, problem))
+
+
+def _report_on(light: Light, indirect_ratio: FloatArray, given: bool) -> LightReport:
+    """Sum up what was found of indirect light."""
+    percent = [100 * float(np.median(s[s > 0])) if (s > 0).any() else 0.0 for s in indirect_ratio.T]
+    return LightReport(
+        outcome=light.outcome,
+        reason=light.reason,
+        albedo=tuple(float(value) for value in light.albedo),
+        given=given,
+        percent=tuple(percent),
+        factor=light.factor,
+        lamp=light.lamp,
+        film=light.film,
+    )
+
+
+# Colours --------------------------------------------------------------------------------
+
+
+def merge(colours: Sequence[Problem], indirect_ratio: FloatArray, albedo: FloatArray) -> Problem:
+    """Merge red, green and blue of one picture into one problem of direct light, given ι (H, W, 3).
+
+    It is green's, with the picture that direct light alone would have made. Each colour counts by its
+    noise, its texture and what may be wrong with ι; what is saturated does not.
+    """
+    gamma = colours[1].photometry.gamma
+    mask = np.any([colour.mask for colour in colours], axis=0)
+    kinds = np.stack([np.where(colour.mask, _evidence(colour), NONE) for colour in colours])
+    evidence = kinds.min(axis=0).astype(np.int8)  # EXACT before LOWER_BOUND before NONE
+    noises = [max(noise_level(colour.image, colour.mask), QUIET) for colour in colours]
+    image = np.empty(mask.shape)
+
+    def merge_rows(rows: slice) -> None:
+        total = np.zeros(mask[rows].shape)
+        weights = np.zeros(mask[rows].shape)
+        for c, colour in enumerate(colours):
+            ratio = indirect_ratio[rows, :, c]
+            counts = colour.mask[rows] & (kinds[c, rows] == evidence[rows])
+            shade = np.maximum(colour.image[rows], noises[c])
+            by_noise = (gamma * noises[c] / shade) ** 2
+            by_ratio = (ROUNDS.ratio_doubt * ratio / (1 + ratio)) ** 2
+            weight = np.where(counts, 1 / (by_noise + by_ratio + FIT.texture[c] ** 2), 0.0)
+            log_direct = gamma * np.log(shade) - np.log1p(ratio) + np.log(albedo[1] / albedo[c])
+            total += weight * log_direct
+            weights += weight
+        light = np.where(mask[rows], np.exp(total / np.where(mask[rows], weights, 1.0)), 0.0)
+        image[rows] = light ** (1 / gamma)
+
+    by_rows(merge_rows, mask.shape)
+    return replace(
+        colours[1],
+        image=image,
+        mask=mask,
+        evidence=np.where(mask, evidence, EXACT).astype(np.int8) if evidence[mask].any() else None,
+    )
+
+
+def _evidence(problem: Problem) -> NDArray[np.int8]:
+    if problem.evidence is None:
+        return np.full(problem.mask.shape, EXACT, np.int8)
+    return problem.evidence
+
+
+def _signal(problem: Problem) -> float:
+    """Return median grey level over noise; less where much is saturated."""
+    image = problem.image[problem.mask]
+    noise = max(noise_level(problem.image, problem.mask), QUIET)
+    return float(np.median(image) * np.mean(image < BRIGHT)) / noise
+
+
+def _check_colours(colours: Sequence[Problem]) -> None:
+    """Raise NoColour if the three are one picture, such as a grey one that was stored as RGB."""
+    mask = np.all([colour.mask for colour in colours], axis=0)
+    if not mask.any():
+        return
+    green = colours[1].image[mask]
+    if max(np.median(np.abs(colour.image[mask] / green - 1)) for colour in colours) < SAME:
+        raise NoColour("red, green and blue are one")

@@ -1,0 +1,124 @@
+"""Frame and endoscope in, surface out, in five stages.
+
+    frame, endoscope, settings
+       |
+       |  prepare                  `channels`: one channel, or three, in full and on few pixels
+       v
+    Channels
+       |  remove indirect light    `light`: what came by way of other walls is computed and taken out
+       v
+    Task
+       |  choose contours          `contours`: where a fold hides a wall, the surface is cut
+       v
+    Task
+       |  solve                    `solvers`: the energy of the paper is minimised
+       v
+    surface
+       |  to scale                 `scale`: millimetres, if a length is known
+       v
+    Result
+
+The second and the third are endolab's own. With ``channel="green", contours=False`` they do nothing, and what
+is left is the method of the paper: one channel, all light taken for the lamp's, a surface without a cut.
+
+All that is solved on the way is yielded, so that observers see it.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from endolab.depth.result import SOLUTION, Iterate, Result, Solver, limit_steps, with_provenance
+from endolab.depth.solvers import checked_solver, knows_curvature, options_of, solve
+from endolab.model.endoscope import Endoscope
+from endolab.numerics.arrays import FloatArray
+from endolab.numerics.checks import excerpt
+from endolab.numerics.iteration import Status
+from endolab.preprocessing.frame import Frame
+from endolab.reconstruction.channels import Channels, Task, prepare_channels, start_from
+from endolab.reconstruction.contours.choice import choose_contours
+from endolab.reconstruction.light.separation import remove_indirect_light
+from endolab.reconstruction.scale import known_scale
+from endolab.reconstruction.settings import AUTO, Settings
+
+SETTLED = 5e-3  # of distances: a cut surface hangs together by little, and creeps long after that
+
+
+def prepare(frame: Frame, calibration: Endoscope, settings: Settings, start: Result | None) -> Channels:
+    """Check what was given, and prepare the frame."""
+    for name, value, kind, expected in (
+        ("frame", frame, Frame, "a Frame"),
+        ("calibration", calibration, Endoscope, "an Endoscope"),
+        ("start", start, Result | np.ndarray | None, "an earlier Result"),
+    ):
+        if not isinstance(value, kind):
+            raise ValueError(f"{name} must be {expected}, got {excerpt(value)}")
+    if start is not None:
+        checked_solver(settings.solver, {"start": start})
+    channels = prepare_channels(frame, calibration, settings)
+    shape = channels.middle.problem.mask.shape
+    if isinstance(start, Result) and start.mask.shape != shape:
+        raise ValueError(f"start has shape {start.mask.shape}, the frame {shape}")
+    return channels
+
+
+def solve_in_stages(
+    channels: Channels, albedo: FloatArray | None, settings: Settings, start: Result | FloatArray | None
+) -> Solver:
+    """Solve all stages, the one after the other."""
+    before = start if isinstance(start, Result) else None
+    contours = settings.contours if settings.searches_contours else False
+    task = yield from remove_indirect_light(channels, albedo, contours, before)
+    task = yield from choose_contours(task, contours, before)
+    if isinstance(start, np.ndarray):
+        task = replace(task, start=start)
+    return (yield from _solve(task, settings, before))
+
+
+def _solve(task: Task, settings: Settings, before: Result | None) -> Solver:
+    """Solve the problem that is left."""
+    regulariser = _choose_regulariser(task, settings)
+    problem = replace(task.problem, regulariser=regulariser)
+    begin = task.start
+    if begin is None and before is not None:
+        begin = start_from(before.iterate, problem)
+    helpful: dict[str, Any] = {}
+    if begin is not None:
+        helpful["start"] = begin
+    if before is not None and before.status is Status.CONVERGED:
+        helpful["converged_at"] = before.energy
+    if problem.discontinuities is not None:
+        helpful["settled"] = SETTLED
+    if settings.max_iterations is not None:
+        helpful["max_iterations"] = settings.max_iterations
+    taken = options_of(settings.solver)
+    options = {name: value for name, value in helpful.items() if name in taken}
+    options |= settings.solver_options
+    asked = settings.listed() | {"regulariser": regulariser}
+    provenance = replace(task.provenance, asked=asked)
+    steps = with_provenance(solve(problem, settings.solver, **options), provenance)
+    if "max_iterations" not in taken:
+        steps = limit_steps(steps, settings.max_iterations)
+    return (yield from steps)
+
+
+def _choose_regulariser(task: Task, settings: Settings) -> str:
+    """Choose the regulariser of the surface that counts.
+
+    On walls whose light bounced, which have a texture as well, curvature is no better than the second order,
+    and it is slower.
+    """
+    bounced = task.provenance.albedo is not None
+    if settings.regulariser == AUTO and not bounced and knows_curvature(settings.solver, settings.xi):
+        return "curvature"
+    return settings.first_regulariser
+
+
+def to_scale(answer: Iterate, channels: Channels, settings: Settings) -> Iterate:
+    """Return the answer in mm, if a length is known; on the frame's pixels, if it was stopped on the way."""
+    if answer.stage != SOLUTION:
+        problem = channels.middle.problem
+        provenance = replace(answer.provenance, asked=settings.listed())
+        answer = Iterate.of(problem, start_from(answer, problem), provenance=provenance)
+    return known_scale(answer, **settings.lengths)
