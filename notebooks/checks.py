@@ -112,7 +112,7 @@ def lost_scale(free, factor, result):
 def three_colours(by_channel, best, in_tissue, seen):
     off = {}
     for name in ("red", "green", "blue"):
-        yield Part(f"channel of {name}", by_channel[name].provenance.settings["channel"], name)
+        yield Part(f"channel of {name}", by_channel[name].provenance.channel, name)
         off[name] = np.nanmedian(percent(by_channel[name].distance, seen.distance))
     yield Part("best", best, min(off, key=off.get))
     albedo = dict(zip(off, seen.photometry.brdf.albedo, strict=True))

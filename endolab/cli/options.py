@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -63,6 +63,19 @@ def number(text: str) -> float:
         return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected a number, found {text!r}") from None
+
+
+def choice(name: str, choices: Sequence[str]) -> Callable[[str], str]:
+    """Return what reads one of some words, and names the one that may be meant."""
+
+    def read(text: str) -> str:
+        from endolab.model.schema import unknown_name
+
+        if text not in choices:
+            raise argparse.ArgumentTypeError(str(unknown_name(name, text, choices)))
+        return text
+
+    return read
 
 
 def several(kind: Callable[[str], Any]) -> Callable[[str], list[Any]]:
@@ -163,8 +176,10 @@ def _add_option(add: Callable[..., Any], name: str, facts: Option, swept: bool) 
         text = f"{facts.help}; several as {SWEPT[name]}"
         add(flag, type=several(READERS[facts.kind]), metavar=facts.form, help=text)
         return
-    choices = facts.choices or None
-    add(flag, type=READERS[facts.kind], choices=choices, metavar=facts.form or None, help=facts.help)
+    reader = READERS[facts.kind]
+    if facts.kind == WORD:
+        reader = choice(name, facts.choices)
+    add(flag, type=reader, choices=facts.choices or None, metavar=facts.form or None, help=facts.help)
 
 
 def _add_light_options(add: Callable[..., Any], swept: bool) -> None:

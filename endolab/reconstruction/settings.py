@@ -11,7 +11,7 @@ from __future__ import annotations
 import inspect
 import textwrap
 from collections.abc import Callable, Mapping
-from dataclasses import Field, asdict, dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 if TYPE_CHECKING:
@@ -79,7 +79,8 @@ class Settings:
         form="NAME",
         more="`separated` finds how much of each colour's light came by way of other walls, removes it, and "
         "merges the three. It uses the calibration's albedos if there are three, and estimates them "
-        "otherwise. `auto` does that with a colour picture and takes a grey one as it is; the notes say what was done and why",
+        "otherwise. `auto` does that with a colour picture and takes a grey one as it is; the notes say "
+        "what was done and why",
     )
     regulariser: str = option(
         AUTO,
@@ -96,8 +97,8 @@ class Settings:
         "whether folds may hide what is behind them; auto (default): if that explains the picture better",
         SWITCH,
         group=SURFACE,
-        more="None is automatic: `auto` and `separated` cut the surface where colours or energy speak for it, "
-        "and single channels do not",
+        more="None is automatic: `auto` and `separated` cut the surface where colours or energy speak for "
+        "it, and single channels do not",
     )
     xi: str = option(
         "1/d",
@@ -114,9 +115,9 @@ class Settings:
         choices=("facing", "fast_marching", "gauss_newton", "primal_dual"),
         form="NAME",
         group=SURFACE,
-        more="`gauss_newton` minimises the energy, `primal_dual` does so along the paper's path. `fast_marching` "
-        "is one pass to the viscosity solution, `facing` the paper's start d₀: they do not use the regulariser, "
-        "which counts in the energy that is reported",
+        more="`gauss_newton` minimises the energy, `primal_dual` does so along the paper's path. "
+        "`fast_marching` is one pass to the viscosity solution, `facing` the paper's start d₀: they do not use "
+        "the regulariser, which counts in the energy that is reported",
     )
     max_iterations: int | None = option(
         None,
@@ -234,20 +235,13 @@ class Settings:
         """What may fix the scale."""
         return {name: getattr(self, name) for name in LENGTHS}
 
-    def chosen(self) -> dict[str, Any]:
-        """The options that are not as by default, but for arrays: what a file or a report lists."""
+    def listed(self) -> dict[str, Any]:
+        """All options but arrays, by name."""
         return {
             part.name: getattr(self, part.name)
             for part in option_fields()
-            if part.metadata["option"].kind != MAP and getattr(self, part.name) != part.default
+            if part.metadata["option"].kind != MAP
         }
-
-    def listed(self) -> dict[str, Any]:
-        """All options but arrays, and lengths that are not known."""
-        content = asdict(self)
-        unsaid = {name for name in LENGTHS if content[name] is None}
-        hidden = unsaid | {"solver_options", "discontinuities"}
-        return {name: value for name, value in content.items() if name not in hidden}
 
 
 def option_fields() -> list[Field[Any]]:

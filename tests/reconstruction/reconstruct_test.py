@@ -81,7 +81,7 @@ def test_noise_blurs_and_the_answer_stays_close(ball, rng):
         for smooth in (None, 0.0):
             result = el.reconstruct(frame, ball.calibration, solver=solver, smooth=smooth)
             percent[solver, smooth] = ball.errors(result).mean_percent
-            used = result.provenance.settings["smooth"]
+            used = result.provenance.preparation.smooth
             assert used == (0 if smooth == 0 else pytest.approx(2.0, rel=0.1))
     assert percent["fast_marching", 0.0] / 3 > percent["fast_marching", None] < 1.0
     assert max(percent["gauss_newton", None], percent["gauss_newton", 0.0]) < 0.05

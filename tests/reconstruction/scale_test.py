@@ -9,7 +9,7 @@ import pytest
 import endolab as el
 from endolab.depth.energy import energy_terms
 from endolab.depth.problem import AT_LEAST, NONE
-from endolab.depth.provenance import Provenance
+from endolab.depth.provenance import LightOutcome, LightReport, Provenance
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.scale import check_scale, factor_of_diameter, factor_of_distance, scale_of
 from tests.tools.problems import Shot
@@ -162,10 +162,11 @@ def test_pixels_that_say_less_are_counted_and_notes_told(relative):
     assert "counts as direct" in note(relative, "bounced")
     evidence = np.zeros(relative.mask.shape, np.int8)
     evidence[:10, :30], evidence[20:22, :75] = AT_LEAST, NONE
-    provenance = Provenance(albedo=(0.75, 0.38, 0.3), notes=("The colours say little.",))
+    light = LightReport(LightOutcome.COMPUTED, "they say little", (0.75, 0.38, 0.3), percent=(60, 20, 10))
+    provenance = Provenance(light=light)
     result = posed(relative, evidence=evidence)
     result = replace(result, iterate=replace(result.iterate, provenance=provenance))
     assert "300 of 30000 pixels (1 %)" in note(result, "saturated")
     assert "150 of 30000 pixels (0.5 %)" in note(result, "Highlights")
-    assert "0.75, 0.38, 0.3 (R, G, B)" in note(result, "removed")
-    assert meaning(result)[-1] == "The colours say little."
+    assert "0.75, 0.38, 0.3 (R, G, B)" in note(result, "(R, G, B)")
+    assert "do not tell how much there is (they say little)" in meaning(result)[-1]

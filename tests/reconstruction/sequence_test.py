@@ -7,7 +7,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
-from endolab.reconstruction.contours.choice import bar_of
+from endolab.reconstruction.contours.choice import min_steepness_of
 from endolab.reconstruction.scale import in_unit
 from endolab.reconstruction.sequence import Carried, Surface, framed, reconstruct_sequence, scale_between
 from tests.tools.problems import moved_colon
@@ -80,7 +80,7 @@ def test_from_a_surface_that_was_kept_it_goes_on_as_if_there_had_been_no_break(g
     whole = list(reconstruct_sequence(frames, calibration, **options))
     assert [step.result is None for step in whole] == [False, True, False, False]
     last = whole[2].result
-    bar, frame = bar_of(last) or 0, framed(*frames[2])
+    bar, frame = min_steepness_of(last) or 0, framed(*frames[2])
     kept = Carried.again(Surface.of(last), frame, calibration, bar, last.energy)
     (rest,) = reconstruct_sequence(frames[3:], calibration, before=kept, **options)
     assert rest.warm == whole[3].warm

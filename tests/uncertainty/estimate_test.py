@@ -8,10 +8,10 @@ import pytest
 import endolab as el
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import NONE
-from endolab.depth.provenance import Provenance, Scale
+from endolab.depth.provenance import LightOutcome, LightReport, Provenance, Scale
 from endolab.depth.result import Iterate, run
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.contours.choice import torn_at_contours
+from endolab.reconstruction.contours.choice import cut_at_contours
 from endolab.reconstruction.light.unknown_light import USUAL_ERROR
 from endolab.uncertainty.causes import LENGTH, correlated
 from endolab.uncertainty.estimate import LARGEST_SIGMA, LEAST_DRAWS, uncertainty_of
@@ -160,7 +160,7 @@ def test_light_that_bounced_and_was_left_in_counts_whole(curved):
         "bounced light"
     ]
     assert uncertainty.causes["bounced light"][here] == pytest.approx(2 * half[here])
-    asked = replace(result.iterate, provenance=Provenance({"channel": "separated"}))
+    asked = replace(result.iterate, provenance=Provenance(light=LightReport(LightOutcome.NONE_BOUNCED)))
     assert "bounced light" not in uncertainty_of(asked, draws=LEAST_DRAWS).causes
 
 
@@ -217,7 +217,7 @@ def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
 
 def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():
     problem, _ = problem_of("colon", 120)
-    torn = torn_at_contours(problem)
+    torn = cut_at_contours(problem)
     assert torn.discontinuities is not None
     result = solved(torn)
     uncertainty = uncertainty_of(result)

@@ -7,7 +7,7 @@ import pytest
 
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import NONE
-from endolab.depth.provenance import Provenance
+from endolab.depth.provenance import PreparationReport, Provenance
 from endolab.depth.result import run
 from endolab.uncertainty.estimate import uncertainty_of
 from endolab.uncertainty.fewer_pixels import ENOUGH, enlarged, thinned
@@ -60,8 +60,9 @@ def test_cuts_evidence_and_blur_go_along(large):
     discontinuities = np.zeros((2, *problem.mask.shape), bool)
     discontinuities[0, :, 399] = True
     torn = replace(problem, evidence=evidence, discontinuities=discontinuities)
-    thin = thinned(replace(large.iterate, problem=torn, provenance=Provenance(smooth=2.0)))
-    assert thin.provenance.smooth == 0.5
+    report = PreparationReport("frame", (800, 600), "green", 800, 600, smooth=2.0, highlights="keep")
+    thin = thinned(replace(large.iterate, problem=torn, provenance=Provenance(preparation=report)))
+    assert thin.provenance.preparation.smooth == 0.5
     small = thin.problem
     assert small.evidence is not None
     assert (small.evidence[52:73, 77:123] == NONE).all()

@@ -12,9 +12,9 @@ import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import depth_discontinuities
 from endolab.numerics.derivatives import links, shifted
-from endolab.reconstruction.contours.lines import SHALLOW, basins, find_contours
-from endolab.reconstruction.contours.choice import BARS
 from endolab.reconstruction.channels import make_problem
+from endolab.reconstruction.contours.choice import CHOICE
+from endolab.reconstruction.contours.lines import SHALLOW, basins, find_contours
 
 
 def seen(scene, width=320, **options):
@@ -36,7 +36,7 @@ def within(lines, others, pixels):
 def test_folds_are_found_where_the_distance_jumps(width):
     """Precision and recall, of steep lines: measured 0.80 and 0.61 at 240 px, 0.63 and 0.76 at 480."""
     rendered, problem = seen("colon", width)
-    edges = (find_contours(problem.log_facing, problem.mask) > BARS[0]).any(axis=0)
+    edges = (find_contours(problem.log_facing, problem.mask) > CHOICE.min_steepness[0]).any(axis=0)
     true, near = depth_discontinuities(rendered.distance).any(axis=0), round(2 * width / 320)
     assert within(edges, true, near) > 0.6
     assert within(true, edges, near) > 0.55
@@ -45,7 +45,7 @@ def test_folds_are_found_where_the_distance_jumps(width):
 @pytest.mark.parametrize("scene", ["plane", "curved"])
 def test_smooth_walls_have_none(scene):
     problem = seen(scene, noise=1, texture=0.1)[1]
-    assert not (find_contours(problem.log_facing, problem.mask) > BARS[0]).any()
+    assert not (find_contours(problem.log_facing, problem.mask) > CHOICE.min_steepness[0]).any()
 
 
 def test_a_tube_is_not_torn_along_its_wall():
@@ -61,7 +61,7 @@ def test_a_step_is_one_closed_line_one_step_thin():
     rows, columns = np.indices((120, 160))
     inside = np.hypot(rows - 60, columns - 75) < 30
     steepness = find_contours(np.where(inside, 1.0, 0.5) + 0.001 * columns, np.ones(inside.shape, bool))
-    discontinuities = steepness > BARS[0]
+    discontinuities = steepness > CHOICE.min_steepness[0]
     apart = np.stack([inside ^ shifted(inside, 1, axis, False) for axis in (1, 0)])
     apart &= links(np.ones(inside.shape, bool))
     assert (discontinuities & ~apart).sum() + (

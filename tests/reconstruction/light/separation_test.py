@@ -10,8 +10,10 @@ from endolab.depth.problem import NONE
 from endolab.metrics.depth_errors import compare
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.iteration import Status
-from endolab.reconstruction.channels import Preparation, make_problems
-from endolab.reconstruction.light.separation import merged, separate
+from endolab.reconstruction.assumptions import notes
+from endolab.reconstruction.channels import make_channels
+from endolab.reconstruction.light.separation import merge, separate
+from endolab.reconstruction.settings import Settings
 from tests.tools.problems import finish
 
 ALBEDO = np.array([0.75, 0.38, 0.30])
@@ -23,7 +25,7 @@ def solved(frame, calibration, **options):
 
 
 def note(result):
-    return result.provenance.notes[0]
+    return notes(result)[0]
 
 
 @pytest.fixture(scope="module")
@@ -47,17 +49,17 @@ def without(calibration, **changes):
 
 
 def colours(frame, calibration, width=WIDTH, **options):
-    return make_problems(frame, calibration, Preparation(width=width, **options), CHANNELS)
+    return make_channels(frame, calibration, Settings(width=width, **options), CHANNELS)
 
 
 def test_a_third_of_the_error_is_left(dry, separated):
     plain = el.reconstruct(dry.frame, dry.calibration, width=WIDTH, channel="green")
     assert error(separated, dry) < 9
     assert error(plain, dry) > 14
-    settings = separated.provenance.settings
-    assert settings["channel"] == "separated"
-    np.testing.assert_allclose(settings["albedo"], ALBEDO, rtol=0.1)  # given ones are believed nearly
-    assert settings["contours"] is True
+    provenance = separated.provenance
+    assert provenance.channel == "separated"
+    np.testing.assert_allclose(provenance.albedo, ALBEDO, rtol=0.1)  # given ones are believed nearly
+    assert provenance.contours.steps > 0
     assert "Indirect light removed" in note(separated)
     assert separated.metric
 
@@ -76,10 +78,8 @@ def test_observers_see_every_solve_with_its_stage_and_round(dry):
     assert result.seconds == pytest.approx(sum(stage.seconds for stage in result.stages))
     assert seen[0].problem.mask.shape == (180, 240)  # bounced light is sought on fewer pixels
     # Each is of this frame; only the last stage's settings are those that were asked for.
-    assert {step.provenance.settings["frame"] for step in seen} == {dry.frame.name}
-    assert ["solver" in step.provenance.settings for step in seen] == [
-        step.stage == "solution" for step in seen
-    ]
+    assert {step.provenance.preparation.frame for step in seen} == {dry.frame.name}
+    assert all(("solver" in step.provenance.asked) == (step.stage == "solution") for step in seen)
 
 
 def test_a_run_that_is_stopped_on_the_way_has_the_frames_size(dry):
@@ -108,7 +108,7 @@ def test_albedos_are_found_in_the_colours(dry, separated):
     """Whatever the calibration says of one albedo: the ratios and the level come from the picture."""
     grey = without(dry.calibration, brdf=el.Lambertian(0.38))
     result = solved(dry.frame, grey)
-    found = np.array(result.provenance.settings["albedo"])
+    found = np.array(result.provenance.albedo)
     np.testing.assert_allclose(found / found[0], ALBEDO / ALBEDO[0], rtol=0.25)
     assert found[0] == pytest.approx(ALBEDO[0], abs=0.25)
     assert error(result, dry) < 12.5
@@ -132,7 +132,7 @@ def test_what_is_asked_again_is_answered_again(dry, contours):
         solved(dry.frame, dry.calibration, start=first, contours=contours, lam=lam) for lam in (1.0, 2.0)
     )
     np.testing.assert_allclose(again.distance, first.distance, rtol=5e-3)
-    assert again.provenance.notes == first.provenance.notes
+    assert notes(again) == notes(first)
     for result in (again, smoother):
         assert {stage.name for stage in result.stages} == {"solution"}
     assert smoother.problem.lam == 2
@@ -156,11 +156,11 @@ def shown(colours, light):
 
 
 def test_merging_undoes_what_bounced(dry):
-    three = [posed.problem for posed in colours(dry.frame, dry.calibration, smooth=0.0)]
+    three = [channel.problem for channel in colours(dry.frame, dry.calibration, smooth=0.0)]
     indirect_ratio = np.full((*three[1].mask.shape, 3), 0.5)
     direct = np.random.default_rng(0).uniform(0.1, 0.4, three[1].mask.shape)
     lit = shown(three, [direct * (1 + 0.5) * rho / ALBEDO[1] for rho in ALBEDO])
-    np.testing.assert_allclose(merged(lit, indirect_ratio, ALBEDO).image ** 2.2, direct, rtol=1e-9)
+    np.testing.assert_allclose(merge(lit, indirect_ratio, ALBEDO).image ** 2.2, direct, rtol=1e-9)
 
 
 def test_where_nothing_bounces_nothing_is_taken_out():
@@ -186,8 +186,10 @@ def test_colours_that_contradict_each_other_are_not_believed(dry):
     image = dry.frame.image.copy()
     image[..., 0], image[..., 2] = image[::-1, :, 0], image[:, ::-1, 2]
     result = solved(el.Frame(image, dry.frame.mask, "odd"), dry.calibration, width=160, contours=False)
-    assert "The colours do not tell how much there is (no one direct light)" in note(result)
-    assert result.provenance.settings["albedo"] == ALBEDO.tolist()
+    assert "The colours do not tell how much there is (the channels disagree on the direct light)" in note(
+        result
+    )
+    assert result.provenance.albedo == tuple(ALBEDO)
 
 
 def test_colours_of_one_ratio_tell_nothing(dry):

@@ -5,20 +5,20 @@ import pytest
 
 import endolab as el
 from endolab.depth.gauss_newton import gauss_newton
-from endolab.depth.provenance import Provenance
-from endolab.depth.result import staged
+from endolab.depth.provenance import ContourOutcome, Provenance
+from endolab.depth.result import name_stage
+from endolab.reconstruction.channels import Task, make_problem
 from endolab.reconstruction.contours.choice import (
-    OneChannel,
-    choose_bar,
-    torn_at_contours,
-    torn_where_it_pays,
+    ContourChoice,
+    choose_contours,
+    cut_at_contours,
+    solve_cut,
 )
-from endolab.reconstruction.channels import PosedProblem, make_problem
 from tests.tools.problems import finish, percent_off, problem_of
 
 
 def solved(problem):
-    return finish(staged(gauss_newton(problem), "smooth"))
+    return finish(name_stage(gauss_newton(problem), "smooth"))
 
 
 def direct(name, width=160):
@@ -39,7 +39,7 @@ def test_what_is_torn_is_nearer_the_truth(name, most):
     """Measured in %, smooth and torn: 8.5 and 5.1, 10.8 and 7.9, 13.1 and 10.3."""
     problem, truth = direct(name)
     smooth = solved(problem)
-    torn = finish(torn_where_it_pays(smooth, price=0.03))
+    torn = finish(solve_cut(smooth, ContourChoice(price=0.03)))
     assert torn.problem.discontinuities is not None
     assert error(torn, truth) < min(most, error(smooth, truth) - 1.5)
     assert torn.energy < smooth.energy
@@ -49,31 +49,30 @@ def test_what_is_torn_is_nearer_the_truth(name, most):
 def test_a_wall_without_folds_is_left_whole(scene):
     problem, _ = problem_of(scene, 160, noise=1, bits=8)
     smooth = solved(problem)
-    assert finish(torn_where_it_pays(smooth)) is smooth
-    assert torn_at_contours(problem).discontinuities is None
+    assert finish(solve_cut(smooth)) is smooth
+    assert cut_at_contours(problem).discontinuities is None
 
 
 def test_a_tube_loses_nothing():
     """Its dark end may be torn. Measured 1.5 and 2.5 %; where the energies are least, 2.6 and 3.1 %."""
     problem, seen = problem_of("tube", 160)
     smooth = solved(problem)
-    torn = finish(torn_where_it_pays(smooth))
+    torn = finish(solve_cut(smooth))
     assert percent_off(torn, seen) < percent_off(smooth, seen) + 1.1
 
 
 def test_what_was_torn_before_is_torn_again_without_asking():
     problem, _ = direct("matt")
-    posed = PosedProblem(problem, Provenance())
-    channel = OneChannel(posed, posed)
-    torn, near = finish(choose_bar(channel, True))
-    assert torn.problem.discontinuities is not None
-    assert near.shape == problem.mask.shape
-    before = el.run(gauss_newton(torn.problem, start=near))
+    task = Task(problem, problem, Provenance())
+    first = finish(choose_contours(task, True))
+    assert first.problem.discontinuities is not None
+    assert first.start.shape == problem.mask.shape
+    before = el.run(gauss_newton(first.problem, start=first.start))
     with pytest.raises(StopIteration) as end:
-        next(choose_bar(channel, None, before))  # nothing is solved
-    again, begin = end.value.value
-    assert begin is None
-    np.testing.assert_array_equal(again.problem.discontinuities, torn.problem.discontinuities)
+        next(choose_contours(task, None, before))  # nothing is solved
+    again = end.value.value
+    assert again.provenance.contours.outcome is ContourOutcome.AS_BEFORE
+    np.testing.assert_array_equal(again.problem.discontinuities, first.problem.discontinuities)
 
 
 def test_with_a_channel_of_its_own_and_without_contours():
@@ -83,7 +82,7 @@ def test_with_a_channel_of_its_own_and_without_contours():
         seen = el.render(el.SCENES[scene], calibration.camera, calibration.photometry, bits=8)
         known = el.Calibration(seen.camera, seen.photometry)
         result = el.reconstruct(el.Frame(seen.image, seen.mask), known, contours=True)
-        assert result.provenance.settings["contours"] is expected
+        assert (result.provenance.contours.steps > 0) is expected
         assert (result.problem.discontinuities is not None) is expected
 
 
@@ -93,5 +92,5 @@ def test_lines_that_the_energy_chose_are_those_that_are_torn(data):
     known = el.load_calibration(place.with_suffix(".json"))
     frame = el.read_frame(place.with_suffix(".png"), known, mask=f"{place}_mask.png")
     result = el.reconstruct(frame, known)
-    assert "energy" in result.provenance.notes[-1]
+    assert result.provenance.contours.outcome is ContourOutcome.BY_ENERGY
     assert error(result, np.load(f"{place}_truth.npz")["distance"]) < 6.5

@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from endolab import datasets
-from endolab.reconstruction.light import walls
-from endolab.reconstruction.light.walls import Walls, _exchange, bounced_and_slope
 from endolab.numerics.threads import limited_threads
+from endolab.reconstruction.light import walls as walls_module
+from endolab.reconstruction.light.walls import Walls, _exchange, bounced_and_slope
 from endolab.synthetic.scenes import Colon, Tube
 
 
@@ -93,7 +93,7 @@ def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
         place, middle = cells[j] + share[:, None] * (cells[i] - cells[j]), (np.array(nearest.shape) - 1) / 2
         row, column = np.rint(place + 1e-9 * (middle - place)).astype(int).T  # halves, towards the middle
         chord = 1 / ((1 - share) / reach[j] + share / reach[i])
-        if (chord > interreflection.NEARER * nearest[row, column]).any():
+        if (chord > walls_module.NEARER * nearest[row, column]).any():
             expected[i, j] = expected[j, i] = 0
     assert 0.1 < (expected > 0).sum() / (open_ > 0).sum() < 0.9
     found = _exchange(x, n, area, cells, nearest)
@@ -140,7 +140,7 @@ def test_light_by_bounces_sums_to_that_of_the_balance(colon):
     """S = ρ F (E + S) + ρ h S, h being walls that no patch sees: solved at once, beside its series."""
     v, field = colon
     walls = Walls.of(v, np.isfinite(v), field, 2.5)
-    hidden = interreflection.HIDDEN * np.maximum(1 - walls.exchange.sum(axis=1), 0.0)
+    hidden = walls_module.HIDDEN * np.maximum(1 - walls.exchange.sum(axis=1), 0.0)
     assert hidden.max() > 0.05
     for albedo in (0.1, 0.38, 0.75):
         left = np.eye(len(hidden)) - albedo * (walls.exchange + np.diag(hidden))
