@@ -2,8 +2,6 @@
 
 import os
 import signal
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
@@ -40,15 +38,6 @@ def missing_system(sentence: str) -> NoReturn:
     if os.environ.get("ENDOLAB_REQUIRE_SYSTEM"):
         pytest.fail(sentence, pytrace=False)
     pytest.skip(sentence)
-
-
-@pytest.fixture
-def often_switched() -> Iterator[None]:
-    """Have Python go from one thread to the next as often as it can."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    yield
-    sys.setswitchinterval(before)
 
 
 @pytest.fixture

@@ -75,7 +75,7 @@ def spare_inputs(places: Iterable[Path], inputs: Iterable[PathLike | None]) -> N
 
 
 def _own_report(folder: Path, name: str = REPORT) -> dict[str, Any]:
-    """Read the report of a folder of endolab's results; an empty one, if there is none that says so."""
+    """Read the report of a folder of endolab's results; an empty one, if it holds none of endolab's."""
     with suppress(OSError, ValueError):
         report = read_json(folder / name, "report")
         if isinstance(report, dict) and "endolab" in report:
@@ -86,11 +86,12 @@ def _own_report(folder: Path, name: str = REPORT) -> dict[str, Any]:
 def written_before(folder: Path, report: str = REPORT) -> list[Path]:
     """Find the files that an earlier run wrote into a folder, by its report; all others are the user's."""
     names = _own_report(folder, report).get(LISTED)
-    if not isinstance(names, list):
-        return []
-    places = [path for path in folder.iterdir() if path.name in names]
-    # A folder is that of a video's frames, in which there may be more.
-    return [file for path in places for file in (path.glob("*/depth.npz") if path.is_dir() else [path])]
+    files: list[Path] = []
+    if isinstance(names, list):
+        for path in folder.iterdir():
+            if path.name in names:  # a folder is that of a video's frames, in which there may be more
+                files += path.glob("*/depth.npz") if path.is_dir() else [path]
+    return files
 
 
 def check_folder(folder: Path) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, one_sentence, staged_file
 from endolab.model.cameras import Camera
-from endolab.numerics.arrays import FloatArray, frozen
+from endolab.numerics.arrays import FloatArray
 from endolab.recording.viewer import ADDRESS, end, start_viewer
 
 NOW, START, TRUTH, OUTLIER = (230, 159, 0), (86, 180, 233), (160, 160, 160), (213, 94, 0)
@@ -205,7 +205,7 @@ def _rim(camera: Camera) -> FloatArray:
     rays = np.stack([np.cos(around) * sine, np.sin(around) * sine, cosine], axis=-1)
     pixels = camera.project(rays)
     inside = ((pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])).all(axis=-1)
-    return frozen(rays[np.arange(97), np.maximum(inside.sum(axis=1) - 1, 0)])
+    return rays[np.arange(97), np.maximum(inside.sum(axis=1) - 1, 0)]
 
 
 def every(width: int, most: int) -> tuple[slice, slice]:

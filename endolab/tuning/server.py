@@ -32,9 +32,9 @@ LEFT = 1000  # the code with which page.js closes the channel of a tab that is l
 # s after the last page was lost, as when the browser puts a tab to sleep overnight, or dies.
 LOST = 24 * 3600.0
 CLOSE_TIMEOUT = 2.0  # s that the widget has for its end
-# Nothing but this machine, and the channel; scripts that widgets bring are blobs.
-POLICY = "default-src 'self' blob: data: {channel} 'unsafe-inline'; frame-ancestors 'none'"
-HERE_ONLY = "ws://127.0.0.1:* ws://localhost:*"  # where the channel is, without a proxy
+# Nothing but this machine, and a proxy's channel; scripts that widgets bring are blobs.
+OWN = "'self' blob: data: ws://127.0.0.1:* ws://localhost:*"
+POLICY = f"default-src {OWN} %s 'unsafe-inline'; frame-ancestors 'none'"
 
 
 class Page:
@@ -170,8 +170,8 @@ class _Whole(tornado.web.RequestHandler):
         html, script = ((HERE / name).read_text(encoding="utf-8") for name in ("page.html", "page.js"))
         html = html.replace("TITLE", tornado.escape.xhtml_escape(self.page.title))
         script = script.replace("WIDGET", self.page.widget.model_id)
-        channel = HERE_ONLY if self.page.origin is None else self.page.origin.replace("http", "ws", 1)
-        self.set_header("Content-Security-Policy", POLICY.format(channel=channel))
+        channel = (self.page.origin or "").replace("http", "ws", 1)
+        self.set_header("Content-Security-Policy", POLICY % channel)
         self.set_header("Cache-Control", "no-store")
         self.finish(html.replace("SCRIPT", script))
 

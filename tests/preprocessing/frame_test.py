@@ -1,8 +1,5 @@
 """A frame before it is solved: what is refused, channels, shrinking, noise, blur."""
 
-import pickle
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -29,21 +26,6 @@ def with_value(value, row=2, column=2):
 def ball():
     calibration = datasets.load_calibration("simple")
     return el.render(el.SCENES["curved"], calibration.camera, calibration.photometry)
-
-
-def test_a_frame_that_threads_shrink_is_right_in_each(often_switched, rng):
-    frame = el.Frame(rng.random((12, 16)), np.ones((12, 16), bool))
-
-    def shrink(number):
-        for turn in range(300):
-            size = 2 + (turn + number) % 14, 2 + turn % 10
-            assert frame.resize(*size, GAMMA).image.shape == size[::-1]
-
-    with ThreadPoolExecutor(8) as pool:
-        list(pool.map(shrink, range(8)))
-    assert frame.resize(8, 6, GAMMA) is frame.resize(8, 6, GAMMA)
-    again = pickle.loads(pickle.dumps(frame))
-    assert_array_equal(again.resize(8, 6, GAMMA).image, frame.resize(8, 6, GAMMA).image)
 
 
 @pytest.mark.parametrize(

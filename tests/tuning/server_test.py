@@ -137,8 +137,7 @@ def test_a_proxy_that_is_named_may_open_the_channel_and_nobody_else(serve, origi
         await leave(channel)
 
     _, headers, _ = get(page.link)
-    channel = headers["Content-Security-Policy"].split("data: ")[1].split(" ")[0]
-    assert channel == named.replace("http", "ws", 1)
+    assert named.replace("http", "ws", 1) in headers["Content-Security-Policy"].split(" ")
     for other in ("http://evil.example", f"{named}.evil.example", "null", ""):
         with pytest.raises(tornado.httpclient.HTTPClientError, match="403"):
             asyncio.run(tried(other))
