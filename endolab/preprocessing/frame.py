@@ -123,11 +123,11 @@ class Frame:
         A frame remembers the last few, for who solves it again and again.
         """
         key = (width, height, gamma)
-        if key not in self._resized:
-            for old in list(self._resized)[: 1 - REMEMBERED]:
-                self._resized.pop(old, None)
-            self._resized[key] = self._shrunk(width, height, gamma)
-        return self._resized[key]
+        resized = self._resized  # never changed: other threads read it
+        if key not in resized:
+            resized = dict([*resized.items()][1 - REMEMBERED :]) | {key: self._shrunk(width, height, gamma)}
+            object.__setattr__(self, "_resized", resized)
+        return resized[key]
 
     def _shrunk(self, width: int, height: int, gamma: float) -> Frame:
         if not (1 <= width <= self.width and 1 <= height <= self.height):

@@ -22,7 +22,7 @@ from endolab.preprocessing.highlights import check_highlights, find_highlights, 
 
 LEAST_SIGNAL = 5.0  # signal over noise below which noise alone moves a distance by γ/10, about a fifth
 COMBED = 0.05  # combing from which on a frame is taken for interlaced
-HALO = 2 / 320  # of the picture's width: colour fringes around highlights, which inpainting must not spread
+HALO = 2 / 320  # of the longer side: colour fringes around highlights, which inpainting must not spread
 PAPER_WHITE, PALE, STANDS_OUT = 0.6, 0.08, 0.2  # of text: least value, most colour, contrast
 LETTERS = 4  # as many of one height and colour in a row make a text
 
