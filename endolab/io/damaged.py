@@ -32,18 +32,18 @@ def bare_png(content: bytes) -> bytes:
     return _as_png(_chunks(content))
 
 
-def _chunks(content: bytes) -> dict[bytes, bytes]:
+def _chunks(content: bytes) -> dict[bytes, bytearray]:
     """Find the chunks that are needed, in order; the last may be cut off, others beside them damaged."""
-    chunks: dict[bytes, bytes] = {}
+    chunks: dict[bytes, bytearray] = {}
     at = len(PNG) + 4  # of a chunk's name, between its length and its data
-    while at < len(content):
+    while at < len(content) and b"IEND" not in chunks:
         name = content[at : at + 4]
         end = at + 4 + int.from_bytes(content[at - 4 : at])
         is_whole = zlib.crc32(content[at:end]) == int.from_bytes(content[end : end + 4])
         if NEEDED.fullmatch(name):
             if not is_whole and end + 4 <= len(content):
                 raise ValueError
-            chunks[name] = chunks.get(name, b"") + content[at + 4 : end]
+            chunks.setdefault(name, bytearray()).extend(content[at + 4 : end])
         elif not is_whole:  # its length may be wrong, too
             found = NEEDED.search(content, at)
             end = found.start() - 8 if found else len(content)
@@ -51,11 +51,13 @@ def _chunks(content: bytes) -> dict[bytes, bytes]:
     return chunks
 
 
-def _as_png(chunks: dict[bytes, bytes]) -> bytes:
-    content = PNG
-    for name, data in (chunks | {b"IEND": b""}).items():
-        content += len(data).to_bytes(4) + name + data + zlib.crc32(name + data).to_bytes(4)
-    return content
+def _as_png(chunks: dict[bytes, bytearray]) -> bytes:
+    chunks.setdefault(b"IEND", bytearray())
+    parts = [
+        len(data).to_bytes(4) + name + data + zlib.crc32(name + data).to_bytes(4)
+        for name, data in chunks.items()
+    ]
+    return PNG + b"".join(parts)
 
 
 def _mended_png(content: bytes) -> tuple[bytes, int, int]:
@@ -70,7 +72,7 @@ def _mended_png(content: bytes) -> tuple[bytes, int, int]:
     if interlaced:  # what is missing is missing everywhere
         whole = rows if unpacking.eof else 0
     elif ENOUGH * rows <= whole < rows:
-        chunks[b"IDAT"] = zlib.compress(raw[: whole * stride].ljust(rows * stride, b"\0"), 1)
+        chunks[b"IDAT"][:] = zlib.compress(raw[: whole * stride].ljust(rows * stride, b"\0"), 1)
     return _as_png(chunks), whole, rows
 
 

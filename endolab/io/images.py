@@ -106,9 +106,7 @@ def decode(content: bytes, name: PathLike) -> tuple[np.ndarray, FloatArray]:
         if whole < ENOUGH * rows:
             raise ValueError(f"{name} is damaged: {lack}") from None
         stored, alpha = _decode(content, name)
-        log.warning(
-            "%s is damaged: %s", name, lack if whole < rows else "its picture is whole, the rest is not"
-        )
+        log.warning("%s is damaged: %s", name, lack if whole < rows else "only its picture is whole")
     if not alpha.any():
         raise ValueError(f"{name} is completely transparent: there is no pixel to use")
     alpha = alpha / alpha.max()  # in 16 bits, what is opaque may have 255, or 65280
@@ -180,7 +178,7 @@ def read_mask(path: PathLike) -> BoolArray:
     image = _in_unit(stored, path)
     level = image if image.ndim == 2 else image.max(axis=-1)
     bright = level > 0.5
-    is_drawn = bright.any() and np.median(np.abs(level[alpha >= OPAQUE] - 0.5)) > 0.48
+    is_drawn = bright.any() and np.mean(np.abs(level[alpha >= OPAQUE] - 0.5) > 0.48) > 0.9
     return bright if np.nanmin(alpha) == 1 or is_drawn else alpha > 0.5
 
 
@@ -228,12 +226,8 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
         check_size(str(path), (columns, rows), calibration.camera)
     bits = int(stored.max()).bit_length()
     if stored.dtype == np.uint16 and 0 < bits < 16:
-        log.warning(
-            "%s uses only %d of its 16 bits: unless it is so dark, multiply it by %d",
-            path,
-            bits,
-            2 ** (16 - bits),
-        )
+        hint = "%s uses %d of its 16 bits; unless it is so dark, multiply its values by %d"
+        log.warning(hint, path, bits, 2 ** (16 - bits))
     inside = np.ones((rows, columns), dtype=bool) if mask is None else read_mask(mask)
     if inside.shape != (rows, columns):
         shape = f"{inside.shape[1]}x{inside.shape[0]} px"
@@ -242,11 +236,10 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
         raise ValueError(f"the mask {mask} is empty: no pixel in it is brighter than half")
     opaque = alpha >= OPAQUE
     if not opaque.all():
-        log.warning("%s: %.2g %% of it is transparent or missing, and left out", path, 100 * np.mean(~opaque))
-        # Black may be around what is opaque, too.
-        inside &= opaque & (
-            field_of_view(image.reshape(rows, columns, -1).max(axis=-1)) if mask is None else True
-        )
+        log.warning("%s: %.3g %% of it is transparent or missing, and left out", path, 100 * np.mean(~opaque))
+        if mask is None:  # black may be around what is opaque, too
+            inside = field_of_view(image if image.ndim == 2 else image.max(axis=-1))
+        inside &= opaque
         if not inside.any():
             raise ValueError(f"{path} is transparent or missing wherever it would be used")
     return Frame(image, inside, Path(path).name)
