@@ -244,8 +244,8 @@ def read_json(path: PathLike, what: str) -> Any:
     """Read a JSON file; OSError or ValueError in one sentence, which calls it `what` if there is none."""
     content = read_bytes(path, what, MOST_JSON)
     try:
-        return json.loads(content.decode())
+        return json.loads(content.decode(json.detect_encoding(content)))  # whatever byte order mark it has
     except RecursionError as error:
         raise ValueError(f"{Path(path)}: not valid JSON: it is nested too deeply") from error
     except ValueError as error:
-        raise ValueError(f"{Path(path)}: not valid JSON in UTF-8: {error}") from error
+        raise ValueError(f"{Path(path)}: not valid JSON: {error}") from error

@@ -188,7 +188,8 @@ def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str 
     bright = field & (image > DARK)
     if not bright.any():
         raise ValueError(
-            f"{name}: the picture is all dark, its brightest pixel is {image[field].max() * 255:.2g} of 255"
+            f"{name}: the picture is all dark, its brightest pixel is {image[field].max() * 255:.2g} of 255; "
+            "it may use fewer bits than the file, such as 10 of 16"
         )
     if np.all(image[bright] >= BRIGHT):
         raise ValueError(f"{name}: the picture is fully saturated")
