@@ -101,7 +101,11 @@ class Frame:
         field = field_of_view(self.image)
         beyond = self.mask & ~field
         kept = self.mask & field
-        return kept if self.mask.all() or (beyond.sum() > MISPLACED * self.mask.sum() and kept.any()) else self.mask
+        return (
+            kept
+            if self.mask.all() or (beyond.sum() > MISPLACED * self.mask.sum() and kept.any())
+            else self.mask
+        )
 
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".

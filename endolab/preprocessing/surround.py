@@ -105,14 +105,16 @@ def _surrounds(picture: Bytes, shown: BoolArray) -> list[Surround]:
 def _surround(picture: Bytes, colour: NDArray[np.intp], tolerance: float) -> Surround | None:
     """Return the region of a colour, None if it is not flat; its colour and noise are told anew from it."""
     for last in (False, True):
-        contrast = cv2.absdiff(picture, np.broadcast_to(colour, np.atleast_3d(picture).shape).reshape(picture.shape).astype(np.uint8))
-        contrast = contrast if contrast.ndim == 2 else contrast.max(axis=-1)
+        contrast = np.zeros(picture.shape[:2], np.uint8)
+        for plane, level in zip(cv2.split(picture), colour, strict=True):
+            contrast = np.maximum(contrast, cv2.absdiff(plane, np.full_like(plane, level)))
         region = _reached(contrast <= tolerance)
         if not region.any() or region.all():
             return None
         if not last and colour.max() > BLACK and (contrast[region] <= tolerance / 2).mean() < FLAT:
             return None
-        colour = np.median(picture[region], axis=0).astype(int)
+        values = picture[region][::5]
+        colour = np.median(values.reshape(len(values), -1), axis=0).astype(int)
         tolerance = ROUNDING + 1.5 * float(np.percentile(contrast[region], 80))
     clear = GLARE if colour.min() >= WHITE else ROUNDING if colour.max() <= BLACK else BLACK
     return Surround(region, contrast, tolerance, tolerance + clear)
@@ -134,7 +136,7 @@ def _depth_within(surround: Surround) -> FloatArray:
         outline = _outline(~_reached(surround.contrast <= least))
         field = _with_dark_walls(~surround.region & outline, outline, surround.contrast)
         if field.any() and field.sum() >= SOLID * outline.sum():
-            depth = cv2.distanceTransform(_largest(field).astype(np.uint8), cv2.DIST_L2, 5)
+            depth = np.float64(cv2.distanceTransform(_largest(field).astype(np.uint8), cv2.DIST_L2, 5))
             width = _edge_width(depth, surround.contrast)
             rim = surround.contrast[(depth > width + 1) & (depth <= width + 3)]
             if (rim > max(least, surround.clear)).sum() >= max(1, share * rim.size):
@@ -158,14 +160,17 @@ def _outline(region: BoolArray) -> BoolArray:
     core = region & (cv2.distanceTransform((~_largest(core)).astype(np.uint8), cv2.DIST_L2, 5) <= radius)
     if core.sum() < SMALL * core.size:
         return outline > 0
-    hull = cv2.convexHull(np.argwhere(core)[:, ::-1].astype(np.int32))
+    parts = cv2.findContours(core.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    hull = cv2.convexHull(np.concatenate(parts))
     cv2.fillConvexPoly(outline, hull, 1)
     left, top, wide, high = cv2.boundingRect(hull)
     if outline.sum() > SQUARE * wide * high:
         outline[top : top + high, left : left + wide] = 1
         return outline > 0
 
-    def inner(points: NDArray[np.int32]) -> FloatArray:  # (n, 1, 2) to (m, 2); the picture's border is no edge
+    def inner(
+        points: NDArray[np.int32],
+    ) -> FloatArray:  # (n, 1, 2) to (m, 2); the picture's border is no edge
         points = points[:, 0]
         return points[((points > 0) & (points < np.array(region.shape[::-1]) - 1)).all(axis=-1)].astype(float)
 

@@ -7,6 +7,7 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.preprocessing.surround import field_of_view
+from endolab.reconstruction.plausible import doubts
 
 HIGH, WIDE = 360, 480
 BLUE = (20, 20, 160)
@@ -45,7 +46,9 @@ def framed(wall, inside, level, rng, noise=0.0, soft=0.0, jpeg=False, draw=None)
     image += rng.normal(size=image.shape) * np.where(inside, min(noise, 3.0), noise)[..., None]
     stored = np.clip(np.round(image), 0, 255).astype(np.uint8)
     if jpeg:
-        stored = cv2.imdecode(cv2.imencode(".jpg", stored, (cv2.IMWRITE_JPEG_QUALITY, 75))[1], cv2.IMREAD_COLOR)
+        stored = cv2.imdecode(
+            cv2.imencode(".jpg", stored, (cv2.IMWRITE_JPEG_QUALITY, 75))[1], cv2.IMREAD_COLOR
+        )
     return stored / 255
 
 
@@ -130,7 +133,7 @@ def test_a_picture_that_a_wall_fills_has_no_surround(wall):
     assert field_of_view(plane).all()
 
 
-def test_a_surround_of_another_level_leaves_the_same_surface(wall, rng):
+def test_a_surround_of_another_level_leaves_the_same_surface():
     calibration = datasets.load_calibration("paper", width=160)
     seen = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry, bits=8)
     results = []
@@ -143,7 +146,7 @@ def test_a_surround_of_another_level_leaves_the_same_surface(wall, rng):
         both = first.mask & other.mask
         assert both.sum() > 0.98 * max(first.mask.sum(), other.mask.sum())
         change = np.abs(np.log(other.distance[both] / first.distance[both]))
-        assert np.median(change) < 0.003
+        assert np.median(change) < 0.01
 
 
 def test_a_mask_that_keeps_a_crescent_of_the_surround_loses_it(wall, rng):
@@ -154,15 +157,13 @@ def test_a_mask_that_keeps_a_crescent_of_the_surround_loses_it(wall, rng):
     assert frame.seen().sum() > 0.94 * (inside & shifted).sum()
 
 
-def test_corners_of_one_colour_without_an_edge_are_named(rng):
-    """Half of the corners are flat, and what they frame is no field."""
-    calibration = datasets.load_calibration("simple", width=160)
-    seen = el.render(el.SCENES["tube"], calibration.camera, calibration.photometry, bits=8)
-    image = seen.image.copy()
-    image[:30] = 0.3
-    image[:, 60:100] = seen.image[:, 60:100]
-    from endolab.reconstruction.plausible import doubts
-
-    frame = el.Frame(image, np.ones(image.shape[:2], bool))
-    result = el.reconstruct(frame, calibration, solver="fast_marching")
-    assert any("flat colour" in doubt for doubt in doubts(result))
+def test_corners_of_one_colour_without_an_edge_are_named():
+    """A wall that is saturated in the corners looks like a white surround with a very soft edge."""
+    light = datasets.load_calibration("paper", width=WIDE).photometry
+    calibration = el.Calibration(el.Pinhole(240, 180, 200.0, 200.0, 119.5, 89.5), light)
+    seen = el.render(el.SCENES["tube"], calibration.camera, light, bits=8)
+    for gain, named in ((1.0, False), (2.5, True)):
+        frame = el.Frame(np.minimum(gain * seen.image, 1.0), seen.mask)
+        result = el.reconstruct(frame, calibration, solver="fast_marching")
+        assert result.mask.all()
+        assert any("flat colour" in doubt for doubt in doubts(result)) == named
