@@ -1,6 +1,6 @@
 """What an endoscope shows, told from what surrounds it in the picture: black, or any other flat colour."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -136,7 +136,7 @@ def _depth_within(surround: Surround) -> FloatArray:
         outline = _outline(~_reached(surround.contrast <= least))
         field = _with_dark_walls(~surround.region & outline, outline, surround.contrast)
         if field.any() and field.sum() >= SOLID * outline.sum():
-            depth = np.float64(cv2.distanceTransform(_largest(field).astype(np.uint8), cv2.DIST_L2, 5))
+            depth = cv2.distanceTransform(_largest(field).astype(np.uint8), cv2.DIST_L2, 5).astype(np.float64)
             width = _edge_width(depth, surround.contrast)
             rim = surround.contrast[(depth > width + 1) & (depth <= width + 3)]
             if (rim > max(least, surround.clear)).sum() >= max(1, share * rim.size):
@@ -168,9 +168,7 @@ def _outline(region: BoolArray) -> BoolArray:
         outline[top : top + high, left : left + wide] = 1
         return outline > 0
 
-    def inner(
-        points: NDArray[np.int32],
-    ) -> FloatArray:  # (n, 1, 2) to (m, 2); the picture's border is no edge
+    def inner(points: Any) -> FloatArray:  # (n, 1, 2) to (m, 2); the picture's border is no edge
         points = points[:, 0]
         return points[((points > 0) & (points < np.array(region.shape[::-1]) - 1)).all(axis=-1)].astype(float)
 
