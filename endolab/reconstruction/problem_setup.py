@@ -102,7 +102,8 @@ def make_problems(
     _check_frame(frame.width, frame.height, len(channels))
     if smooth is not None and smooth > frame.width:
         raise ValueError(f"smooth must not exceed the frame's width of {frame.width} px, got {smooth}")
-    picture, known = frame.image, frame.mask & camera.field.valid
+    picture = frame.image
+    known = frame.seen() & camera.field.valid
     silent = np.zeros_like(known) if frame.silent is None else frame.silent
     mirrored = silent if highlights == "keep" else silent | find_highlights(picture, known, photometry.gamma)
     treated = frame
@@ -114,23 +115,22 @@ def make_problems(
         name, image = treated.channel(wanted)
         called = frame.name if picture.ndim == 2 else f"{frame.name} in {name}"
         own = photometry.simplified().channel(name)
-        seen = frame.seen(image) & camera.field.valid
         clipped = image >= BRIGHT
         # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
         # loses nothing on the simple scenes that noise has not taken already.
-        blur = 2 * float(np.sqrt(255 * noise_level(image, seen))) if smooth is None else smooth
-        image = smooth_light(image, seen, photometry.gamma, blur)
+        blur = 2 * float(np.sqrt(255 * noise_level(image, known))) if smooth is None else smooth
+        image = smooth_light(image, known, photometry.gamma, blur)
         evidence = np.where(clipped, AT_LEAST, EXACT).astype(np.int8)
         evidence[silent] = NONE
         settings = {"frame": frame.name, "picture_size": size, "channel": name, "width": camera.width}
         settings |= {"height": camera.height, "smooth": blur, "highlights": highlights}
         problem = Problem(
             image=image,
-            mask=usable(image, seen, camera.field.cos_alpha, called),
+            mask=usable(image, known, camera.field.cos_alpha, called),
             camera=camera,
             photometry=own if own.gain is not None else replace(own, gain=1.0),
             metric=own.gain is not None,
-            evidence=evidence if evidence[seen].any() else None,
+            evidence=evidence if evidence[known].any() else None,
             picture=frame.image,
             xi=preparation.xi,
             regulariser=preparation.regulariser,
