@@ -1,4 +1,4 @@
-"""What a notebook uses; all else is reached through the folders (README, "The house")."""
+"""What a notebook uses; all else is reached through the folders (CONTRIBUTING, "The house")."""
 
 from . import batch as batch
 from . import calibration as calibration

@@ -12,8 +12,9 @@ import pytest
 os.environ["MPLBACKEND"] = "Agg"  # no windows
 if "PYTEST_XDIST_WORKER" in os.environ:  # there are as many of these as cores
     os.environ.setdefault("ENDOLAB_THREADS", "1")
-# As endolab.recording has it; Rerun reads it once, and some tests load Rerun first.
+# As the command line has it; Rerun reads it once.
 os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=off,re_sdk=off")
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # a test may be the first to open a video, which counts
 os.environ.setdefault("CI", "1")  # the one variable by which a Rerun viewer sends no usage data
 
 # Programs that tests start and interrupt would ignore what nohup, or a shell's &, has this one ignore.

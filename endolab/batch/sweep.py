@@ -145,7 +145,7 @@ def sweep(
         with closing(rows_made):
             for row in rows_made:
                 if row["status"] == Status.STOPPED.name:
-                    raise KeyboardInterrupt
+                    raise KeyboardInterrupt  # the user's, which ends more than this row
                 rows[_key(row)] = row
                 write()
                 done += 1

@@ -121,7 +121,7 @@ def reconstruct_video(
             pictures = _pictures(frames, names, inside)
             for step in reconstruct_sequence(pictures, calibration, before=start, **options):
                 if step.result is not None and step.result.status is Status.STOPPED:
-                    raise KeyboardInterrupt
+                    raise KeyboardInterrupt  # the user's, which ends more than this frame
                 folder.add(step)
                 last = step.name if step.result is not None else last
                 done += 1
@@ -242,8 +242,6 @@ class _Folder:
         with staged_folder(self.path, overwrite=self._overwrite, inputs=self._inputs) as staging:
             self._write_table(staging, {})
             self._write_report(staging)
-        for name in self._index:  # what is there of other settings would be taken for this call's
-            self._depth(name).unlink(missing_ok=True)
 
     def close(self) -> None:
         """Write the table, with the broken frames, the recording and the report."""
@@ -265,6 +263,7 @@ class _Folder:
             "meaning": self._meaning,
             "broken": {name: row["error"] for name, row in self.rows.items() if row["error"]},
             "settings": self._settings,
+            "files": FILES,
         }
         write_atomically(folder / REPORT, as_json(content))
 

@@ -87,7 +87,7 @@ def detect_all(
 ) -> tuple[dict[str, Detection], tuple[int, int] | None]:
     """Find the target in named frames, (H, W) or (H, W, 3), None for one that could not be read.
 
-    `progress` is told the stage, what is done and the total (`count`); `found` every detection with the
+    `progress` is told the stage, what is done and the total (`count`); `keep` every detection with the
     size of its frame as it comes, to keep it. Returns the detections by name, and width and height, px,
     which all frames must share (`size`, or that of the first), and which must be those of the `camera` that
     is to look at them; None if none could be read.

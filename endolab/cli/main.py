@@ -70,7 +70,9 @@ def _simulate(arguments: argparse.Namespace) -> None:
         write_image(folder / "frame.png", rendered.image, arguments.bits)
         replace(calibration, photometry=rendered.photometry).save(folder / "endoscope.json")
         save_depth(folder / "truth.npz", rendered, True)
-        write_atomically(folder / "report.json", as_json({"endolab": 1, "scene": arguments.scene} | chosen))
+        # It lists no files: what is solved in the same folder takes no truth away.
+        facts = {"endolab": 1, "scene": arguments.scene, "files": []} | chosen
+        write_atomically(folder / "report.json", as_json(facts))
     known = rendered.distance[rendered.mask]
     print(f"{arguments.scene}: {known.min():.1f} to {known.max():.1f} mm, median {np.median(known):.1f} mm")
     print(f"written to {arguments.out}: endoscope.json, frame.png, report.json, truth.npz")
@@ -287,6 +289,8 @@ def run() -> NoReturn:
         getattr(sys, name).reconfigure(errors="backslashreplace")
     if not sys.warnoptions:  # others' warnings say nothing to its user
         warnings.filterwarnings("ignore", module=r"(?!endolab\b)")
+    # Of a disk that is full Rerun complains on its own, before `recording.stream.Sink` says so in a sentence.
+    os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=off,re_sdk=off")
     gc.set_threshold(50_000)  # what is imported stays: to look through it takes a sixth of all importing
     status = main()
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):

@@ -2,7 +2,7 @@
 
 import argparse
 import time
-from contextlib import ExitStack, closing, nullcontext, suppress
+from contextlib import ExitStack, closing, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -256,24 +256,23 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
         started = time.perf_counter()
         keywords |= {"mask": arguments.mask, "limit": arguments.limit}
         steps = reconstruct_live(arguments.frame, calibration, **keywords)
-        with (
-            announce_compiling(),
-            progress_bar("frame", "live") as bar,
-            closing(steps),
-            suppress(KeyboardInterrupt),
-        ):
-            for step in shown(steps, sinks):
-                rows.append(live_row(step))
-                last = step.result or last
-                dropped += step.dropped
-                bar.set_postfix_str(f"lag {1000 * step.lag:.0f} ms, {dropped} dropped", refresh=False)
-                bar.update()
-                if arguments.out is None and all(sink.gone for sink in sinks):
-                    break  # the window is closed
+        try:
+            with announce_compiling(), progress_bar("frame", "live") as bar, closing(steps):
+                for step in shown(steps, sinks):
+                    rows.append(live_row(step))
+                    last = step.result or last
+                    dropped += step.dropped
+                    bar.set_postfix_str(f"lag {1000 * step.lag:.0f} ms, {dropped} dropped", refresh=False)
+                    bar.update()
+                    if arguments.out is None and all(sink.gone for sink in sinks):
+                        break  # the window is closed
+        except KeyboardInterrupt:  # which is how it ends
+            if arguments.out is not None and not rows:
+                raise
         summary = live_summary(rows, time.perf_counter() - started)
         if arguments.out is not None:
             if not rows:
-                raise KeyboardInterrupt
+                raise ValueError(f"{arguments.frame} gave no frame")
             write_rows(folder / "frames.csv", COLUMNS, rows)
             write_atomically(folder / "report.json", as_json({"endolab": 1, "live": summary}))
             if last is not None:

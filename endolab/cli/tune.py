@@ -10,6 +10,7 @@ import webbrowser
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 from endolab._extras import need
 from endolab.cli.options import add_command, whole, wide
@@ -46,11 +47,13 @@ def _tune(arguments: argparse.Namespace) -> None:
     def opened() -> None:
         taken = f" (port {arguments.port} is taken)" if port != arguments.port else ""
         print(f"tuner: {page.link}{taken}", flush=True)
+        if page.origin is not None:
+            print(f"through the proxy: {page.origin}{urlsplit(page.link).path}", flush=True)
         print("It ends when its page is closed, or by Ctrl-C.", flush=True)
         if arguments.browser:
             threading.Thread(target=_open, args=(page.link,), daemon=True).start()
 
-    page = Page(make, f"{first.name} · endolab", port)
+    page = Page(make, f"{first.name} · endolab", port, arguments.origin)
     with suppress(KeyboardInterrupt):  # which is how it ends
         page.run(opened)
     print("ended", flush=True)
@@ -118,5 +121,7 @@ def add_tune_command(commands: Any) -> None:
     option("--truth", metavar="T", help="truth.npz of the frame, or its depth map of a published data set")
     option("--width", type=wide, default=320, metavar="PX", help="to begin with (default 320)")
     option("--port", type=whole, default=PORT, metavar="N", help=f"the next free one (default {PORT})")
+    text = "of a proxy in front of it, such as https://lab.example.org, whose pages may come too"
+    option("--origin", metavar="URL", help=text)
     text = "print the link, and open no browser"
     option("--no-browser", action="store_false", dest="browser", help=text)

@@ -3,7 +3,7 @@
     E(v) = mean ρ(I_model(v) - I) + λ mean w ‖D ξ(v)/ξ̃‖_ε,        v = log d
 
 ρ is Huber's penalty, D the gradient or the Hessian, ξ̃ the median of ξ at the start d₀, and
-derivatives are per 1/320 of the picture's width, so that one λ serves all ξ, units and sizes
+derivatives are per 1/320 of the longer side, so that one λ serves all ξ, units and sizes
 (paper, Section V; symbols in `notebooks/guides/symbols.md`).
 
 Where the picture leaves a surface free, as at the border of a tube, the regulariser chooses it, and a

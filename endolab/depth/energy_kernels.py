@@ -441,7 +441,7 @@ def be_cautious(
 
 
 def shading_table(photometry: Photometry, size: int = TABLE_SIZE) -> tuple[FloatArray, float]:
-    """Shading of a BRDF against slant, for `_shading`: table (2, size) and the step between its nodes.
+    """Shading of a BRDF against slant, for `_shade_row`: table (2, size) and the step between its nodes.
 
     The rows are log(cos θ f_r(θ)/f_r(0)) and its derivative, at equal steps of √log(1 + tan²θ), which
     is nearly θ: a BRDF may have a cusp at θ = 0. A Lambertian surface has none, (2, 0).

@@ -593,7 +593,7 @@ def primal_dual(
 
     - start: (H, W), log d to begin with, finite inside the mask; the paper's d₀ by default.
     - patch: radius of the box over which slopes are averaged, twice, for the normals; in 1/320 of the
-      width. 0 takes two neighbours, as the energy does, and thousands of steps.
+      longer side. 0 takes two neighbours, as the energy does, and thousands of steps.
     - tolerance: the run has converged when v has less than this to go (root mean square): its change in
       a step over the part of the way that a step takes.
     - every, max_iterations: steps from one iterate to the next, and the most to take.

@@ -12,6 +12,7 @@ from typing import Any
 
 PathLike = str | os.PathLike[str]
 REPORT = "report.json"  # by which a folder of results is known: a JSON object with the key "endolab"
+LISTED = "files"  # key of a report: names in its folder, which go when another report takes its place
 MOST_JSON = 10_000_000  # bytes; a calibration with its evidence has some kB
 ASK = "or replace it with overwrite=True"  # the command line says --overwrite
 _TEMPORARY = ".endolab-"  # how the names of what is on its way begin
@@ -73,12 +74,24 @@ def spare_inputs(places: Iterable[Path], inputs: Iterable[PathLike | None]) -> N
             raise FileExistsError(f"{place} is read by this very call; write to another place")
 
 
-def is_own(folder: Path) -> bool:
-    """Whether endolab wrote a folder's results: there is a `REPORT`, and it says so."""
+def _own_report(folder: Path, name: str = REPORT) -> dict[str, Any]:
+    """Read the report of a folder of endolab's results; an empty one, if it holds none of endolab's."""
     with suppress(OSError, ValueError):
-        report = read_json(folder / REPORT, "report")
-        return isinstance(report, dict) and "endolab" in report
-    return False
+        report = read_json(folder / name, "report")
+        if isinstance(report, dict) and "endolab" in report:
+            return report
+    return {}
+
+
+def written_before(folder: Path, report: str = REPORT) -> list[Path]:
+    """Find the files that an earlier run wrote into a folder, by its report; all others are the user's."""
+    names = _own_report(folder, report).get(LISTED)
+    files: list[Path] = []
+    if isinstance(names, list):
+        for path in folder.iterdir():
+            if path.name in names:  # a folder is that of a video's frames, in which there may be more
+                files += path.glob("*/depth.npz") if path.is_dir() else [path]
+    return files
 
 
 def check_folder(folder: Path) -> None:
@@ -86,20 +99,25 @@ def check_folder(folder: Path) -> None:
     with one_sentence(f"cannot write to the folder {folder}"):
         names = [path.name for path in folder.iterdir()] if folder.exists() else []
     others = [name for name in names if not name.startswith(_TEMPORARY)]  # which a killed run may leave
-    if others and not is_own(folder):
+    if others and not _own_report(folder):
         content = f"holds {min(others)} and no results of endolab's; choose another folder"
         raise FileExistsError(f"{folder} {content}, {ASK}")
 
 
 @contextmanager
 def staged_folder(
-    folder: PathLike, *, overwrite: bool = False, inputs: Collection[PathLike | None] = ()
+    folder: PathLike,
+    *,
+    overwrite: bool = False,
+    inputs: Collection[PathLike | None] = (),
+    report: str = REPORT,
 ) -> Iterator[Path]:
     """Give a temporary folder whose files move into `folder`, one after the other, if the block succeeds.
 
     `folder` is made if need be, and removed again if it was made here and nothing came of it. It must be
-    new, empty, or hold a `REPORT` of endolab's, which moves in last; else it needs `overwrite`. One of
-    `inputs` is never replaced. OSError in one sentence, if it cannot be written.
+    new, empty, or hold a `REPORT` of endolab's; else it needs `overwrite`. A new `report` moves in last. It
+    lists the files, unless it has a list, and takes away what the one before it lists. One of `inputs` is
+    never replaced or taken away. OSError in one sentence, if it cannot be written.
     """
     target = as_path(folder)
     if not overwrite:
@@ -112,7 +130,7 @@ def staged_folder(
             staging.mkdir(parents=True)
         with _hidden(staging, target):
             yield staging
-            _move_in(staging, target, inputs)
+            _move_in(staging, target, inputs, report)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
         for path in made:
@@ -120,17 +138,35 @@ def staged_folder(
                 path.rmdir()
 
 
-def _move_in(staging: Path, target: Path, inputs: Collection[PathLike | None]) -> None:
+def _move_in(staging: Path, target: Path, inputs: Collection[PathLike | None], report: str) -> None:
     """Move all files to their places, after all that can go wrong has been tried."""
-    files = sorted(staging.iterdir(), key=lambda path: (path.name == REPORT, path.name))
+    files = sorted(staging.iterdir(), key=lambda path: (path.name == report, path.name))
     places = [target / path.name for path in files]
     spare_inputs(places, inputs)
-    for path, place in zip(files, places, strict=True):
+    for place in places:
         if place.is_dir():
             raise OSError(f"cannot write {place}: it is a folder")
+    for path in files:
+        if path.name == report:
+            content = json.loads(path.read_bytes())
+            content.setdefault(LISTED, [path.name for path in files])
+            path.write_bytes(as_json(content))
         _sync(path)
+    read = {Path(path).resolve() for path in inputs if path is not None}
     for path, place in zip(files, places, strict=True):
+        if path.name == report:  # the one before stays until all that it lists has gone
+            for old in {*written_before(target, report)}.difference(places):
+                if old.resolve() not in read:
+                    _remove(old)
         path.replace(place)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file, and the folders of a frame and of all frames that are empty then."""
+    path.unlink()
+    with suppress(OSError):  # there is something in it
+        path.parent.rmdir()
+        path.parent.parent.rmdir()
 
 
 def _sync(path: Path) -> None:
@@ -208,8 +244,8 @@ def read_json(path: PathLike, what: str) -> Any:
     """Read a JSON file; OSError or ValueError in one sentence, which calls it `what` if there is none."""
     content = read_bytes(path, what, MOST_JSON)
     try:
-        return json.loads(content.decode())
+        return json.loads(content.decode(json.detect_encoding(content)))  # whatever byte order mark it has
     except RecursionError as error:
         raise ValueError(f"{Path(path)}: not valid JSON: it is nested too deeply") from error
     except ValueError as error:
-        raise ValueError(f"{Path(path)}: not valid JSON in UTF-8: {error}") from error
+        raise ValueError(f"{Path(path)}: not valid JSON: {error}") from error

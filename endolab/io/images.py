@@ -13,11 +13,14 @@ import cv2
 import numpy as np
 
 from endolab.io.atomic import PathLike, damage_named, read_bytes, write_atomically
+from endolab.io.damaged import END, ENOUGH, JPEG, LAST, PNG, SCAN, bare_png, mended
+from endolab.io.quiet import quiet
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from PIL.ImageFile import ImageFile
 
     from endolab.model.endoscope import Endoscope
     from endolab.preprocessing.frame import Frame
@@ -37,9 +40,9 @@ AS_SEEN: dict[int, Callable[[np.ndarray], np.ndarray]] = {
     7: lambda a: np.rot90(np.swapaxes(a, 0, 1), 2),
     8: lambda a: np.rot90(a, -1),
 }
-# What these print of a damaged picture is said in one sentence.
-cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-logging.getLogger("PIL").addHandler(logging.NullHandler())
+OPAQUE = 0.995  # of the largest alpha; with less, a pixel is mixed with what lies beneath
+GREY_AND_ALPHA = 4  # a PNG's colour type
+log = logging.getLogger("endolab")
 
 
 def write_image(path: PathLike, image: FloatArray, bits: int = 8) -> None:
@@ -70,54 +73,113 @@ def write_figure(path: PathLike, figure: Figure) -> None:
 def read_image(path: PathLike) -> FloatArray:
     """Read a grey or colour picture of 8 or 16 bits (PNG, JPEG, TIFF, BMP) as (H, W) or (H, W, 3).
 
-    Stored values over their maximum (255 or 65535); R, G, B. An alpha channel is dropped. OSError or
+    Stored values over their maximum (255 or 65535); R, G, B. What is transparent is black. OSError or
     ValueError in one sentence, if there is no such file or it is not such a picture; MemoryError, if it is
     too large for this machine.
     """
-    stored = read_stored(path)
+    return _in_unit(read_stored(path), path)
+
+
+def _in_unit(stored: np.ndarray, path: PathLike) -> FloatArray:
     if stored.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: expected 8 or 16 bits a channel, found {stored.dtype}")
-    if stored.ndim == 3:  # grey with alpha, or BGR(A) to RGB
-        stored = stored[..., 0] if stored.shape[2] == 2 else stored[..., 2::-1]
     return stored / float(np.iinfo(stored.dtype).max)
 
 
 def read_stored(path: PathLike) -> np.ndarray:
-    """Read a picture as the numbers that the file holds, channels in OpenCV's order."""
-    return decode(read_bytes(path), path)
+    """Read a picture as the numbers that the file holds, R, G, B; 0 where it is transparent."""
+    return decode(read_bytes(path), path)[0]
 
 
-def decode(content: bytes, name: PathLike) -> np.ndarray:
-    """Decode the content of a picture's file as `read_stored` does; errors call it `name`."""
+def decode(content: bytes, name: PathLike) -> tuple[np.ndarray, FloatArray]:
+    """Decode the content of a picture's file as `read_stored` does; errors call it `name`.
+
+    Also returns alpha, (H, W), over its largest, and nan in rows that are cut off.
+    """
+    try:
+        stored, alpha = _decode(content, name)
+        whole = len(stored)
+    except ValueError:
+        with damage_named(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
+            content, whole, rows = mended(content)
+        lack = f"only {whole} of its {rows} rows are whole"
+        if whole < ENOUGH * rows:
+            raise ValueError(f"{name} is damaged: {lack}") from None
+        stored, alpha = _decode(content, name)
+        log.warning("%s is damaged: %s", name, lack if whole < rows else "only its picture is whole")
+    if not alpha.any():
+        raise ValueError(f"{name} is completely transparent: there is no pixel to use")
+    alpha = alpha / alpha.max()  # in 16 bits, what is opaque may have 255, or 65280
+    alpha[whole:] = np.nan
+    stored[~(alpha >= OPAQUE)] = 0
+    return stored, alpha
+
+
+def _decode(content: bytes, name: PathLike) -> tuple[np.ndarray, np.ndarray]:
+    """Return what is stored, R, G, B, and alpha, (H, W), in any unit."""
     from PIL import Image
 
     # Pillow refuses what is cut off, and sizes that no picture has, where OpenCV does not.
-    with damage_named(name, PICTURE), warnings.catch_warnings(action="ignore"):
+    with damage_named(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
         picture = Image.open(io.BytesIO(content), formats=FORMATS)
         at_hand = picture.format != "PNG" or "exif" in picture.info  # else all of it would be decoded
         turned = picture.getexif().get(ORIENTATION, 1) if at_hand else 1
     columns, rows = picture.size
     check_memory(columns * rows * DECODED, f"{name}: a picture of {columns}x{rows} px")
-    with damage_named(name, PICTURE), warnings.catch_warnings(action="ignore"):
-        if picture.format == "JPEG":
-            picture.load()
+    with damage_named(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
+        if content.startswith(JPEG):  # of which OpenCV prints what is wrong
+            if END not in content[content.rfind(SCAN) :]:
+                raise ValueError
+            stored = np.array(picture.convert("RGB") if picture.mode == "CMYK" else picture)
+            alpha = np.ones((rows, columns))
         else:
-            picture.verify()  # the checksums of a PNG
-        stored = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-        if stored is None or stored.shape[1::-1] != (columns, rows):
+            stored, alpha = _with_alpha(content, picture)
+        if stored.shape[1::-1] != (columns, rows):
             raise ValueError
     if turned != 1:
         message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
-        logging.getLogger("endolab").warning(message, name)
+        log.warning(message, name)
     if picture.format == "TIFF" and turned in AS_SEEN:  # alone of all, it has been turned
-        stored = AS_SEEN[turned](stored)
-    return np.asarray(stored)
+        return AS_SEEN[turned](stored), AS_SEEN[turned](alpha)
+    return stored, alpha
+
+
+def _with_alpha(content: bytes, picture: ImageFile) -> tuple[np.ndarray, np.ndarray]:
+    """Decode a PNG, TIFF or BMP by OpenCV; where that leaves alpha out, find it."""
+    from PIL import Image
+
+    Image.open(io.BytesIO(content), formats=FORMATS).verify()  # the checksums of a PNG
+    is_png = content.startswith(PNG)
+    if is_png and LAST not in content:
+        raise ValueError
+    readable = bare_png(content) if is_png else content
+    stored: np.ndarray = np.asarray(cv2.imdecode(np.frombuffer(readable, np.uint8), cv2.IMREAD_UNCHANGED))
+    alpha: np.ndarray = stored[..., 3] if stored.shape[2:] == (4,) else np.ones(stored.shape[:2])
+    if stored.ndim == 3:
+        stored = stored[..., 0] if is_png and content[25] == GREY_AND_ALPHA else stored[..., 2::-1]
+    args = picture.tile[0].args or ("",)
+    if args[0] == "BGRX":  # a BMP's fourth byte is unused, or alpha
+        pixels = content[picture.tile[0].offset :]
+        alpha = np.asarray(Image.frombytes("RGBA", picture.size, pixels, "raw", "BGRA", *args[1:]))[..., 3]
+    elif picture.mode == "LA":
+        alpha = np.asarray(picture)[..., 1]
+    elif stored.ndim == 2 and "transparency" in picture.info:  # one grey of 1 to 16 bits
+        most = np.iinfo(stored.dtype).max
+        alpha = stored != min(picture.info["transparency"] * (most // (2 ** content[24] - 1)), most)
+    return stored, alpha if alpha.any() or not content.startswith(b"BM") else np.ones(alpha.shape)
 
 
 def read_mask(path: PathLike) -> BoolArray:
-    """Read a mask, (H, W): True where the picture is brighter than half."""
-    image = read_image(path)
-    return (image if image.ndim == 2 else image.max(axis=-1)) > 0.5
+    """Read a mask, (H, W): True where the picture is brighter than half.
+
+    If part of it is transparent, True elsewhere, unless black and white are drawn there.
+    """
+    stored, alpha = decode(read_bytes(path), path)
+    image = _in_unit(stored, path)
+    level = image if image.ndim == 2 else image.max(axis=-1)
+    bright = level > 0.5
+    is_drawn = bright.any() and np.mean(np.abs(level[alpha >= OPAQUE] - 0.5) > 0.48) > 0.9
+    return bright if np.nanmin(alpha) == 1 or is_drawn else alpha > 0.5
 
 
 def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathLike | None = None) -> Frame:
@@ -130,12 +192,12 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     calibration : Endoscope, optional
         If given, the frame must have its size.
     mask : path, optional
-        A picture of the frame's size, bright where the frame is to be used.
+        A picture of the frame's size, bright where the frame is to be used, or transparent elsewhere.
 
     Returns
     -------
     Frame
-        Stored values in [0, 1] and the pixels that are to be used.
+        Stored values in [0, 1] and the pixels that are to be used, all of them opaque.
 
     Raises
     ------
@@ -155,16 +217,29 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     ((240, 320, 3), dtype('bool'))
     """
     # Here, for who only writes pictures needs no compiled loops.
-    from endolab.preprocessing.frame import Frame, check_size
+    from endolab.preprocessing.frame import Frame, check_size, field_of_view
 
-    image = read_image(path)
+    stored, alpha = decode(read_bytes(path), path)
+    image = _in_unit(stored, path)
     rows, columns = image.shape[:2]
     if calibration is not None:
         check_size(str(path), (columns, rows), calibration.camera)
+    bits = int(stored.max()).bit_length()
+    if stored.dtype == np.uint16 and 0 < bits < 16:
+        hint = "%s uses %d of its 16 bits; unless it is so dark, multiply its values by %d"
+        log.warning(hint, path, bits, 2 ** (16 - bits))
     inside = np.ones((rows, columns), dtype=bool) if mask is None else read_mask(mask)
     if inside.shape != (rows, columns):
         shape = f"{inside.shape[1]}x{inside.shape[0]} px"
         raise ValueError(f"the mask {mask} is {shape}, the frame {columns}x{rows} px")
     if not inside.any():
         raise ValueError(f"the mask {mask} is empty: no pixel in it is brighter than half")
+    opaque = alpha >= OPAQUE
+    if not opaque.all():
+        log.warning("%s: %.3g %% of it is transparent or missing, and left out", path, 100 * np.mean(~opaque))
+        if mask is None:  # black may be around what is opaque, too
+            inside = field_of_view(image if image.ndim == 2 else image.max(axis=-1))
+        inside &= opaque
+        if not inside.any():
+            raise ValueError(f"{path} is transparent or missing wherever it would be used")
     return Frame(image, inside, Path(path).name)

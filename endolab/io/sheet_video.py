@@ -10,7 +10,7 @@ import numpy as np
 from endolab.calibration.session import Progress, silent
 from endolab.calibration.simulation.trajectory import MOVEMENT
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
-from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
+from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically, written_before
 from endolab.io.descriptions import read_target
 from endolab.io.images import write_image
 from endolab.io.video import PICTURES, write_video
@@ -18,6 +18,7 @@ from endolab.model.brdf import TabulatedBRDF
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 
+TRUTH = "truth.json"
 MOST_FRAMES = 1_000_000  # frames, whose names have six digits
 
 
@@ -37,15 +38,16 @@ def save_sheet_video(
 
     `target` is as for `read_target`. The paper is that of `PAPER_SHEET`; movement, sensor and seed are as for
     `simulate_video`. What is there already is replaced as by `staged_folder`. ValueError, if other pictures
-    are there: they would be taken for more of these frames.
+    are there than an earlier call's: they would be taken for more of these frames.
     """
     if not 1 <= count <= MOST_FRAMES:
         raise ValueError(f"count must be from 1 to {MOST_FRAMES}, got {count}")
     files = ["sheet.mkv"] if video else [f"{number:06d}.png" for number in range(count)]
-    others = set() if video else {path.name for path in Path(folder).glob("[!.]*") if path.suffix in PICTURES}
-    if others.difference(files):
-        other = Path(folder) / min(others.difference(files))
-        raise ValueError(f"{other} would be taken for one of the {count} frames; choose another folder")
+    out = Path(folder)
+    there = [] if video else [path for path in out.glob("[!.]*") if path.suffix in PICTURES]
+    others = {*there}.difference(written_before(out, TRUTH), [out / name for name in files])
+    if others:
+        raise ValueError(f"{min(others)} would be taken for one of the {count} frames; choose another folder")
     sheet = read_target(target)
     light = replace(endoscope.photometry, brdf=PAPER_SHEET)
     frames = simulate_video(sheet, endoscope.camera, light, count, **options)
@@ -57,7 +59,7 @@ def save_sheet_video(
             progress("rendering", len(truth), count)
             yield frame.image
 
-    with staged_folder(folder, overwrite=overwrite, inputs=inputs) as staging:
+    with staged_folder(folder, overwrite=overwrite, inputs=inputs, report=TRUTH) as staging:
         if video:
             write_video(staging / files[0], images())
         else:
@@ -68,4 +70,4 @@ def save_sheet_video(
         known = replace(endoscope, photometry=replace(endoscope.photometry, brdf=paper))
         fold = options.get("movement", MOVEMENT).fold
         facts = known.to_dict() | {"target": target, "fold": fold, "frames": truth}
-        write_atomically(staging / "truth.json", as_json(facts))
+        write_atomically(staging / TRUTH, as_json(facts))

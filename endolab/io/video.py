@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, as_path, one_sentence, staged_file
 from endolab.io.images import DECODED, read_image
+from endolab.io.quiet import quiet
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.memory import check_memory
 
@@ -24,7 +25,6 @@ VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wm
 STREAM_TIMEOUT = 5000  # ms after which a stream that does not answer is given up
 USUAL_RATE = 25.0  # frames per second of a video that does not tell its own
 LEAST_BYTES = 64  # bytes of a video for each frame that it may promise; others are counted
-os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what FFmpeg would print is said in one sentence
 
 
 def _by_number(path: Path) -> list[tuple[int, str]]:
@@ -91,7 +91,8 @@ def _picture(path: Path) -> FloatArray | None:
 def _open(path: Path) -> cv2.VideoCapture:
     if not path.is_file():  # a pipe might never end
         raise ValueError(f"{path}: not a plain file, and so no video")
-    capture = cv2.VideoCapture(str(path))
+    with quiet:
+        capture = cv2.VideoCapture(str(path))
     if not capture.isOpened():
         raise ValueError(f"{path}: not a video that can be decoded")
     size = [int(capture.get(what)) for what in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
@@ -101,7 +102,7 @@ def _open(path: Path) -> cv2.VideoCapture:
 
 def _next(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
     """Take the next frame, (H, W, 3), B, G, R; None if there is none that can be decoded."""
-    with suppress(cv2.error):
+    with suppress(cv2.error), quiet:
         done, stored = capture.read()
         if done and stored.dtype == np.uint8 and stored.shape[2:] == (3,):
             return stored.astype(np.uint8, copy=False)
@@ -250,7 +251,8 @@ def open_stream(source: int | PathLike) -> Stream:
     text = str(source)
     limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, STREAM_TIMEOUT, cv2.CAP_PROP_READ_TIMEOUT_MSEC, STREAM_TIMEOUT]
     is_url = "://" in text
-    capture = cv2.VideoCapture(text, cv2.CAP_FFMPEG, limits) if is_url else cv2.VideoCapture(int(text))
+    with quiet:
+        capture = cv2.VideoCapture(text, cv2.CAP_FFMPEG, limits) if is_url else cv2.VideoCapture(int(text))
     name = text if is_url else f"camera {text}"
     if not capture.isOpened():
         raise ValueError(f"{name} cannot be opened: it is not there, in use, or holds no video")
@@ -283,7 +285,8 @@ def _encode(path: Path, images: Iterable[FloatArray], rate: float) -> list[int]:
         stored = cv2.cvtColor(whole, cv2.COLOR_GRAY2BGR if whole.ndim == 2 else cv2.COLOR_RGB2BGR)
         if not sums:
             shape = image.shape
-            writer.open(str(path), cv2.VideoWriter.fourcc(*"FFV1"), rate, stored.shape[1::-1])
+            with quiet:
+                writer.open(str(path), cv2.VideoWriter.fourcc(*"FFV1"), rate, stored.shape[1::-1])
         if image.shape != shape:
             raise ValueError(f"frame {len(sums)} of a video: expected {shape}, found {image.shape}")
         writer.write(stored)

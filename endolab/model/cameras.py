@@ -7,7 +7,6 @@ Frame: x right, y down, z forward. Pixel coordinates are (column, row), the orig
 centre of the top-left pixel.
 """
 
-from collections import deque
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self
@@ -172,17 +171,14 @@ class Camera:
 
         The same one as before, if this size was asked for lately: its ray field is computed once.
         """
-        for kept in self._resized:
-            if (kept.width, kept.height) == (width, height):
-                return kept
+        resized: tuple[Self, ...] = vars(self).get("_resized", ())  # never changed: other threads read it
+        for camera in resized:
+            if (camera.width, camera.height) == (width, height):
+                return camera
         scale = np.array([width / self.width, height / self.height])
-        resized = self._transformed(scale, 0.5 * scale - 0.5, width, height)
-        self._resized.append(resized)
-        return resized
-
-    @cached_property
-    def _resized(self) -> deque[Self]:
-        return deque(maxlen=KEPT)
+        camera = self._transformed(scale, 0.5 * scale - 0.5, width, height)
+        vars(self)["_resized"] = (camera, *resized[: KEPT - 1])
+        return camera
 
     def crop(self, left: int, top: int, width: int, height: int) -> Self:
         """Return the camera of a window of the picture: first column and row that are kept, and size, px.

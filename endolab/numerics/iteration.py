@@ -26,6 +26,10 @@ class Status(Enum):
     NON_FINITE = "The solver produced a value that is not finite."
 
 
+class Stopped(RuntimeError):
+    """An observer has stopped what has nothing to tell yet."""
+
+
 class Clock:
     """Tells seconds, without those that loops were being compiled: `compiled` adds them up."""
 
@@ -43,11 +47,13 @@ def drive(
     steps: Generator[Step, None, Status],
     observers: Iterable[Callable[[Step], bool | None]],
     keep: Callable[[Step, float], None],
+    tells: Callable[[Step], bool] = lambda step: True,
 ) -> Status:
     """Take steps to the end, or until an observer or the user stops.
 
     `keep` is given every step, and the seconds that the steps took so far but for compiling, before the
-    observers see it. An interrupt after the first step counts as a stop; one before it is passed on.
+    observers see it. An interrupt after the first step that `tells` something counts as a stop; one before
+    it is passed on.
     """
     watching, seconds, begun = list(observers), 0.0, False
     try:
@@ -61,7 +67,7 @@ def drive(
             finally:
                 seconds += CLOCK.now() - started
             keep(step, seconds)
-            begun = True
+            begun = begun or tells(step)
             wishes = [observer(step) for observer in watching]  # all see it, whatever one says
             if any(wishes):
                 return Status.STOPPED

@@ -26,7 +26,7 @@ from endolab.numerics.checks import whole
 from endolab.numerics.compiled import kernel
 
 VARIABLE = "ENDOLAB_THREADS"
-ROWS = 16  # of a band, see `in_turns`
+ROWS = 16  # of a band, see `on_cores`
 WORTH = 300_000  # ns that a turn must take, or waking a second core, 50 µs or more, does not pay
 
 _limit: ContextVar[int | None] = ContextVar("limit", default=None)

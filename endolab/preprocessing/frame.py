@@ -14,10 +14,11 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import mask_array, owned, real_array
 from endolab.numerics.side_by_side import by_rows
+from endolab.preprocessing.surround import field_of_view
 
 DARK = 4 / 255  # below this rounding and noise say more than the surface does
 MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
-FRAME = 8 / 255  # the black around an endoscope's picture, codec noise included
+MISPLACED = 0.05  # of a mask that lies beyond what the endoscope shows, from which on it is no rounded edge
 BRIGHT = 254.5 / 255  # from here on it is saturated
 LEVELS = 64  # of a mask, or of some other drawing, there are fewer
 REMEMBERED = 3  # sizes of a frame
@@ -95,9 +96,16 @@ class Frame:
         """Rows, px."""
         return self.image.shape[0]
 
-    def seen(self, image: FloatArray) -> BoolArray:
-        """Pixels to use, (H, W): the mask or, if it leaves nothing out, what the endoscope shows."""
-        return field_of_view(image) if self.mask.all() else self.mask
+    def seen(self) -> BoolArray:
+        """Pixels to use, (H, W): the mask, without a surround that it keeps."""
+        field = field_of_view(self.image)
+        beyond = self.mask & ~field
+        kept = self.mask & field
+        return (
+            kept
+            if self.mask.all() or (beyond.sum() > MISPLACED * self.mask.sum() and kept.any())
+            else self.mask
+        )
 
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".
@@ -123,11 +131,11 @@ class Frame:
         A frame remembers the last few, for who solves it again and again.
         """
         key = (width, height, gamma)
-        if key not in self._resized:
-            for old in list(self._resized)[: 1 - REMEMBERED]:
-                self._resized.pop(old, None)
-            self._resized[key] = self._shrunk(width, height, gamma)
-        return self._resized[key]
+        resized = self._resized  # never changed: other threads read it
+        if key not in resized:
+            resized = dict([*resized.items()][1 - REMEMBERED :]) | {key: self._shrunk(width, height, gamma)}
+            object.__setattr__(self, "_resized", resized)
+        return resized[key]
 
     def _shrunk(self, width: int, height: int, gamma: float) -> Frame:
         if not (1 <= width <= self.width and 1 <= height <= self.height):
@@ -188,30 +196,14 @@ def usable(image: FloatArray, mask: BoolArray, cos_alpha: FloatArray, name: str 
     bright = field & (image > DARK)
     if not bright.any():
         raise ValueError(
-            f"{name}: the picture is all dark, its brightest pixel is {image[field].max() * 255:.2g} of 255"
+            f"{name}: the picture is all dark, its brightest pixel is {image[field].max() * 255:.2g} of 255; "
+            "it may use fewer bits than the file, such as 10 of 16"
         )
     if np.all(image[bright] >= BRIGHT):
         raise ValueError(f"{name}: the picture is fully saturated")
     if np.ptp(image[bright]) < CONSTANT:  # shrinking rounds
         raise ValueError(f"{name}: the picture is constant, {image[bright][0] * 255:.4g} of 255 everywhere")
     return bright
-
-
-def field_of_view(image: FloatArray) -> BoolArray:
-    """Find what an endoscope shows: all but the black frame that touches the picture's border.
-
-    All True if there is no such frame. Else two pixels narrower than the bright part, since lenses and
-    codecs blur its edge, and without bright islands (text) in the frame.
-    """
-    rim = np.pad((image < FRAME).astype(np.uint8), 1, constant_values=1)
-    cv2.floodFill(rim, None, (0, 0), 2)
-    shown = (rim != 2)[1:-1, 1:-1]
-    if shown.all() or not shown.any():
-        return np.ones(image.shape, dtype=bool)
-    disc = (np.add.outer(np.arange(-2, 3) ** 2, np.arange(-2, 3) ** 2) <= 5).astype(np.uint8)
-    # Beyond the picture's own border nothing is known, so nothing is taken away there.
-    shown = cv2.erode(shown.astype(np.uint8), disc, borderValue=1) > 0
-    return large_parts(shown, 0.02 * shown.sum())
 
 
 def large_parts(region: BoolArray, least: float) -> BoolArray:

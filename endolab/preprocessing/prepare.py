@@ -11,7 +11,6 @@ from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.frame import (
     DARK,
-    FRAME,
     MAX_ALPHA,
     Frame,
     check_size,
@@ -22,8 +21,9 @@ from endolab.preprocessing.highlights import check_highlights, find_highlights, 
 
 LEAST_SIGNAL = 5.0  # signal over noise below which noise alone moves a distance by γ/10, about a fifth
 COMBED = 0.05  # combing from which on a frame is taken for interlaced
-HALO = 2 / 320  # of the picture's width: colour fringes around highlights, which inpainting must not spread
+HALO = 2 / 320  # of the longer side: colour fringes around highlights, which inpainting must not spread
 PAPER_WHITE, PALE, STANDS_OUT = 0.6, 0.08, 0.2  # of text: least value, most colour, contrast
+APART = 32 / 255  # of signs in the surround, their contrast to it
 LETTERS = 4  # as many of one height and colour in a row make a text
 
 
@@ -87,12 +87,14 @@ def _rows_of_letters(boxes: list[tuple[int, int, int, int, float]]) -> list[list
 def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
     """Find text that a video system has written over the picture; the mask is what the endoscope shows.
 
-    Bright islands in the black around the picture, and rows of at least four pale marks of one height and
+    Islands in the flat surround of the picture, and rows of at least four pale marks of one height and
     value on one line. Highlights are pale too, but stand in no row; a single sign within the picture is not
     found.
     """
     shade = np.nan_to_num(_brightest(image))
-    apart = ~grown(mask, 4) & (shade > 4 * FRAME)
+    apart = ~grown(mask, 4)
+    if apart.any():
+        apart &= np.abs(shade - np.median(shade[apart])) > APART
     text = grown(apart, 1) & ~mask if apart.any() else apart
     pale = image if image.ndim == 2 else np.nan_to_num(image).min(axis=-1)
     reach = 2 * max(4, max(image.shape[:2]) // 60) + 1
@@ -248,7 +250,7 @@ def prepare(
     check_size(frame.name, (frame.width, frame.height), camera)
     notes = []
     image = np.nan_to_num(frame.image)
-    field = frame.seen(_brightest(image))
+    field = frame.seen()
     if not field.any():
         raise ValueError(f"{frame.name}: the frame shows nothing but black")
     notes.append(f"The endoscope shows {100 * field.mean():.0f} % of the picture.")

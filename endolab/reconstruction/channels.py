@@ -122,7 +122,7 @@ def make_channels(
     if settings.smooth is not None and settings.smooth > frame.width:
         most = f"the frame's width of {frame.width} px"
         raise ValueError(f"smooth must not exceed {most}, got {settings.smooth}")
-    known = frame.mask & camera.field.valid
+    known = frame.seen() & camera.field.valid
     no_evidence = np.zeros_like(known) if frame.silent is None else frame.silent
     highlights = settings.highlights or "keep"
     mirrored = no_evidence
@@ -139,23 +139,22 @@ def make_channels(
         name, image = treated.channel(wanted)
         called = frame.name if frame.image.ndim == 2 else f"{frame.name} in {name}"
         own = photometry.simplified().channel(name)
-        seen = frame.seen(image) & camera.field.valid
         saturated = image >= BRIGHT
         # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
         # loses nothing on the simple scenes that noise has not taken already.
         blur = settings.smooth
         if blur is None:
-            blur = 2 * float(np.sqrt(255 * noise_level(image, seen)))
-        image = smooth_light(image, seen, photometry.gamma, blur)
+            blur = 2 * float(np.sqrt(255 * noise_level(image, known)))
+        image = smooth_light(image, known, photometry.gamma, blur)
         evidence = np.where(saturated, AT_LEAST, EXACT).astype(np.int8)
         evidence[no_evidence] = NONE
         problem = Problem(
             image=image,
-            mask=usable(image, seen, camera.field.cos_alpha, called),
+            mask=usable(image, known, camera.field.cos_alpha, called),
             camera=camera,
             photometry=own if own.gain is not None else replace(own, gain=1.0),
             metric=own.gain is not None,
-            evidence=evidence if evidence[seen].any() else None,
+            evidence=evidence if evidence[known].any() else None,
             picture=frame.image,
             xi=settings.xi,
             regulariser=settings.first_regulariser,

@@ -7,6 +7,7 @@ import numpy as np
 from endolab.depth.energy import contradicted, model_image
 from endolab.depth.result import Result
 from endolab.preprocessing.frame import noise_level
+from endolab.preprocessing.surround import unclear_surround
 
 NARROW = 5.0  # degrees from the axis to the picture's rim; endoscopes see 35 to 85
 DISTANCES = 2.0, 300.0  # mm, of the median
@@ -51,6 +52,11 @@ def _doubts(result: Result) -> Iterator[str]:
         yield (
             f"The brightest pixel has {100 * brightest:.2g} % of what the file can hold: it may use fewer "
             "bits than the file, such as 12 of 16."
+        )
+    if unclear_surround(picture, mask):
+        yield (
+            "Corners of the picture have one flat colour and no clear edge: if they surround what the "
+            "endoscope shows, a mask must leave them out."
         )
     albedo = float(np.min(getattr(problem.photometry.brdf, "albedo", BLACKEST)))
     if albedo < BLACKEST:

@@ -7,7 +7,6 @@ import os
 import subprocess
 import threading
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from endolab.io.atomic import PathLike, one_sentence, staged_file
 from endolab.model.cameras import Camera
-from endolab.numerics.arrays import FloatArray, frozen
+from endolab.numerics.arrays import FloatArray
 from endolab.recording.viewer import ADDRESS, end, start_viewer
 
 NOW, START, TRUTH, OUTLIER = (230, 159, 0), (86, 180, 233), (160, 160, 160), (213, 94, 0)
@@ -175,10 +174,12 @@ class Sink:
         if self._staged is not None:
             failure = RuntimeError("the recording was dropped")
             self._staged.__exit__(RuntimeError, failure, None)
-        # Rerun keeps streams that nobody has any more, with two threads each, until it begins anew.
         del self.stream
-        with contextlib.suppress(RuntimeError):  # another one's viewer is gone
-            rr.init("endolab", init_logging=False)
+        # Rerun keeps streams that nobody has any more, with two threads each, until it begins anew, which
+        # would end a session that the user has begun with `rr.init`.
+        if rr.get_application_id() is None:
+            with contextlib.suppress(RuntimeError):  # the viewer of another stream is gone
+                rr.init("endolab", init_logging=False)
 
     def __enter__(self) -> Sink:
         return self
@@ -196,7 +197,6 @@ def camera_shape(camera: Camera, size: float) -> rr.LineStrips3D:
     return rr.LineStrips3D([rim, *spokes], colors=START, radii=THIN)
 
 
-@lru_cache(8)
 def _rim(camera: Camera) -> FloatArray:
     """Rays of the rim of what a camera sees, (97, 3): in all directions the last one in the picture."""
     around = np.linspace(0, 2 * np.pi, 97)[:, None]
@@ -205,7 +205,7 @@ def _rim(camera: Camera) -> FloatArray:
     rays = np.stack([np.cos(around) * sine, np.sin(around) * sine, cosine], axis=-1)
     pixels = camera.project(rays)
     inside = ((pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])).all(axis=-1)
-    return frozen(rays[np.arange(97), np.maximum(inside.sum(axis=1) - 1, 0)])
+    return rays[np.arange(97), np.maximum(inside.sum(axis=1) - 1, 0)]
 
 
 def every(width: int, most: int) -> tuple[slice, slice]:

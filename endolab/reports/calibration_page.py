@@ -11,7 +11,7 @@ from endolab._extras import lacking
 from endolab.calibration import summary
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.session import Named, Session, describe_target
-from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
+from endolab.io.atomic import as_json, write_atomically
 from endolab.io.descriptions import write_camera
 from endolab.io.images import write_figure
 from endolab.io.video import Frames
@@ -71,14 +71,11 @@ def _pictures(frames: Named, names: Collection[str], session: Session) -> dict[s
     return pictures
 
 
-def write_report(
-    session: Session, frames: Named, folder: PathLike, channel: str = "grey", *, overwrite: bool = False
-) -> None:
-    """Write `report.html` with its pictures, `report.json` and `camera.json` into a folder, or nothing.
+def write_report(session: Session, frames: Named, folder: Path, channel: str = "grey") -> None:
+    """Write `report.html` with its pictures, `report.json` and `camera.json` into a folder that is there.
 
     `frames` are those that were calibrated from: one is shown. `channel` is the one whose response was
-    calibrated. Without Jinja2, of the extra `lab`, there is all but the page. The folder is new, empty, or
-    holds a report of endolab's; else `overwrite`.
+    calibrated. Without Jinja2, of the extra `lab`, there is all but the page.
     """
     source = str(frames.path) if isinstance(frames, Frames) else ""
     name, worst = figures.best_frame(session), figures.worst_frames(session)
@@ -86,22 +83,21 @@ def write_report(
     image = pictures[name]
     facts: dict[str, Any] = {"endolab": 1} | summary.evidence(session, source, channel)
     facts |= {"account": summary.account(session)}
-    with staged_folder(folder, overwrite=overwrite) as staging:
-        if session.geometry is None:
-            with house(PAGE_SIZE):
-                figure = Figure(figsize=(10, 8), dpi=100, layout="constrained")
-                figures.show_detection(image, session.detections[name], session.target, figure.subplots())
-            write_figure(staging / "detection.png", figure)
-        else:
-            write_figure(staging / "camera.png", figures.geometry_figure(session, image))
-        if worst:
-            shown = {name: pictures[name] for name in worst}
-            write_figure(staging / "frames.png", figures.frames_figure(session, shown))
-        if session.light is not None:
-            write_figure(staging / "light.png", figures.light_figure(session, image))
-        if session.geometry is not None or session.light is not None:
-            write_figure(staging / "uncertainty.png", uncertainty_figure(session))
-        if not lacking("jinja2"):
-            write_atomically(staging / "report.html", _page(session, source, name).encode())
-        write_atomically(staging / "report.json", as_json(facts))
-        write_camera(session.camera, staging / "camera.json")
+    if session.geometry is None:
+        with house(PAGE_SIZE):
+            figure = Figure(figsize=(10, 8), dpi=100, layout="constrained")
+            figures.show_detection(image, session.detections[name], session.target, figure.subplots())
+        write_figure(folder / "detection.png", figure)
+    else:
+        write_figure(folder / "camera.png", figures.geometry_figure(session, image))
+    if worst:
+        shown = {name: pictures[name] for name in worst}
+        write_figure(folder / "frames.png", figures.frames_figure(session, shown))
+    if session.light is not None:
+        write_figure(folder / "light.png", figures.light_figure(session, image))
+    if session.geometry is not None or session.light is not None:
+        write_figure(folder / "uncertainty.png", uncertainty_figure(session))
+    if not lacking("jinja2"):
+        write_atomically(folder / "report.html", _page(session, source, name).encode())
+    write_atomically(folder / "report.json", as_json(facts))
+    write_camera(session.camera, folder / "camera.json")

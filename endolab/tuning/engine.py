@@ -27,7 +27,7 @@ from endolab.depth.solvers import solve
 from endolab.model.endoscope import Endoscope
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.derivatives import fineness
-from endolab.numerics.iteration import Status
+from endolab.numerics.iteration import Status, Stopped
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
 from endolab.tuning.source import Settings, Source, Subject
@@ -167,8 +167,11 @@ class Tuner:
         self.source = Source(calibration, frame, truth)
         self._settled: Answer | None = None  # the last final answer
 
-    def do(self, job: Callable[[IsStale], object]) -> None:
-        """Do a job in the tuner's thread, and drop what was asked for before; returns at once."""
+    def do(self, job: Callable[[IsStale], object], name: str = "") -> None:
+        """Do a job in the tuner's thread, and drop what was asked for before; returns at once.
+
+        One that has a name is never dropped, and if it fails `refuse` is told.
+        """
         if self._closed:
             raise ValueError("the tuner is closed")
         self._asked += 1
@@ -178,13 +181,13 @@ class Tuner:
             return self._asked != number
 
         def run_it() -> None:
-            if is_stale():
+            if is_stale() and not name:
                 return
             try:
                 job(is_stale)
             except Exception as error:  # whatever it is, the next wish may do better
-                if not is_stale():
-                    self.refuse(sentence_of(error))
+                if name or not is_stale():
+                    self.refuse(f"{name}: {sentence_of(error)}" if name else sentence_of(error))
                 raise
 
         self._job = self._pool.submit(run_it)
@@ -220,7 +223,7 @@ class Tuner:
         def job(is_stale: IsStale) -> None:
             known = answer.settings.saved(answer.subject.calibration, answer.subject.grey)
             believed = known.believed(answer.subject.calibration)
-            with suppress(KeyboardInterrupt):  # stopped before there was anything to tell
+            with suppress(Stopped):  # only a wish that came since does that
                 uncertainty = uncertainty_of(
                     answer.result, believed, draws=DRAWS, observers=[lambda _: is_stale()]
                 )
@@ -258,7 +261,7 @@ class Tuner:
         return self._solved(self.source.subject(settings), settings, observers)
 
     def close(self) -> None:
-        """Stop the solve in flight and end the thread; a second call does nothing."""
+        """Stop the solve in flight and end the thread, when it has done all that is never dropped."""
         self._closed = True
         self._asked += 1
         self._pool.shutdown()
@@ -280,11 +283,13 @@ class Tuner:
 
     def _answer(self, source: Source, settings: Settings, is_stale: IsStale) -> None:
         subject, followed = source.subject(settings), None
-        with suppress(Exception):  # what is wrong with the whole frame, if anything, is said of that
+        try:
             first = self._quick(subject, settings, is_stale)
             if first is not None and not is_stale():
                 followed = first.followed
                 self.tell(first)
+        except Exception as error:  # the whole frame may do better
+            self.refuse(f"there is no first look: {sentence_of(error)}")
         if is_stale():
             return
 

@@ -1,7 +1,7 @@
 // Shows one widget of AnyWidgets, as Jupyter would: what they say comes over a WebSocket, a message as JSON and each
 // of its buffers behind it, and what is done here goes back.
 const first = "WIDGET";
-const channel = new WebSocket(`ws://${location.host}${location.pathname}channel`);
+const channel = new WebSocket(new URL("channel", location.href.replace(/^http/, "ws")));
 channel.binaryType = "arraybuffer";
 const models = new Map();
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import secrets
 import socket
 import sys
@@ -31,20 +32,24 @@ LEFT = 1000  # the code with which page.js closes the channel of a tab that is l
 # s after the last page was lost, as when the browser puts a tab to sleep overnight, or dies.
 LOST = 24 * 3600.0
 CLOSE_TIMEOUT = 2.0  # s that the widget has for its end
-# Nothing but this machine; scripts that widgets bring are blobs.
+# Nothing but this machine, and a proxy's channel; scripts that widgets bring are blobs.
 OWN = "'self' blob: data: ws://127.0.0.1:* ws://localhost:*"
-POLICY = f"default-src {OWN} 'unsafe-inline'; frame-ancestors 'none'"
+POLICY = f"default-src {OWN} %s 'unsafe-inline'; frame-ancestors 'none'"
 
 
 class Page:
     """Serves one widget, which `make` makes while the browser starts, and the widgets that it holds.
 
     `run` serves until the last page is left, and raises what `make` raised. `link` is the address to open.
+    `origin`, such as ``https://lab.example.org``, is that of a proxy through which pages may come, too.
     OSError in one sentence, if nobody may listen on `port`, which may be 0 for any.
     """
 
-    def __init__(self, make: Callable[[], AnyWidget], title: str, port: int = 0) -> None:
+    def __init__(
+        self, make: Callable[[], AnyWidget], title: str, port: int = 0, origin: str | None = None
+    ) -> None:
         self._make, self.title = make, title
+        self.origin = None if origin is None else checked_origin(origin)
         try:
             self._socket = socket.create_server(("127.0.0.1", port))
         except OSError as error:
@@ -81,6 +86,8 @@ class Page:
             closing = threading.Thread(target=self._close, name="endolab end", daemon=True)
             closing.start()
             closing.join(CLOSE_TIMEOUT)
+            if closing.is_alive():
+                print("endolab: what was still being done, such as an export, is dropped", file=sys.stderr)
 
     async def _serve(self) -> None:
         places = [(self._place, _Whole, {"page": self}), (self._place + "channel", _Channel, {"page": self})]
@@ -146,6 +153,13 @@ class Page:
             self._ending = self._loop.call_later(rest, self._ended.set)
 
 
+def checked_origin(text: str) -> str:
+    """Return an origin as browsers write it; ValueError, unless it is a scheme, a host and perhaps a port."""
+    if not re.fullmatch(r"https?://[\w.:[\]-]+/?", text):
+        raise ValueError(f"an origin is like https://lab.example.org or http://10.0.0.2:8080, got {text!r}")
+    return re.sub("(?<=^http)(:.*):80$|(?<=^https)(:.*):443$", r"\1\2", text.lower().rstrip("/"))
+
+
 class _Whole(tornado.web.RequestHandler):
     """The page itself."""
 
@@ -156,7 +170,8 @@ class _Whole(tornado.web.RequestHandler):
         html, script = ((HERE / name).read_text(encoding="utf-8") for name in ("page.html", "page.js"))
         html = html.replace("TITLE", tornado.escape.xhtml_escape(self.page.title))
         script = script.replace("WIDGET", self.page.widget.model_id)
-        self.set_header("Content-Security-Policy", POLICY)
+        channel = (self.page.origin or "").replace("http", "ws", 1)
+        self.set_header("Content-Security-Policy", POLICY % channel)
         self.set_header("Cache-Control", "no-store")
         self.finish(html.replace("SCRIPT", script))
 
@@ -166,6 +181,10 @@ class _Channel(tornado.websocket.WebSocketHandler):
 
     def initialize(self, page: Page) -> None:
         self.page = page
+
+    def check_origin(self, origin: str) -> bool:
+        """Whether a page of that origin may open the channel: one that came from here, or by the proxy."""
+        return origin.lower() == self.page.origin or super().check_origin(origin)
 
     def open(self) -> None:
         self.page.join(self)

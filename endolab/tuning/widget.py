@@ -512,12 +512,13 @@ class TunerBox(anywidget.AnyWidget):
         return Path(folder)
 
     def export_aside(self, name: str) -> None:
-        """Export, in the engine's thread."""
+        """Export, in the engine's thread, whatever is asked for meanwhile."""
         if not name.strip():
             raise ValueError("name a folder to export into")
         folder, _ = Path(name.strip()).expanduser(), self._final()
         self._tell(f"exporting into {folder} ...")
-        self.engine.do(lambda _: self._tell(f"exported into {self.export(folder).resolve()}"))
+        name = f"the export into {folder}"
+        self.engine.do(lambda _: self._tell(f"exported into {self.export(folder).resolve()}"), name)
 
     def close(self) -> None:
         """Close the widget and end its thread."""

@@ -24,7 +24,7 @@ from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.checks import excerpt, whole
 from endolab.numerics.derivatives import fineness, links, shifted
-from endolab.numerics.iteration import Status, checked_observers, closing, drive
+from endolab.numerics.iteration import Status, Stopped, checked_observers, closing, drive
 from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import QUIET, noise_level
 from endolab.reconstruction.scale import Pixel, own_pixel
@@ -112,9 +112,9 @@ def uncertainty_of(
     ------
     ValueError
         In one sentence, if the result is of a solver that has no energy, or an option cannot be used.
-    KeyboardInterrupt
-        If it is stopped before the fourth draw: σ without the random fields, the most of it, would be too
-        small, and nothing is told.
+    Stopped
+        If an observer stops it before the fourth draw: σ without the random fields, the most of it, would be
+        too small, and nothing is told. An interrupt before that is passed on.
 
     Examples
     --------
@@ -136,11 +136,11 @@ def uncertainty_of(
     watching = checked_observers(observers)
     with limited_threads(threads), closing(watching):
         estimate = _Estimate(thinned(iterate), prior_sigma, draws)
-        status = drive(estimate.steps(), watching, lambda step, seconds: None)
-    if estimate.done < LEAST_DRAWS:
-        raise KeyboardInterrupt(
-            "how far the result can be trusted: stopped before there was anything to tell"
+        status = drive(
+            estimate.steps(), watching, lambda step, seconds: None, lambda step: step.done >= LEAST_DRAWS
         )
+    if estimate.done < LEAST_DRAWS:
+        raise Stopped("how far the result can be trusted: stopped before there was anything to tell")
     return estimate.uncertainty(status, iterate)
 
 

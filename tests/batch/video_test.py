@@ -195,6 +195,32 @@ def test_files_of_others_are_not_replaced_unasked(film, out):
     assert (out / "frames/notes.txt").read_text() == "mine"
 
 
+def test_nothing_of_an_earlier_run_is_left_beside_a_new_one(film, out, shots):
+    """Neither of a longer video, nor of one frame, nor of a video beside one frame."""
+    reconstruct_video(film, UNKNOWN, out, limit=3, **QUICK)
+    (out / "frames/notes.txt").write_text("mine")
+    other = film.with_name("other")
+    other.mkdir()
+    write_image(other / "frame_1.png", shots[1].image)
+    reconstruct_video(other, UNKNOWN, out, overwrite=True, **QUICK)
+    assert (names(out), names(out / "frames")) == (OUTPUTS, ["frame_1", "notes.txt"])
+    result = el.reconstruct(el.Frame(shots[0].image, shots[0].mask), UNKNOWN, **QUICK)
+    el.save_result(result, out, mesh=True)
+    assert names(out) == ["cloud.ply", "depth.npz", "frames", "mesh.ply", "overview.png", "report.json"]
+    assert names(out / "frames") == ["notes.txt"]
+    reconstruct_video(other, UNKNOWN, out, **QUICK)
+    assert names(out) == OUTPUTS
+
+
+def test_a_run_that_is_interrupted_leaves_nothing_of_the_one_before(film, out):
+    reconstruct_video(film, UNKNOWN, out, limit=3, **QUICK)
+    again = {"limit": 3, "overwrite": True} | QUICK | {"lam": 2.0}
+    with pytest.raises(MemoryError, match="1 of 3"):
+        reconstruct_video(film, UNKNOWN, out, progress=after(1, MemoryError()), **again)
+    assert names(out / "frames") == ["frame_0"]
+    assert list(Recorded(out / "recording.rrd").numbers("/plots/energy", "scalars")) == [0]
+
+
 def test_what_a_video_is_made_from_is_never_replaced(film, out):
     out.mkdir()
     UNKNOWN.save(out / "report.json")

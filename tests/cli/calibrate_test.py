@@ -22,6 +22,10 @@ def call(*arguments):
         return exit.code
 
 
+def names_in(folder):
+    return {path.name for path in folder.iterdir()}
+
+
 def calibrate(source, out, *options, target="vicalib_folded"):
     return call("calibrate", source, "--target", target, "--out", out, *options)
 
@@ -148,6 +152,31 @@ def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nomina
 )
 def test_a_bad_option(work, tmp_path, refused, options, word):
     refused([word], work / "v/sheet.mkv", tmp_path / "c.json", *options)
+
+
+def test_a_report_without_a_recording_has_none_of_an_earlier_one(again):
+    source, out = again
+    report = out.with_name("cal_report")
+    assert (report / "recording.rrd").is_file()
+    (report / "notes.txt").write_text("mine")
+    assert calibrate(source, out, "--gamma", "free") == 0
+    assert not (report / "recording.rrd").exists()
+    assert {"report.html", "report.json", "camera.json", "light.png", "notes.txt"} <= names_in(report)
+
+
+def test_a_sheet_that_is_simulated_again_leaves_no_picture_of_the_one_before(tmp_path, capsys):
+    out = tmp_path / "v"
+    how = ("simulate", "sheet", "--width", 64, "--out", out, "--overwrite", "--frames")
+    assert call(*how, 3) == 0
+    (out / "notes.txt").write_text("mine")
+    assert call(*how, 2) == 0
+    assert names_in(out) == {"000000.png", "000001.png", "notes.txt", "truth.json"}
+    assert call(*how, 2, "--video") == 0
+    assert names_in(out) == {"sheet.mkv", "notes.txt", "truth.json"}
+    shutil.copy(out / "sheet.mkv", out / "000009.png")  # which is not of ours
+    assert call(*how, 3) == 2
+    assert "000009.png" in capsys.readouterr().err
+    assert names_in(out) == {"sheet.mkv", "notes.txt", "truth.json", "000009.png"}
 
 
 def test_a_sheet_to_print(tmp_path, refused):

@@ -107,6 +107,20 @@ def test_simulate_writes_a_frame_and_its_truth(sim):
     assert call("simulate", "tube", "--out", sim.parent / "s", "--width", 32) == 0  # which is endolab's own
 
 
+def test_a_folder_holds_what_was_written_last_and_what_that_was_made_of(solve, tmp_path):
+    out, scene = tmp_path / "s", ("--calibration", "simple", "--width", 64, "--out", tmp_path / "s")
+    given = ["endoscope.json", "frame.png", "notes.txt", "truth.npz"]
+    assert call("simulate", "curved", *scene) == 0
+    (out / "notes.txt").write_text("mine")
+    how = ("--calibration", out / "endoscope.json", "--out", out)
+    assert call("reconstruct", out / "frame.png", *how, "--mesh", "--uncertainty") == 0
+    assert names(out) == sorted([*OUTPUTS, *given, "mesh.ply", "mesh_uncertainty.ply"])
+    assert call("reconstruct", out / "frame.png", *how, "--overwrite") == 0
+    assert names(out) == sorted([*OUTPUTS, *given])
+    assert call("simulate", "tube", *scene) == 0
+    assert names(out) == sorted([*given, "report.json"])
+
+
 def test_reconstruct_writes_a_whole_folder(work):
     out = work / "out"
     assert names(out) == OUTPUTS

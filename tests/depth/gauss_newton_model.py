@@ -193,19 +193,16 @@ def inside(problem, v):
 
 
 def check_the_compiled(problem, v, rng):
-    """Energy, coefficients, slope and matrix of the compiled loops are the readable ones.
-
-    Coefficients are kept in single precision.
-    """
+    """Energy, coefficients, slope and matrix of the compiled loops are the readable ones."""
     grid, model = Grid.of(problem), GaussNewtonModel.at(problem, v)
     assert grid.terms(inside(problem, v), problem.lam) == pytest.approx(energy_terms(problem, v), rel=1e-12)
     coefficients, descent = grid.linearised(inside(problem, v), problem.lam)
     for compiled, readable in TWINS.items():
         found, expected = inner(getattr(coefficients, compiled)), getattr(model, readable)
-        assert np.abs(found - expected).max() <= 1e-7 * np.abs(expected).max(), compiled
+        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max(), compiled
     count = problem.mask.sum()
     assert relative(-inner(descent) / count, model.gradient).max() < 1e-12
     x = np.where(problem.mask, rng.normal(size=v.shape), 0.0)
     product = np.zeros_like(descent)
     multiply(coefficients.matrix(0.0), padded(x), product)
-    assert relative(inner(product), count * model.multiply(x)).max() < 1e-6
+    assert relative(inner(product), count * model.multiply(x)).max() < 1e-12

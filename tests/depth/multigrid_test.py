@@ -63,7 +63,7 @@ def test_where_whole_blocks_are_given_coarser_grids_know_their_rays(regulariser)
 
 @every_regulariser
 def test_a_smooth_step_costs_what_it_should(regulariser):
-    """Its differences are small beside the matrix's entries, which in single precision would hide them."""
+    """Its differences are small beside the matrix's entries."""
     problem, truth = at_truth("plane", 320, regulariser=regulariser)
     model, (coefficients, _) = GaussNewtonModel.at(problem, truth), equations(problem, truth)
     matrix = coefficients.matrix(0.0)
@@ -78,7 +78,7 @@ def test_a_smooth_step_costs_what_it_should(regulariser):
         product = np.zeros(matrix.shape[1:])
         multiply(matrix, padded(x), product)
         expected = problem.mask.sum() * np.vdot(x, model.multiply(x))
-        assert np.vdot(inner(product), x) == pytest.approx(expected, rel=1e-4)
+        assert np.vdot(inner(product), x) == pytest.approx(expected, rel=1e-8)
 
 
 @every_regulariser
@@ -152,7 +152,6 @@ def test_prolongation_is_the_adjoint_of_restriction(system, rng):
 
 
 def test_a_cycle_is_symmetric_and_positive_definite(system, rng):
-    """In single precision."""
     solver, _, free = system
 
     def cycled(b):
@@ -162,7 +161,7 @@ def test_a_cycle_is_symmetric_and_positive_definite(system, rng):
 
     vectors = random_maps(rng, free, 5)
     products = np.array([[np.vdot(a, cycled(b)) for a in vectors] for b in vectors])
-    np.testing.assert_allclose(products, products.T, rtol=0, atol=1e-5 * np.abs(products).max())
+    np.testing.assert_allclose(products, products.T, rtol=0, atol=1e-12 * np.abs(products).max())
     assert np.linalg.eigvalsh((products + products.T) / 2).min() > 0
 
 

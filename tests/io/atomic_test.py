@@ -66,7 +66,36 @@ def test_a_folder_of_others_needs_overwrite(tmp_path, report):
     assert texts(tmp_path) == before
     write(tmp_path, "a", "report.json", content='{"endolab": 1}', overwrite=True)
     write(tmp_path, "a")  # it is endolab's now
-    assert texts(tmp_path) == {"a": "new", "report.json": '{"endolab": 1}', "notes.txt": "mine"}
+    (tmp_path / "report.json").unlink()
+    assert texts(tmp_path) == {"a": "new", "notes.txt": "mine"}
+
+
+def test_what_an_earlier_run_wrote_goes_with_its_report_and_nothing_else(own):
+    report = {"report.json": '{"endolab": 1}'}
+    for name in ("notes.txt", "mesh.ply"):  # called as a file of endolab's, which it has not written
+        (own / name).write_text("mine")
+    write(own, "b")  # brings no report, so it adds to what there is
+    assert {*texts(own)} == {"a", "b", "notes.txt", "mesh.ply", *report}
+    write(own, "c", *report, content='{"endolab": 1}')
+    assert {*texts(own)} == {"b", "c", "notes.txt", "mesh.ply", *report}
+    with pytest.raises(ValueError, match="no"):
+        write(own, "d", *report, content='{"endolab": 1}', error=ValueError("no"))
+    assert "c" in texts(own)
+    write(own, "d", *report, content='{"endolab": 1}', inputs=[own / "c", own])  # which is read
+    assert {*texts(own)} == {"b", "c", "d", "notes.txt", "mesh.ply", *report}
+
+
+@pytest.mark.parametrize("listed", ["a", 3, ["../mine", "..", ".", "", "*", "**", None, [1]], {"mine": 1}])
+def test_a_report_that_lists_anything_else_takes_nothing_away(tmp_path, listed):
+    out = tmp_path / "out"
+    (tmp_path / "x").mkdir()
+    (out / "deep/er").mkdir(parents=True)
+    for path in (tmp_path / "mine", tmp_path / "x/depth.npz", out / "mine", out / "deep/er/depth.npz"):
+        path.write_text("mine")
+    (out / "report.json").write_text(json.dumps({"endolab": 1, "files": listed}))
+    write(out, "b", "report.json", content='{"endolab": 1}')
+    kept = {"mine", "x/depth.npz", "out/mine", "out/deep/er/depth.npz", "out/b", "out/report.json"}
+    assert {*texts(tmp_path)} == kept
 
 
 def test_a_folder_where_a_run_was_killed_counts_as_empty(tmp_path):

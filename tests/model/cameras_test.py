@@ -1,5 +1,9 @@
 """Cameras against OpenCV, against their own definitions, and there and back again."""
 
+import pickle
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 
 import cv2
@@ -139,6 +143,31 @@ def test_solid_angle_of_a_picture():
     x, y = 160 / 200, 120 / 200
     expected = 4 * np.arctan(x * y / np.sqrt(1 + x * x + y * y))
     assert np.sum(1 / np.sqrt(uu * vv - uv**2)) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.fixture
+def often_switched():
+    """Have Python go from one thread to the next as often as it can."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+def test_a_camera_that_threads_resize_is_right_in_each_and_stays_as_it_was(often_switched):
+    camera = replace(ENDOSCOPE)
+
+    def resize(number):
+        for width in range(40, 240):
+            size = width, 30 + number % 2
+            resized = camera.resize(*size)
+            assert (resized.width, resized.height) == size
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(resize, range(8)))
+    assert camera.resize(64, 48) is camera.resize(64, 48)  # with its ray field
+    assert (camera, hash(camera)) == (ENDOSCOPE, hash(ENDOSCOPE))
+    assert pickle.loads(pickle.dumps(camera)) == camera
 
 
 @every_camera

@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
 from endolab import datasets
-from endolab.preprocessing.frame import field_of_view, noise_level, smooth_light, usable
+from endolab.preprocessing.frame import noise_level, smooth_light, usable
+from endolab.preprocessing.surround import field_of_view
 
 GAMMA = 2.2
 ALL = np.ones((4, 6), dtype=bool)

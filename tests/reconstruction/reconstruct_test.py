@@ -107,7 +107,7 @@ def test_a_grey_frame(small):
 
 @every_solver
 def test_without_a_gain_the_shape_is_the_same(small, solver):
-    """But for rounding: coefficients of a step are in single precision (measured 2e-9)."""
+    """But for rounding, which is that of single precision in the primal-dual solver."""
     known = small.reconstruct(solver=solver)
     result = el.reconstruct(small.frame, small.up_to_scale, solver=solver)
     assert not result.metric

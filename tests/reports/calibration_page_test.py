@@ -5,6 +5,8 @@ import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import pytest
+
 import endolab as el
 from endolab.calibration.summary import account
 from endolab.io.descriptions import Calibration, make_calibration, read_camera
@@ -44,6 +46,11 @@ def test_a_calibration_survives_its_file_and_a_refused_light_is_nominal(tmp_path
     without = make_calibration(refused(session))
     assert without.evidence["photometry"] == {"refused": refused(session).refused, "nominal": True}
     assert (without.camera, without.photometry) == (session.camera, el.Photometry(k=2.5, gamma=2.2))
+
+
+@pytest.fixture(autouse=True)
+def report(tmp_path):
+    (tmp_path / "report").mkdir()
 
 
 def test_the_page_is_whole_and_its_pictures_are_there(tmp_path):

@@ -77,6 +77,19 @@ def test_how_far_a_result_can_be_trusted_is_saved_beside_it(tmp_path, result):
             assert page.width == width
 
 
+def test_nothing_of_an_earlier_result_is_left_beside_a_new_one(tmp_path, result):
+    uncertainty = el.uncertainty_of(result, draws=4)
+    el.save_result(result, tmp_path, mesh=True, uncertainty=uncertainty)
+    assert {"mesh.ply", "mesh_uncertainty.ply"} < {*contents(tmp_path)}
+    (tmp_path / "notes.txt").write_text("mine")
+    el.save_result(result, tmp_path)
+    plain = ["cloud.ply", "depth.npz", "notes.txt", "overview.png", "report.json"]
+    assert contents(tmp_path) == plain
+    (tmp_path / "mesh.ply").write_text("mine, of another program")
+    el.save_result(result, tmp_path, overwrite=True)
+    assert contents(tmp_path) == sorted([*plain, "mesh.ply"])
+
+
 def test_relative_units_are_written_down(tmp_path, result):
     relative = replace(result, iterate=replace(result.iterate, problem=replace(result.problem, metric=False)))
     report = result_module.report(relative)

@@ -9,6 +9,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
+from endolab.tuning import engine
 from endolab.tuning.engine import FINAL, FIRST, Tuner, sentence_of
 from endolab.tuning.source import Settings
 
@@ -114,6 +115,21 @@ def test_trust_is_found_when_it_is_asked_for_and_a_wish_stops_the_search(start):
     assert tuner.wait(60).uncertainty is None
     assert all(one.uncertainty is None for one in answers[count:])
     assert refused == []
+
+
+def test_why_there_is_no_first_look_is_said_and_the_answer_comes(start, monkeypatch):
+    def reconstruct(frame, calibration, *, width=None, **how):
+        if width == 80:
+            raise ValueError("too small for it")
+        return el.reconstruct(frame, calibration, width=width, **how)
+
+    monkeypatch.setattr(engine, "reconstruct", reconstruct)
+    tuner, answers, refused = start()
+    tuner.ask(SMALL)
+    assert tuner.wait(60).stage == FINAL
+    assert FIRST not in [answer.stage for answer in answers]
+    assert len(refused) == 1
+    assert "too small for it" in refused[0]
 
 
 def test_what_is_compared_is_torn_as_the_answer_is(start):

@@ -4,6 +4,8 @@ import asyncio
 import http.client
 import json
 import re
+import shutil
+import subprocess
 import threading
 import time
 from contextlib import closing
@@ -17,6 +19,7 @@ import traitlets as t
 
 from endolab.tuning import server
 from endolab.tuning.server import Page
+from tests.conftest import missing_system
 
 
 class Slider(anywidget.AnyWidget):
@@ -39,8 +42,8 @@ def serve():
     """Function that runs a page in a thread; returns it, its thread, and a list for what it raises."""
     threads = []
 
-    def serve(make):
-        page, up, raised = Page(make, "a <title>"), threading.Event(), []
+    def serve(make, **how):
+        page, up, raised = Page(make, "a <title>", **how), threading.Event(), []
 
         def run():
             try:
@@ -118,6 +121,50 @@ def test_no_other_pages_script_may_open_the_channel(serve):
 
     with pytest.raises(tornado.httpclient.HTTPClientError, match="403"):
         asyncio.run(tried())
+
+
+@pytest.mark.parametrize("origin", ["https://Lab.Example.org/", "http://10.0.0.2:8080", "https://lab:443"])
+def test_a_proxy_that_is_named_may_open_the_channel_and_nobody_else(serve, origin):
+    named = {"https://Lab.Example.org/": "https://lab.example.org", "https://lab:443": "https://lab"}
+    named = named.get(origin, origin)  # as a browser writes it
+    page, *_ = serve(Slider, origin=origin)
+    address = page.link.replace("http:", "ws:") + "channel"
+
+    async def tried(origin):
+        asking = tornado.httpclient.HTTPRequest(address, headers={"Origin": origin})
+        channel = await tornado.websocket.websocket_connect(asking)
+        assert (await heard(channel))[0]["state"]["value"] == 3
+        await leave(channel)
+
+    _, headers, _ = get(page.link)
+    assert named.replace("http", "ws", 1) in headers["Content-Security-Policy"].split(" ")
+    for other in ("http://evil.example", f"{named}.evil.example", "null", ""):
+        with pytest.raises(tornado.httpclient.HTTPClientError, match="403"):
+            asyncio.run(tried(other))
+    asyncio.run(tried(named))
+
+
+@pytest.mark.parametrize("origin", ["lab.example.org", "ftp://lab", "https://lab/user", "*", "https://"])
+def test_an_origin_that_is_none_is_one_sentence(origin):
+    with pytest.raises(ValueError, match=r"https://lab\.example\.org"):
+        Page(Slider, "", origin=origin)
+
+
+@pytest.mark.parametrize("place", ["http://127.0.0.1:8877", "https://lab.example.org", "https://lab/user/x"])
+def test_the_page_opens_its_channel_where_it_came_from(place):
+    """In Node, with as much of a browser as it needs until then."""
+    node = shutil.which("node")
+    if node is None:
+        missing_system("What page.js opens is not looked at: there is no Node on this machine.")
+    address = urlsplit(f"{place}/abc/")
+    known = {"href": address.geturl(), "host": address.netloc, "pathname": address.path}
+    browser = f"globalThis.location = {json.dumps(known)}; globalThis.window = {{ addEventListener() {{}} }};"
+    browser += "globalThis.WebSocket = class { constructor(link) { console.log(String(link)); } };"
+    script = (server.HERE / "page.js").read_text(encoding="utf-8")
+    done = subprocess.run(
+        [node, "-e", browser + script], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.strip() == f"{place}/abc/channel".replace("http", "ws", 1)
 
 
 def test_pages_get_all_there_is_and_what_changes_and_the_widget_hears_them(serve, capfd):

@@ -10,7 +10,7 @@ from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.problem import NONE
 from endolab.depth.provenance import LightOutcome, LightReport, Provenance, Scale
 from endolab.depth.result import Iterate, run
-from endolab.numerics.iteration import Status
+from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.contours.choice import cut_at_contours
 from endolab.reconstruction.light.unknown_light import USUAL_ERROR
 from endolab.uncertainty.causes import LENGTH, correlated
@@ -211,8 +211,15 @@ def test_it_is_the_same_every_time_and_stops_when_asked(curved):
 
 def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
     """σ of the named causes alone would be too small."""
-    with pytest.raises(KeyboardInterrupt, match="before there was anything"):
+    with pytest.raises(Stopped, match="before there was anything"):
         uncertainty_of(curved[2], observers=[lambda progress: progress.done == LEAST_DRAWS - 1])
+
+    def interrupt(progress):
+        if progress.done == LEAST_DRAWS - 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):  # which is no observer's wish
+        uncertainty_of(curved[2], observers=[interrupt])
 
 
 def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():

@@ -44,7 +44,7 @@ def test_it_is_the_readable_model(tiny):
     data = replace(twin, xi_slope=0 * twin.xi_slope)
     expected = hessian(data)
     found = applied.T @ np.diag(surface.weight[mask]) @ applied
-    assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()  # maps are of single precision
+    assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
 
 
 def test_probing_finds_the_same_inverse(tiny):

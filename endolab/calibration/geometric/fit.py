@@ -187,7 +187,7 @@ def calibrate_camera(
 
     Returns
     -------
-    CameraFit
+    GeometricFit
         Camera, poses, residuals and standard errors.
 
     Raises

@@ -167,7 +167,7 @@ def calibrate_light(
 
     Returns
     -------
-    LightFit
+    PhotometricFit
         Light, gains, residuals and standard errors; `verdict` says what they are worth.
 
     Raises
