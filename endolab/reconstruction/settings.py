@@ -116,8 +116,8 @@ class Settings:
         form="NAME",
         group=SURFACE,
         more="`gauss_newton` minimises the energy, `primal_dual` does so along the paper's path. "
-        "`fast_marching` is one pass to the viscosity solution, `facing` the paper's start d₀: they do not use "
-        "the regulariser, which counts in the energy that is reported",
+        "`fast_marching` is one pass to the viscosity solution, `facing` the paper's start d₀: they do not "
+        "use the regulariser, which counts in the energy that is reported",
     )
     max_iterations: int | None = option(
         None,

@@ -4,7 +4,7 @@ A thread of its own does one job at a time; a new one stops the one in flight at
 answered twice. The first answer is quick, since it follows from the last one: after a change of λ or ε alone
 the last problem is solved again from where it ended, and otherwise a grid of half the size. The final one is
 what `reconstruct` makes of the whole frame from a cold start, so that it depends on nothing that was tried
-before and the lines of `Settings.code` give it again, bit for bit; an energy with more than one minimum can
+before and the lines of `Knobs.code` give it again, bit for bit; an energy with more than one minimum can
 make the two differ, and the answer holds both. While a long solve goes on, what it has so far is told.
 """
 
@@ -30,7 +30,7 @@ from endolab.numerics.derivatives import fineness
 from endolab.numerics.iteration import Status, Stopped
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
-from endolab.tuning.source import Settings, Source, Subject
+from endolab.tuning.source import Knobs, Source, Subject
 from endolab.uncertainty.estimate import Uncertainty, uncertainty_of
 
 PICTURE_INTERVAL = 0.4  # s that a full solve takes between one picture and the next
@@ -46,7 +46,7 @@ IsStale = Callable[[], bool]
 class Answer:
     """What the tuner found for one position of the knobs."""
 
-    settings: Settings
+    settings: Knobs
     stage: str  # `FIRST`, `FINAL`, and between them `SOFAR`: what a long solve has so far
     seconds: float  # that it took
     subject: Subject  # what was looked at
@@ -134,7 +134,7 @@ class Tuner:
     """Does what is asked for in a thread of its own.
 
     `tell` is given every `Answer`, and `refuse` a sentence for what cannot be answered, in that thread.
-    Scenes are rendered by the calibration, at any size; ``Settings(scene=None)`` looks at `frame`, whose
+    Scenes are rendered by the calibration, at any size; ``Knobs(scene=None)`` looks at `frame`, whose
     true distance, mm, is `truth`, (H, W).
     """
 
@@ -192,13 +192,13 @@ class Tuner:
 
         self._job = self._pool.submit(run_it)
 
-    def ask(self, settings: Settings) -> None:
+    def ask(self, settings: Knobs) -> None:
         """Wish for an answer, and drop what was wished for before; returns at once."""
         source = self.source
         self.do(lambda is_stale: self._answer(source, settings, is_stale))
 
     def compare(
-        self, answer: Answer, several: Sequence[Settings], tell: Callable[[int, Answer], object]
+        self, answer: Answer, several: Sequence[Knobs], tell: Callable[[int, Answer], object]
     ) -> None:
         """Solve these, torn where an answer is; `tell` is given the number and the answer of each."""
         torn = answer.result.problem.discontinuities
@@ -256,8 +256,8 @@ class Tuner:
             raise ValueError("nothing was asked for")
         return self._final
 
-    def cold(self, settings: Settings, observers: Iterable[Observer] = ()) -> Answer:
-        """Solve here and now: what the lines of `Settings.code` give, and the last answer to a wish."""
+    def cold(self, settings: Knobs, observers: Iterable[Observer] = ()) -> Answer:
+        """Solve here and now: what the lines of `Knobs.code` give, and the last answer to a wish."""
         return self._solved(self.source.subject(settings), settings, observers)
 
     def close(self) -> None:
@@ -267,7 +267,7 @@ class Tuner:
         self._pool.shutdown()
 
     def _solved(
-        self, subject: Subject, settings: Settings, observers: Iterable[Observer], **options: Any
+        self, subject: Subject, settings: Knobs, observers: Iterable[Observer], **options: Any
     ) -> Answer:
         """Solve a subject."""
         started, saved = time.perf_counter(), settings.saved(subject.calibration, subject.grey)
@@ -281,7 +281,7 @@ class Tuner:
         self._final = answer
         self.tell(answer)
 
-    def _answer(self, source: Source, settings: Settings, is_stale: IsStale) -> None:
+    def _answer(self, source: Source, settings: Knobs, is_stale: IsStale) -> None:
         subject, followed = source.subject(settings), None
         try:
             first = self._quick(subject, settings, is_stale)
@@ -301,7 +301,7 @@ class Tuner:
             self._settled = replace(answer, followed=followed)
             self._tell_final(self._settled)
 
-    def _quick(self, subject: Subject, settings: Settings, is_stale: IsStale) -> Answer | None:
+    def _quick(self, subject: Subject, settings: Knobs, is_stale: IsStale) -> Answer | None:
         """What follows from the last answer, or one of half the size; None if there is no point in either."""
         started, steps, before = time.perf_counter(), QUICK_STEPS.get(settings.solver), self._settled
         # These leave light and contours as they are.

@@ -16,7 +16,7 @@ from endolab.reconstruction.contours.lines import find_contours
 from endolab.tuning import pictures
 from endolab.tuning.engine import FINAL, Answer
 from endolab.tuning.pictures import Chart, Limits, Map, coloured, grey_or_colour
-from endolab.tuning.source import Settings
+from endolab.tuning.source import Knobs
 from endolab.uncertainty.causes import MAYBE, bounced_light
 from endolab.uncertainty.estimate import noise_left
 
@@ -31,7 +31,7 @@ class Dot:
     """An answer of this session, on the λ curve."""
 
     answer: Answer | None  # as long as it is remembered
-    settings: Settings
+    settings: Knobs
     data: float
     roughness: float
 
@@ -229,7 +229,7 @@ def _lam_curve(answer: Answer, view: View) -> Panel:
     return Chart(title, "data term [1]", "roughness [°]", curves, dots, log=(True, True))
 
 
-def differs_by_lam(settings: Settings, other: Settings) -> bool:
+def differs_by_lam(settings: Knobs, other: Knobs) -> bool:
     """Whether two settings differ by λ, if at all."""
     return replace(settings, lam=other.lam) == other
 

@@ -13,43 +13,33 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import whole
 from endolab.preprocessing.frame import Frame, check_size
+from endolab.reconstruction.settings import Settings
 from endolab.synthetic.rendering import render
 from endolab.synthetic.scenes import SCENES
 
-# What `reconstruct` is told, if it is said.
-TOLD = ("xi", "regulariser", "lam", "epsilon", "solver", "highlights", "contours", "smooth", "max_iterations")
 KEPT = 6  # rendered frames that are remembered
 
 
 @dataclass(frozen=True)
-class Settings:
-    """One position of all the knobs; those without a word here are as `reconstruct` takes them."""
+class Knobs(Settings):
+    """One position of all the knobs: the options of a reconstruction, and what is looked at."""
 
+    width: int = 320  # columns of the frame, px
     scene: str | None = "colon"  # rendered and looked at; None: the frame that the tuner was given
     noise: float = 0.0  # of a rendered frame: standard deviation, grey levels of 255
-    width: int = 320  # columns of the frame, px
-    channel: str | None = None  # None: green, or grey of a grey picture
-    highlights: str | None = None
-    contours: bool | None = None
-    smooth: float | None = None  # px
     # What the solver believes of light spread and response; None: as calibrated. A frame is
     # rendered by the calibration, whatever the solver believes.
     k: float | None = None
     gamma: float | None = None
     gain: float = 1.0  # that the solver believes in, over the true one
     albedo: tuple[float, ...] | None = None  # of the wall, red, green, blue, that it believes in
-    xi: str = "1/d"
-    regulariser: str = "auto"
-    lam: float = 1.0
-    epsilon: float = 1e-3
-    solver: str = "gauss_newton"
-    max_iterations: int | None = None
 
     def __post_init__(self) -> None:
-        if self.albedo is not None and np.shape(self.albedo) != (3,):
-            raise ValueError(f"albedo must be three numbers, of red, green and blue, got {self.albedo}")
+        # Options are checked when they are solved with, and what is wrong then is shown as all else that is.
         if self.max_iterations is not None:
             whole("max_iterations", self.max_iterations)
+        if self.albedo is not None and np.shape(self.albedo) != (3,):
+            raise ValueError(f"albedo must be three numbers, of red, green and blue, got {self.albedo}")
 
     @property
     def explained(self) -> tuple[object, ...]:
@@ -66,7 +56,7 @@ class Settings:
         They are for a frame, which may be `grey`, and its calibration; of the light they hold what the
         solver believes otherwise than the calibration.
         """
-        chosen = {name: getattr(self, name) for name in TOLD}
+        chosen = self.listed()
         chosen["channel"] = self.channel or ("grey" if grey else "green")
         chosen["width"] = min(self.width, known.camera.width)
         light = {"k": self.k, "gamma": self.gamma, "albedo": self.albedo}
@@ -135,7 +125,7 @@ class Source:
         self.calibration, self.frame, self.truth = calibration, frame, truth
         self._rendered = lru_cache(KEPT)(self._render)
 
-    def subject(self, settings: Settings) -> Subject:
+    def subject(self, settings: Knobs) -> Subject:
         """The frame that the settings call for; ValueError, in one sentence, if there is none."""
         if settings.scene is not None:
             return self._rendered(settings.scene, settings.size(self.calibration), settings.noise)

@@ -7,7 +7,6 @@ and sent from there, so that neither a slow solve nor a running cell freezes the
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -31,11 +30,12 @@ from endolab.preprocessing.frame import Frame
 from endolab.reports.result import write_files
 from endolab.synthetic.scenes import SCENES
 from endolab.tuning.boards import Board, comparable, of_one, of_several, of_two
+from endolab.tuning.controls import knob_specs
 from endolab.tuning.engine import FINAL, Answer, Tuner, sentence_of
 from endolab.tuning.panels import NEED_UNCERTAINTY, PANELS, USUAL, Dot, View
 from endolab.tuning.pictures import jpeg, png
 from endolab.tuning.sentences import summary, warnings
-from endolab.tuning.source import Settings
+from endolab.tuning.source import Knobs
 from endolab.tuning.surface_view import SurfaceView, show_on
 
 HERE = Path(__file__).parent
@@ -137,14 +137,14 @@ class TunerBox(anywidget.AnyWidget):
         self.now: Answer | None = None
         self.kept: Answer | None = None
         self.columns: list[tuple[str, Answer | None]] = []  # answers that are compared
-        self.visited: list[Settings] = []  # for undo
+        self.visited: list[Knobs] = []  # for undo
         self.dots: list[Dot] = []
         self.names = list(USUAL)  # of the panels
         self.board = Board(np.zeros((1, 1, 3), np.uint8), [])
         self.frame = 0  # which of `pictures` is looked at
         self._last: Answer | None = None  # the last final answer, ...
         self._before: Answer | None = None  # ... and the one before it
-        self._wish: Settings | None = None  # the last one
+        self._wish: Knobs | None = None  # the last one
         self._calibration, self._pictures = calibration, list(pictures)
         # The solver's thread shows, the kernel's hears the page: not while several things are being changed.
         self._lock = threading.RLock()
@@ -153,13 +153,12 @@ class TunerBox(anywidget.AnyWidget):
         self.engine = Tuner(calibration, self._take, self._refuse, frame=frame, truth=truth)
         names = [path.name for path in self._pictures] or ([frame.name] if frame is not None else [])
         scenes = [*((name, i) for i, name in enumerate(names)), *((name, name) for name in SCENES)]
-        start = Settings(None if names else scene, width=width, channel="auto" if names else None)
+        start = Knobs(scene=None if names else scene, width=width, channel="auto" if names else None)
         self._first = vars(start) | VIEWS | {"scene": 0 if names else scene}
         light = calibration.photometry
         known = {"scene": {"options": scenes}, "width": {"options": sorted({*WIDTHS, width})}}
         known |= {"k": {"first": light.k}, "gamma": {"first": light.gamma}}  # what None stands for
-        knobs = json.loads((HERE / "knobs.json").read_text(encoding="utf-8"))
-        specs = [knob | known.get(knob["name"], {}) for knob in knobs]
+        specs = [spec | known.get(spec["name"], {}) for spec in knob_specs()]
         super().__init__(specs=specs, knobs=self._first, surface=SurfaceView(0))
         self.on_msg(lambda _, message, buffers: self._guarded(self._act)(*message))
         self.observe(self._guarded(self._turned), "knobs")
@@ -196,13 +195,13 @@ class TunerBox(anywidget.AnyWidget):
         """The one answer that is shown."""
         return self.kept if self.shows == A else self.now
 
-    def settings(self) -> Settings:
+    def settings(self) -> Knobs:
         """Return what the knobs say; ValueError, in one sentence, if a line cannot be read."""
         values: dict[str, Any] = {name: self.knobs[name] for name in self.knobs if name not in VIEWS}
         values["scene"] = values["scene"] if isinstance(values["scene"], str) else None
         if isinstance(values["albedo"], list):
             values["albedo"] = tuple(values["albedo"])
-        return Settings(**values)
+        return Knobs(**values)
 
     def ask(self) -> None:
         """Ask the engine for what the knobs say; returns at once."""
@@ -221,7 +220,7 @@ class TunerBox(anywidget.AnyWidget):
             self._word = {}
             self._show()
 
-    def _set_knobs(self, settings: Settings) -> None:
+    def _set_knobs(self, settings: Knobs) -> None:
         """Have the knobs say what settings do, and ask for nothing; which frame is looked at stays."""
         self._wish = settings
         scene = self.frame if settings.scene is None else settings.scene
@@ -263,7 +262,7 @@ class TunerBox(anywidget.AnyWidget):
                 self._dot(answer, answer)
         self._show()
 
-    def _visit(self, settings: Settings) -> None:
+    def _visit(self, settings: Knobs) -> None:
         if self.visited[-1:] != [settings]:
             self.visited.append(settings)
 
@@ -275,7 +274,7 @@ class TunerBox(anywidget.AnyWidget):
         new = Dot(kept, settings, answer.data, answer.roughness)
         self.dots = [*forgotten, *others[-REMEMBERED:], new]
 
-    def bring_back(self, settings: Settings) -> None:
+    def bring_back(self, settings: Knobs) -> None:
         """Show the answer of these settings, if it is remembered, or else ask for it."""
         self._set_knobs(settings)
         known = next((dot.answer for dot in self.dots if dot.settings == settings), None)

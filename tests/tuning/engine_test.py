@@ -11,10 +11,10 @@ import endolab as el
 from endolab import datasets
 from endolab.tuning import engine
 from endolab.tuning.engine import FINAL, FIRST, Tuner, sentence_of
-from endolab.tuning.source import Settings
+from endolab.tuning.source import Knobs
 
 PAPER = datasets.load_calibration("paper")
-SMALL = Settings(scene="tube", width=160)
+SMALL = Knobs(scene="tube", width=160)
 
 
 @pytest.fixture
@@ -134,7 +134,7 @@ def test_why_there_is_no_first_look_is_said_and_the_answer_comes(start, monkeypa
 
 def test_what_is_compared_is_torn_as_the_answer_is(start):
     tuner, _, _ = start()
-    torn = tuner.cold(Settings(scene="colon", width=160, contours=True))
+    torn = tuner.cold(Knobs(scene="colon", width=160, contours=True))
     assert torn.torn > 0
     several = [replace(torn.settings, lam=lam, contours=None) for lam in (0.1, 10.0)]
     found = {}
@@ -154,7 +154,7 @@ def test_a_gain_four_times_as_high_doubles_distances_and_without_one_errors_are_
     unknown = replace(PAPER.resize(160, 120), photometry=replace(PAPER.photometry, gain=None))
     subject = near.subject
     tuner, _, _ = start(unknown, frame=subject.frame, truth=subject.truth)
-    blind = tuner.cold(Settings(scene=None, width=160))
+    blind = tuner.cold(Knobs(scene=None, width=160))
     assert not blind.result.metric
     assert blind.median_error < 3
 

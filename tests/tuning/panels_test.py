@@ -14,7 +14,7 @@ from endolab.tuning.engine import Tuner
 from endolab.tuning.panels import BELOW_NOISE, PANELS, SILENT, TORN, USUAL, Dot, View, ratio_of
 from endolab.tuning.pictures import Chart, Map, coloured, log_ticks, ticks
 from endolab.tuning.sentences import summary, warnings
-from endolab.tuning.source import Settings
+from endolab.tuning.source import Knobs
 from endolab.uncertainty.estimate import noise_left
 
 ROOM = (1200, 640)
@@ -29,7 +29,7 @@ def engine():
 
 @pytest.fixture(scope="module")
 def answer(engine):
-    return engine.cold(Settings(scene="tube", width=160, noise=1.0))
+    return engine.cold(Knobs(scene="tube", width=160, noise=1.0))
 
 
 @pytest.fixture(scope="module")

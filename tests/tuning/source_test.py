@@ -9,7 +9,7 @@ import endolab as el
 from endolab import datasets
 from endolab.io.settings import read_settings, write_settings
 from endolab.tuning.engine import Tuner
-from endolab.tuning.source import Settings
+from endolab.tuning.source import Knobs
 
 PAPER = datasets.load_calibration("paper")
 
@@ -25,11 +25,11 @@ def seen():
 @pytest.mark.parametrize(
     "settings",
     [
-        Settings(scene="tube", width=160, noise=2.0, lam=0.3),
-        Settings(scene="plane", width=160, k=2.0, gamma=2.0, gain=1.5, xi="d", regulariser="first"),
-        Settings(scene="colon", width=128, channel="red", solver="fast_marching", epsilon=1e-2),
-        Settings(scene=None, width=160, albedo=(0.7, 0.4, 0.3), channel="auto"),
-        Settings(scene=None, width=400, k=2.2, gain=0.5),  # wider than the frame
+        Knobs(scene="tube", width=160, noise=2.0, lam=0.3),
+        Knobs(scene="plane", width=160, k=2.0, gamma=2.0, gain=1.5, xi="d", regulariser="first"),
+        Knobs(scene="colon", width=128, channel="red", solver="fast_marching", epsilon=1e-2),
+        Knobs(scene=None, width=160, albedo=(0.7, 0.4, 0.3), channel="auto"),
+        Knobs(scene=None, width=400, k=2.2, gain=0.5),  # wider than the frame
     ],
 )
 def test_the_code_a_wish_and_the_saved_settings_make_the_same(seen, settings, tmp_path):
@@ -51,13 +51,13 @@ def test_the_code_a_wish_and_the_saved_settings_make_the_same(seen, settings, tm
 
 def test_only_what_is_believed_otherwise_is_saved(seen):
     _, calibration, _ = seen
-    assert Settings(scene=None).saved(calibration, grey=False).photometry == {}
+    assert Knobs(scene=None).saved(calibration, grey=False).photometry == {}
     light = calibration.photometry
-    other = Settings(scene=None, k=light.k + 0.5, gain=2.0).saved(calibration, grey=True)
+    other = Knobs(scene=None, k=light.k + 0.5, gain=2.0).saved(calibration, grey=True)
     assert other.photometry == {"k": light.k + 0.5, "gain": 2.0 * light.gain}
     assert other.keywords["channel"] == "grey"
     with pytest.raises(ValueError, match="albedo"):
-        Settings(albedo=(1.0, 2.0))
+        Knobs(albedo=(1.0, 2.0))
 
 
 def test_frame_truth_and_calibration_must_fit(seen):
@@ -69,6 +69,6 @@ def test_frame_truth_and_calibration_must_fit(seen):
         with pytest.raises(ValueError, match="truth"):
             tuner.use(calibration, *given)
     tuner.use(calibration, frame, truth)
-    tuner.ask(Settings(scene=None, width=160))
+    tuner.ask(Knobs(scene=None, width=160))
     assert tuner.wait(60).median_error < 5
     tuner.close()

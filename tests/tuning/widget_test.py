@@ -13,7 +13,7 @@ from endolab import datasets
 from endolab.io.images import write_image
 from endolab.io.settings import read_settings
 from endolab.tuning.panels import PANELS, USUAL
-from endolab.tuning.source import Settings
+from endolab.tuning.source import Knobs
 from endolab.tuning.widget import BESIDE, A, B, TunerBox
 
 
@@ -97,7 +97,7 @@ def test_all_that_is_shown_is_of_one_answer_after_every_kind_of_change(make):
     is_one(box)
     do(box, "reset")
     box.engine.wait(60)
-    assert box.answer.settings == Settings(scene="tube", width=160)
+    assert box.answer.settings == Knobs(scene="tube", width=160)
     is_one(box)
 
 
