@@ -4,10 +4,11 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from endolab.datasets.c3vd import read_c3vd, read_c3vd_depth
+from endolab.datasets.c3vd import list_c3vd, read_c3vd, read_c3vd_depth
 from endolab.datasets.sample import Sample, data_folder
 from endolab.datasets.simcol3d import read_simcol3d, read_simcol3d_depth
 from endolab.datasets.ucl2019 import read_ucl2019, read_ucl2019_depth
@@ -17,7 +18,6 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 
 _LAYOUTS = {
-    "c3vd": re.compile(r"(?P<index>\d{4})_color\.png"),
     "simcol3d": re.compile(r"FrameBuffer_(?P<index>\d{4})\.png"),
     "ucl2019": re.compile(r"(?P<series>.+)_FrameBuffer_(?P<index>\d{4})\.png"),
 }
@@ -25,7 +25,10 @@ _LAYOUTS = {
 
 @dataclass(frozen=True)
 class Folder:
-    """The frames of a folder whose layout is known; a sequence of `Sample`, read when asked for."""
+    """The frames of a folder whose layout is known; a sequence of `Sample`, read when asked for.
+
+    Names are paths from the folder, which may hold several sequences.
+    """
 
     path: Path
     layout: str  # "c3vd", "simcol3d" or "ucl2019"
@@ -42,21 +45,54 @@ class Folder:
         return self._read(which if isinstance(which, str) else self.names[which])
 
 
+def _open_sequence(place: Path, camera: Camera | None) -> Folder | None:
+    """Open a folder of frames; None if no layout fits."""
+    with one_sentence(f"{place}: cannot be read"):
+        if not place.is_dir():
+            raise FileNotFoundError(f"{place}: there is no such folder")
+        listed = sorted(entry.name for entry in place.iterdir())
+    frames: dict[str, dict[str, Any]] = {
+        layout: {name: match for name in listed if (match := pattern.fullmatch(name))}
+        for layout, pattern in _LAYOUTS.items()
+    }
+    frames["c3vd"] = {name: {"index": number} for number, name in list_c3vd(place).items()}
+    fitting = sorted(layout for layout, known in frames.items() if known)
+    if not fitting:
+        return None
+    layout = fitting[0]
+    if len(fitting) > 1:
+        raise ValueError(f"{place}: expected frames of one data set, found those of {' and '.join(fitting)}")
+    if layout == "ucl2019" and camera is None:
+        raise ValueError(f"{place}: the camera of UCL 2019 is not published; give one")
+    if layout != "ucl2019" and camera is not None:
+        raise ValueError(f"{place}: the camera of {layout} is known; give none")
+
+    def read(name: str) -> Sample:
+        known = frames[layout][name]
+        if layout == "ucl2019" and camera is not None:
+            return read_ucl2019(place, known["series"], int(known["index"]), camera)
+        return (read_c3vd if layout == "c3vd" else read_simcol3d)(place, int(known["index"]))
+
+    return Folder(place, layout, tuple(frames[layout]), read)
+
+
 def open_dataset(path: PathLike, camera: Camera | None = None) -> Folder:
-    """Open a folder of published frames; its layout is told from the names of its files.
+    """Open a folder of published frames, or of such folders; the layout is told from the names of the files.
 
     Parameters
     ----------
     path : path
-        C3VD (`NNNN_color.png` with `NNNN_depth.tiff`), SimCol3D (`FrameBuffer_NNNN.png` with
-        `Depth_NNNN.png`) or UCL 2019 (`…_FrameBuffer_NNNN.png` with `…_Depth_NNNN.png`).
+        C3VD (`N_color.png` with `N_depth.tiff`, in one folder or in `color/` and `depth/`), C3VDv2 (`rgb/N.png`
+        with `depth/N_depth.tiff`), SimCol3D (`FrameBuffer_NNNN.png` with `Depth_NNNN.png`) or UCL 2019
+        (`…_FrameBuffer_NNNN.png` with `…_Depth_NNNN.png`); or a folder that holds sequences of one of these.
     camera : Camera, optional
         Needed for UCL 2019, whose camera is not published, and refused for the others.
 
     Returns
     -------
     Folder
-        Has a length and is indexed: ``open_dataset(path)[0]`` is a `Sample`.
+        Has a length and is indexed: ``open_dataset(path)[0]`` is a `Sample`. The name of a frame of several
+        sequences begins with its own: ``cecum_t1_a/0000_color.png``.
 
     Raises
     ------
@@ -65,34 +101,25 @@ def open_dataset(path: PathLike, camera: Camera | None = None) -> Folder:
         is missing or too many.
     """
     place = as_path(path)
-    with one_sentence(f"{place}: cannot be read"):
-        if not place.is_dir():
-            raise FileNotFoundError(f"{place}: there is no such folder")
-        listed = sorted(entry.name for entry in place.iterdir())
-    matches = {
-        layout: {name: match for name in listed if (match := pattern.fullmatch(name))}
-        for layout, pattern in _LAYOUTS.items()
-    }
-    fitting = [layout for layout, matched in matches.items() if matched]
-    if len(fitting) != 1:
+    folder = _open_sequence(place, camera)
+    if folder is not None:
+        return folder
+    inside = [_open_sequence(entry, camera) for entry in sorted(place.iterdir()) if entry.is_dir()]
+    sequences = {sequence.path.name: sequence for sequence in inside if sequence is not None}
+    layouts = sorted({sequence.layout for sequence in sequences.values()})
+    if len(layouts) != 1:
         raise ValueError(
-            f"{place}: expected C3VD's NNNN_color.png, SimCol3D's FrameBuffer_NNNN.png or UCL 2019's "
-            f"…_FrameBuffer_NNNN.png, found {' and '.join(fitting) or 'other files'}"
+            f"{place}: expected C3VD's N_color.png, C3VDv2's rgb/N.png, SimCol3D's FrameBuffer_NNNN.png or "
+            f"UCL 2019's …_FrameBuffer_NNNN.png, or folders of these, found "
+            f"{' and '.join(layouts) or 'other files'}"
         )
-    layout = fitting[0]
-    matched = matches[layout]
-    if layout == "ucl2019" and camera is None:
-        raise ValueError(f"{place}: the camera of UCL 2019 is not published; give one")
-    if layout != "ucl2019" and camera is not None:
-        raise ValueError(f"{place}: the camera of {layout} is known; give none")
 
     def read(name: str) -> Sample:
-        index = int(matched[name]["index"])
-        if layout == "ucl2019" and camera is not None:
-            return read_ucl2019(place, matched[name]["series"], index, camera)
-        return (read_c3vd if layout == "c3vd" else read_simcol3d)(place, index)
+        sequence, _, frame = name.partition("/")
+        return sequences[sequence][frame]
 
-    return Folder(place, layout, tuple(matched), read)
+    names = (f"{name}/{frame}" for name, sequence in sequences.items() for frame in sequence.names)
+    return Folder(place, layouts[0], tuple(names), read)
 
 
 def find_dataset(layout: str, prefer: str = "") -> Folder | None:
@@ -116,10 +143,10 @@ def find_dataset(layout: str, prefer: str = "") -> Folder | None:
     inside = [] if place is None else [place, *sorted(entry for entry in place.iterdir() if entry.is_dir())]
     for folder in sorted(inside, key=lambda folder: prefer not in folder.name):
         try:
-            dataset = open_dataset(folder)
-        except (OSError, ValueError):  # other files, or other data
+            dataset = _open_sequence(folder, None)
+        except (OSError, ValueError):  # other data
             continue
-        if dataset.layout == layout:
+        if dataset is not None and dataset.layout == layout:
             return dataset
     return None
 

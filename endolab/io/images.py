@@ -6,6 +6,7 @@ import io
 import logging
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -107,11 +108,26 @@ def decode(content: bytes, name: PathLike) -> np.ndarray:
         if stored is None or stored.shape[1::-1] != (columns, rows):
             raise ValueError
     if turned != 1:
-        message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
-        logging.getLogger("endolab").warning(message, name)
+        say_turned(name)
     if picture.format == "TIFF" and turned in AS_SEEN:  # alone of all, it has been turned
         stored = AS_SEEN[turned](stored)
     return np.asarray(stored)
+
+
+def say_turned(name: PathLike) -> None:
+    """Say that a picture, or a video, is not turned as it is marked to be."""
+    message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
+    logging.getLogger("endolab").warning(message, name)
+
+
+def is_picture(path: PathLike) -> bool:
+    """Whether a file is a picture of one of the `FORMATS` by how it begins, whatever it is called."""
+    from PIL import Image
+
+    with suppress(Exception), warnings.catch_warnings(action="ignore"):  # packages promise nothing
+        with Image.open(path, formats=FORMATS):
+            return True
+    return False
 
 
 def read_mask(path: PathLike) -> BoolArray:
