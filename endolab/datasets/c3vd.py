@@ -8,28 +8,22 @@ from endolab.datasets.sample import Sample, load_sample, stored_depth
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-# Of each folder that a sequence may have for its colours, "" if they lie beside the depths: where these are,
-# what follows a colour's number, and the camera. EndoGSLAM moves C3VD's to color and depth, and keeps them as
-# color_raw and depth_raw where it makes others of them, without distortion and of 8 bits.
-_PLACES = {
-    "": ("", "_color", "c3vd"),
-    "color_raw": ("depth_raw", "_color", "c3vd"),
-    "color": ("depth", "_color", "c3vd"),
-    "rgb": ("depth", "", "c3vd_v2"),
-}
+# Where a sequence may have its colours, and then its depths. EndoGSLAM moves C3VD's into two folders, and calls
+# these _raw where it makes others of them, without distortion and of 8 bits.
+_PLACES = {"": "", "color_raw": "depth_raw", "color": "depth", "rgb": "depth"}
+_SECOND = "rgb"  # C3VDv2's
 
 
-def _numbered(folder: Path, pattern: str) -> dict[int, str]:
-    """Find the files whose names are a number and what a pattern says, in the order of the numbers."""
-    matches = (re.fullmatch(pattern, entry.name) for entry in folder.glob("*"))
-    files = {int(match[1]): match[0] for match in matches if match}
-    return dict(sorted(files.items()))
+def _numbered(folder: Path, ending: str) -> dict[int, str]:
+    """Find the files whose names are a number and a pattern, in the order of the numbers."""
+    matches = (re.fullmatch(rf"(\d+){ending}", entry.name) for entry in folder.glob("*"))
+    return dict(sorted((int(match[1]), match[0]) for match in matches if match))
 
 
 def list_c3vd(folder: PathLike) -> dict[int, str]:
     """Name the colour pictures of a sequence, as paths from its folder, by their numbers."""
-    for place, (_, ending, _) in _PLACES.items():
-        names = _numbered(Path(folder) / place, rf"(\d+){ending}\.png")
+    for place in _PLACES:
+        names = _numbered(Path(folder) / place, r"\.png" if place == _SECOND else r"_color\.png")
         if names:
             return {number: (Path(place) / name).as_posix() for number, name in names.items()}
     return {}
@@ -74,10 +68,9 @@ def read_c3vd(folder: PathLike, index: int) -> Sample:
         The mask is the octagon that the endoscope shows; of 1350×1080 px, or of the data set's
         pictures shrunk in proportion.
     """
-    usual = f"{index:04d}"
-    colour = list_c3vd(folder).get(index, f"{usual}_color.png")
-    place, _, known_as = _PLACES[Path(colour).parent.name]
-    found = _numbered(Path(folder) / place, r"(\d+)_depth\.(?:png|tiff)").get(index)
-    names = (f"{usual}_depth.png", f"{usual}_depth.tiff") if found is None else (found,)
-    depths = tuple((Path(place) / name).as_posix() for name in names)
-    return load_sample(folder, colour, depths, read_c3vd_depth, CALIBRATIONS[known_as], shrinkable=True)
+    colour = list_c3vd(folder).get(index, f"{index:04d}_color.png")
+    place = Path(colour).parent.name
+    depths = _numbered(Path(folder) / _PLACES[place], r"_depth\.(?:png|tiff)")
+    depth = Path(_PLACES[place]) / depths.get(index, f"{index:04d}_depth.tiff")
+    known_as = CALIBRATIONS["c3vd_v2" if place == _SECOND else "c3vd"]
+    return load_sample(folder, colour, str(depth), read_c3vd_depth, known_as, shrinkable=True)

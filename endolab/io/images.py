@@ -124,9 +124,12 @@ def is_picture(path: PathLike) -> bool:
     """Whether a file is a picture of one of the `FORMATS` by how it begins, whatever it is called."""
     from PIL import Image
 
-    with suppress(Exception), warnings.catch_warnings(action="ignore"):  # packages promise nothing
-        with Image.open(path, formats=FORMATS):
-            return True
+    with (
+        suppress(Exception),  # packages promise nothing about which, if it is none
+        warnings.catch_warnings(action="ignore"),
+        Image.open(path, formats=FORMATS),
+    ):
+        return True
     return False
 
 

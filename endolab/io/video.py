@@ -107,12 +107,13 @@ def _say_doubts(path: Path) -> None:
     capture = _open(path)
     if capture.get(cv2.CAP_PROP_ORIENTATION_META) != 0:
         say_turned(path)
-    first, second = _next(capture), _next(capture)
-    while second is not None and np.array_equal(first, second):
+    first = _next(capture)
+    second = _next(capture)
+    while first is not None and second is not None and np.array_equal(first, second):
         second = _next(capture)
         if second is None:  # OpenCV 5 gives the same for all that are interlaced, and no error
-            text = "%s: its frames are all the same, as those of an interlaced video that OpenCV cannot convert"
-            logging.getLogger("endolab").warning(f"{text}; ffmpeg -vf yadif makes it progressive", path)
+            text = "%s: its frames are all the same, as OpenCV gives those of an interlaced video; ffmpeg's "
+            logging.getLogger("endolab").warning(text + "filter yadif makes it progressive", path)
 
 
 def _next(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:

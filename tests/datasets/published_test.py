@@ -123,7 +123,7 @@ def test_a_frame_of_ucl2019(tmp_path):
     ("load", "message"),
     [
         (lambda folder: LOAD["c3vd"](folder, 7), "0007_color.png"),
-        (LOAD["c3vd"], "0042_depth.png or 0042_depth.tiff"),
+        (LOAD["c3vd"], "0042_depth.tiff"),
         (LOAD["simcol3d"], "Depth_0007.png"),
         (LOAD["ucl2019"], f"{SERIES}_Depth_0012.png"),
         (lambda folder: datasets.true_z(folder / "0001_depth.png"), "0001_depth.png"),
