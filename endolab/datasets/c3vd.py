@@ -8,8 +8,8 @@ from endolab.datasets.sample import Sample, load_sample, stored_depth
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import BoolArray, FloatArray
 
-# Where a sequence may have its colours, and then its depths. EndoGSLAM moves C3VD's into two folders, and calls
-# these _raw where it makes others of them, without distortion and of 8 bits.
+# Where a sequence may have its colours, and then its depths. EndoGSLAM moves C3VD's into two folders, and
+# calls these _raw where it makes others of them, without distortion and of 8 bits.
 _PLACES = {"": "", "color_raw": "depth_raw", "color": "depth", "rgb": "depth"}
 _SECOND = "rgb"  # C3VDv2's
 

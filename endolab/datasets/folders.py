@@ -74,8 +74,9 @@ def open_dataset(path: PathLike, camera: Camera | None = None) -> Folder:
     ----------
     path : path
         C3VD (`N_color.png` with `N_depth.tiff`, in one folder or in `color/` and `depth/`), C3VDv2
-        (`rgb/N.png` with `depth/N_depth.tiff`), SimCol3D (`FrameBuffer_NNNN.png` with `Depth_NNNN.png`) or UCL 2019
-        (`…_FrameBuffer_NNNN.png` with `…_Depth_NNNN.png`); or a folder that holds sequences of one of these.
+        (`rgb/N.png` with `depth/N_depth.tiff`), SimCol3D (`FrameBuffer_NNNN.png` with `Depth_NNNN.png`) or
+        UCL 2019 (`…_FrameBuffer_NNNN.png` with `…_Depth_NNNN.png`); or a folder that holds sequences of one
+        of these.
     camera : Camera, optional
         Needed for UCL 2019, whose camera is not published, and refused for the others.
 
