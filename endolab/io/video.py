@@ -25,6 +25,7 @@ PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 VIDEOS = (".mjpeg", ".mjpg")  # which begin as pictures do
 STREAM_TIMEOUT = 5000  # ms after which a stream that does not answer is given up
 USUAL_RATE = 25.0  # frames per second of a video that does not tell its own
+BLACK = 1.0  # grey levels, on average, of memory that nothing was written into
 LONGEST_BREAK = 1000  # frames, one after the other, that cannot be decoded before a video is at its end
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what FFmpeg would print is said in one sentence
 
@@ -102,18 +103,24 @@ def _open(path: Path) -> cv2.VideoCapture:
     return capture
 
 
-def _say_doubts(path: Path) -> None:
-    """Say if a video is marked as turned, or if none of its frames can be told from the first."""
+def _check_scan(path: Path) -> None:
+    """Say if a video is marked as turned; ValueError, if it seems to be interlaced.
+
+    Of those that are, OpenCV 5 converts no frame, and gives what lay in memory for each, without an error.
+    """
     capture = _open(path)
     if capture.get(cv2.CAP_PROP_ORIENTATION_META) != 0:
         say_turned(path)
     first = _next(capture)
-    second = _next(capture)
-    while first is not None and second is not None and np.array_equal(first, second):
-        second = _next(capture)
-        if second is None:  # OpenCV 5 gives the same for all that are interlaced, and no error
-            text = "%s: its frames are all the same, as OpenCV gives those of an interlaced video; ffmpeg's "
-            logging.getLogger("endolab").warning(text + "filter yadif makes it progressive", path)
+    other = first
+    while other is not None and first is not None and np.array_equal(first, other):
+        other = _next(capture)
+    if first is None or other is not None:
+        return
+    again = _next(_open(path))  # into other memory, as the first is still in use
+    if first.mean() < BLACK or again is None or not np.array_equal(first, again):
+        remedy = "make it progressive first, as by ffmpeg's filter yadif"
+        raise ValueError(f"{path}: black, or interlaced, which OpenCV cannot read; {remedy}")
 
 
 def _next(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
@@ -197,7 +204,7 @@ def open_frames(*paths: PathLike) -> Frames:
         count = _count(source)
         if count == 0:
             raise ValueError(f"{source}: a video without a frame that can be decoded")
-        _say_doubts(source)
+        _check_scan(source)
         return Frames(source, tuple(f"{number:06d}" for number in range(count)))
     files = [file for file in files if file.suffix.lower() in PICTURES and file.name[0] != "."]
     names = [file.name for file in sorted(files, key=_by_number) if not file.is_dir()]
@@ -280,7 +287,7 @@ def open_stream(source: int | PathLike) -> Stream:
         path = as_path(source)  # type: ignore[arg-type]
         if not os.path.isfile(path):
             raise FileNotFoundError(f"{path}: there is no such video, camera or stream")
-        _say_doubts(path)
+        _check_scan(path)
         capture = _open(path)
         rate = capture.get(cv2.CAP_PROP_FPS)
         return Stream(capture, str(path), rate if 1 <= rate <= 1000 else USUAL_RATE)

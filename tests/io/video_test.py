@@ -177,15 +177,23 @@ def test_a_video_that_ends_early_says_so(video, caplog):
     assert f"v.mkv: ends after {count} frames, where its header tells of 12" in caplog.text
 
 
-def test_a_video_whose_frames_are_all_the_same_says_so(tmp_path, caplog, pictures):
-    """As OpenCV gives all interlaced ones, without an error."""
-    write_video(tmp_path / "v.mkv", pictures[:1] * 3)
-    assert len(open_frames(tmp_path / "v.mkv")) == 3
-    assert "interlaced" in caplog.text
-    write_video(tmp_path / "v.mkv", pictures[:1])
-    caplog.clear()
-    assert len(open_frames(tmp_path / "v.mkv")) == 1
+def test_a_video_that_is_interlaced_is_refused(tmp_path, caplog, pictures):
+    """For OpenCV gives what lay in memory for each frame, without an error; stills are no such videos."""
+    content = bytearray(write_numbered(tmp_path / "v.mpg", "MPG2"))
+    assert len(open_frames(tmp_path / "v.mpg")) == 30
+    write_video(tmp_path / "still.mkv", pictures[:1] * 3)
+    assert len(open_frames(tmp_path / "still.mkv")) == 3
     assert caplog.text == ""
+    for place in range(len(content) - 8):
+        if content[place : place + 4] == b"\0\0\1\xb5":
+            if content[place + 4] >> 4 == 1:  # the sequence
+                content[place + 5] &= 0xF7
+            elif content[place + 4] >> 4 == 8:  # a picture
+                content[place + 8] &= 0x7F
+    (tmp_path / "i.mpg").write_bytes(content)
+    for read in (open_frames, open_stream):
+        with pytest.raises(ValueError, match=r"i\.mpg.*interlaced"):
+            read(tmp_path / "i.mpg")
 
 
 @pytest.mark.parametrize("name", ["v.MTS", "v.264", "v.mxf", "video_0001", "v.recording", "v.mjpeg"])
