@@ -91,7 +91,7 @@ def test_simulate_sheet_says_the_next_command(tmp_path, capsys, options):
     _, command, source, *rest = shlex.split(line.removeprefix("next: "))
     rest[-1] = tmp_path / rest[-1]
     assert call(command, source, *rest) == 2
-    assert "too few" in capsys.readouterr().err
+    assert "needs 3 views" in capsys.readouterr().err
 
 
 def test_a_calibration_without_some_frames_says_which(again, capsys, refused):
