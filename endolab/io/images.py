@@ -236,7 +236,7 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     ((240, 320, 3), dtype('bool'))
     """
     # Here, for who only writes pictures needs no compiled loops.
-    from endolab.preprocessing.frame import Frame, check_size, field_of_view
+    from endolab.preprocessing.frame import Frame, check_size
 
     stored, alpha = decode(read_bytes(path), path)
     image = _in_unit(stored, path)
@@ -256,8 +256,6 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     opaque = alpha >= OPAQUE
     if not opaque.all():
         log.warning("%s: %.3g %% of it is transparent or missing, and left out", path, 100 * np.mean(~opaque))
-        if mask is None:  # black may be around what is opaque, too
-            inside = field_of_view(image if image.ndim == 2 else image.max(axis=-1))
         inside &= opaque
         if not inside.any():
             raise ValueError(f"{path} is transparent or missing wherever it would be used")
