@@ -9,7 +9,7 @@ from endolab._extras import need
 from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.session import Progress, Session, calibrate, checked_names, silent
 from endolab.calibration.targets import Target
-from endolab.io.atomic import PathLike, check_file, read_json, staged_file, staged_folder
+from endolab.io.atomic import PathLike, as_path, check_file, read_json, staged_file, staged_folder
 from endolab.io.descriptions import make_calibration
 from endolab.io.detection_cache import detect_cached
 from endolab.io.video import Frames
@@ -18,7 +18,7 @@ from endolab.reports.calibration_page import write_report
 
 def report_folder(out: PathLike) -> Path:
     """Name the folder that goes with a calibration: CAL_report beside CAL.json."""
-    path = Path(out)
+    path = as_path(out)
     if path.suffix != ".json":
         raise ValueError(f"the calibration's name ends in .json, got {path.name}")
     return path.with_name(f"{path.stem}_report")

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -78,6 +79,10 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
         save_sheet_video(arguments.out, target, calibration, frames, progress=bar, **chosen)
     what = "sheet.mkv" if arguments.video else f"{frames} pictures"
     print(f"written to {arguments.out}: {what}, truth.json")
+    video = str(Path(arguments.out) / "sheet.mkv") if arguments.video else arguments.out
+    gamma = () if flat else ("--gamma", "free")
+    following = ("endolab", "calibrate", video, "--target", target, *gamma, "--out", "endoscope.json")
+    print(f"next: {shlex.join(following)}")
 
 
 def _calibrate(arguments: argparse.Namespace) -> None:

@@ -24,6 +24,7 @@ from endolab.cli.calibrate import (
 from endolab.cli.options import add_command, add_overwrite, number, whole, wide
 from endolab.cli.reconstruct import add_reconstruct_commands
 from endolab.cli.tune import add_tune_command
+from endolab.io.atomic import without_secrets
 
 UNREAD = 141  # the exit status, as shells know it
 _ended: list[int] = []  # the signals that asked for an end
@@ -227,6 +228,7 @@ def in_one_line(error: object) -> str:
     text = str(error) or "out of memory"
     if isinstance(error, OSError) and error.strerror:  # the system's own words
         text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    text = without_secrets(text)
     text = text.replace("overwrite=True", "--overwrite")  # as one says it here
     if len(text) > LONGEST_COMPLAINT:
         text = f"{text[: LONGEST_COMPLAINT // 2]} … {text[-LONGEST_COMPLAINT // 2 :]}"

@@ -12,6 +12,7 @@ from endolab.model.schema import unknown_name
 from endolab.numerics.checks import number
 
 NOMINAL = {"photometry": {"nominal": True}}  # evidence of a light that was taken from the paper
+C3VD_PHOTOMETRY = Photometry(k=1.18, gamma=2.24, brdf=Lambertian((0.69, 0.4, 0.34)))
 # Evidence for C3VD's: one scene, so that its errors are large.
 C3VD_ERRORS = {"k": 0.376, "gamma": 0.158, "red": 0.085, "green": 0.103, "blue": 0.092}
 C3VD_LIGHT = {
@@ -44,8 +45,23 @@ CALIBRATIONS: dict[str, Calibration] = {
             0.00288274,
             -0.00296316,
         ),
-        Photometry(k=1.18, gamma=2.24, brdf=Lambertian((0.69, 0.4, 0.34))),
+        C3VD_PHOTOMETRY,
         C3VD_LIGHT,
+    ),
+    # C3VDv2 (Golhar et al., 2025): the camera that it comes with; its light is C3VD's, of the same endoscope.
+    "c3vd_v2": Calibration(
+        Scaramuzza(
+            1350,
+            1080,
+            677.739464,
+            543.057998,
+            (767.733695862103, 0.0, -0.000592506426558248, -2.694402666e-07, -2.16380341010063e-10),
+            0.9999,
+            1.1e-4,
+            -1.83e-4,
+        ),
+        C3VD_PHOTOMETRY,
+        NOMINAL,
     ),
     # SimCol3D (Rau et al., 2023). Published with the picture's corner as origin, c = 237.5. Its light, a game
     # engine's, is no endoscope's: of k from 0.7 to 2.5, this one's depths are nearest to five frames' truth.
@@ -62,8 +78,8 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
 
     Parameters
     ----------
-    name_or_path : {"paper", "simple", "c3vd", "simcol3d"} or path
-        The paper's endoscope, a 90° pinhole, those of two data sets; or an `endoscope.json`.
+    name_or_path : {"paper", "simple", "c3vd", "c3vd_v2", "simcol3d"} or path
+        The paper's endoscope, a 90° pinhole, those of three data sets; or an `endoscope.json`.
     width : int, optional
         For pictures of this many columns and the same shape, px.
 

@@ -58,27 +58,22 @@ def stored_depth(path: PathLike, dtype: str, step: float) -> np.ndarray:
     return stored
 
 
-def _one_of(folder: PathLike, *names: str) -> Path:
-    for name in names:
-        if (path := Path(folder) / name).is_file():
-            return path
-    raise FileNotFoundError(f"{folder}: expected a file {' or '.join(names)}")
-
-
 def load_sample(
     folder: PathLike,
     colour_name: str,
-    depth_names: tuple[str, ...],
+    depth_name: str,
     read_depth: Callable[[PathLike], tuple[FloatArray, BoolArray, BoolArray] | tuple[FloatArray, BoolArray]],
     calibration: Calibration,
     shrinkable: bool = False,
 ) -> Sample:
-    """Load a frame and its truth from two files of a folder, of which the first depth map found counts.
+    """Load a frame and its truth from two files of a folder.
 
     `read_depth` returns z, mm, where it is known and, if that is not everywhere, what the endoscope
     shows. A `shrinkable` calibration follows pictures that were shrunk in proportion.
     """
-    colour, depth = _one_of(folder, colour_name), _one_of(folder, *depth_names)
+    colour = Path(folder) / colour_name
+    depth = Path(folder) / depth_name
+    image = read_image(colour)
     z, known, *shown = read_depth(depth)
     camera = calibration.camera
     if shrinkable and z.shape[1] < camera.width:
@@ -86,7 +81,6 @@ def load_sample(
         calibration = shrunk if shrunk.camera.height == z.shape[0] else calibration
         camera = calibration.camera
     check_size(str(depth), z.shape[::-1], camera)
-    image = read_image(colour)
     if image.shape != (*z.shape, 3):
         raise ValueError(
             f"{colour}: expected colours of {z.shape[1]}x{z.shape[0]} px as its depth map, "

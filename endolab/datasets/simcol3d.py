@@ -45,7 +45,8 @@ def read_simcol3d(folder: PathLike, index: int) -> Sample:
     Sample
         The whole picture is in the mask.
     """
-    colour, depths = f"FrameBuffer_{index:04d}.png", (f"Depth_{index:04d}.png",)
-    sample = load_sample(folder, colour, depths, read_simcol3d_depth, CALIBRATIONS["simcol3d"])
+    colour = f"FrameBuffer_{index:04d}.png"
+    depth = f"Depth_{index:04d}.png"
+    sample = load_sample(folder, colour, depth, read_simcol3d_depth, CALIBRATIONS["simcol3d"])
     image = np.minimum(sample.frame.image * 65535 / 65280, 1.0)  # bytes in the upper half of 16 bits
     return replace(sample, frame=replace(sample.frame, image=image))

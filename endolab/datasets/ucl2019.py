@@ -62,5 +62,6 @@ def read_ucl2019(folder: PathLike, series: str, index: int, camera: Camera) -> S
         The whole picture is in the mask; the light is endolab's default, not the data set's, and
         the gain is unknown.
     """
-    colour, depths = f"{series}_FrameBuffer_{index:04d}.png", (f"{series}_Depth_{index:04d}.png",)
-    return load_sample(folder, colour, depths, read_ucl2019_depth, Calibration(camera, Photometry()))
+    colour = f"{series}_FrameBuffer_{index:04d}.png"
+    depth = f"{series}_Depth_{index:04d}.png"
+    return load_sample(folder, colour, depth, read_ucl2019_depth, Calibration(camera, Photometry()))

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Collection, Iterable, Iterator
@@ -18,10 +19,25 @@ ASK = "or replace it with overwrite=True"  # the command line says --overwrite
 _TEMPORARY = ".endolab-"  # how the names of what is on its way begin
 
 
+_URL = re.compile(r"([A-Za-z][\w+.-]+):/+(?:.*@)?(\[[\da-fA-F:.]*\]|[\w.-]*)\S*")  # scheme and host
+
+
 # Sentences ------------------------------------------------------------------------------
+def is_url(name: str) -> bool:
+    """Whether this is a URL, of which a path may have lost a slash; C:/folder is none."""
+    return _URL.match(name) is not None
+
+
+def without_secrets(text: str) -> str:
+    """Leave of each URL in a text its scheme and host: users, passwords and keys may be all the rest."""
+    return _URL.sub(r"\1://\2", text)
+
+
 def as_path(path: PathLike) -> Path:
     """Take a path; ValueError in one sentence, if nothing can be called so."""
     name = os.fspath(path)
+    if isinstance(name, str) and is_url(name):
+        raise ValueError(f"{without_secrets(name)} is a stream, where a file or a folder is expected")
     with suppress(UnicodeEncodeError):
         if name and b"\0" not in os.fsencode(name):
             return Path(name)

@@ -85,6 +85,8 @@ def _mended_jpeg(content: bytes) -> tuple[bytes, int, int]:
     one, other = (Image.open(file, formats=["JPEG"]) for file in files)
     differ = np.any(np.asarray(one) != np.asarray(other), axis=1).reshape(one.height, -1).any(axis=1)
     whole = int(np.argmax([*differ, True]))
+    if whole < one.height:  # the colours of its last row are mixed with those below, however these are filled
+        whole = max(whole - 1, 0)
     scan = content[content.rfind(SCAN) + 2 :]
     if whole < one.height and "progressive" in one.info and not re.match(LAST_SCAN, scan):
         whole = 0  # all of it is coarse

@@ -3,13 +3,13 @@
 import json
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.session import UNREADABLE, Progress, detect_all, silent
+from endolab.calibration.session import Progress, detect_all, silent
 from endolab.calibration.targets import Target
 from endolab.io.atomic import PathLike, check_file, one_sentence, read_bytes, write_atomically
 from endolab.io.video import Frames
@@ -58,8 +58,7 @@ def detect_cached(
 
     The file's first line says of which frames and which target it is; one that says otherwise is begun
     anew. FileExistsError, if it is no such file, unless `overwrite`. `camera` is as for `detect_all`; `say`
-    is told, in a sentence, how many frames were searched before. Frames that a video promises and does not
-    hold are given that reason. An interrupt says what is kept.
+    is told, in a sentence, how many frames were searched before. An interrupt says what is kept.
     """
     path = Path(cache)
     sheet = {"kind": target.kind, **asdict(target)}
@@ -91,9 +90,4 @@ def detect_cached(
         if not known:  # nothing to go on from
             path.unlink(missing_ok=True)
     everything = known | detections
-    if frames.is_video:
-        for name in reversed(frames.names):
-            if everything[name].reason != UNREADABLE:
-                break
-            everything[name] = replace(everything[name], reason="the video ends before it")
     return {name: everything[name] for name in frames.names}, size

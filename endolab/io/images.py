@@ -6,6 +6,7 @@ import io
 import logging
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -137,8 +138,7 @@ def _decode(content: bytes, name: PathLike) -> tuple[np.ndarray, np.ndarray]:
         if stored.shape[1::-1] != (columns, rows):
             raise ValueError
     if turned != 1:
-        message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
-        log.warning(message, name)
+        say_turned(name)
     if picture.format == "TIFF" and turned in AS_SEEN:  # alone of all, it has been turned
         return AS_SEEN[turned](stored), AS_SEEN[turned](alpha)
     return stored, alpha
@@ -167,6 +167,25 @@ def _with_alpha(content: bytes, picture: ImageFile) -> tuple[np.ndarray, np.ndar
         most = np.iinfo(stored.dtype).max
         alpha = stored != min(picture.info["transparency"] * (most // (2 ** content[24] - 1)), most)
     return stored, alpha if alpha.any() or not content.startswith(b"BM") else np.ones(alpha.shape)
+
+
+def say_turned(name: PathLike) -> None:
+    """Say that a picture, or a video, is not turned as it is marked to be."""
+    message = "%s is marked to be shown turned; it is read as the sensor saw it, as its calibration is"
+    logging.getLogger("endolab").warning(message, name)
+
+
+def is_picture(path: PathLike) -> bool:
+    """Whether a file is a picture of one of the `FORMATS` by how it begins, whatever it is called."""
+    from PIL import Image
+
+    with (
+        suppress(Exception),  # packages promise nothing about which, if it is none
+        warnings.catch_warnings(action="ignore"),
+        Image.open(path, formats=FORMATS),
+    ):
+        return True
+    return False
 
 
 def read_mask(path: PathLike) -> BoolArray:
@@ -217,7 +236,7 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     ((240, 320, 3), dtype('bool'))
     """
     # Here, for who only writes pictures needs no compiled loops.
-    from endolab.preprocessing.frame import Frame, check_size, field_of_view
+    from endolab.preprocessing.frame import Frame, check_size
 
     stored, alpha = decode(read_bytes(path), path)
     image = _in_unit(stored, path)
@@ -237,8 +256,6 @@ def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathL
     opaque = alpha >= OPAQUE
     if not opaque.all():
         log.warning("%s: %.3g %% of it is transparent or missing, and left out", path, 100 * np.mean(~opaque))
-        if mask is None:  # black may be around what is opaque, too
-            inside = field_of_view(image if image.ndim == 2 else image.max(axis=-1))
         inside &= opaque
         if not inside.any():
             raise ValueError(f"{path} is transparent or missing wherever it would be used")

@@ -1,5 +1,6 @@
 """Frames of a folder or a video, in order, or of a camera, as they come; and a video written."""
 
+import logging
 import os
 import re
 import threading
@@ -8,23 +9,25 @@ import zlib
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count as numbers
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.io.atomic import PathLike, as_path, one_sentence, staged_file
-from endolab.io.images import DECODED, read_image
+from endolab.io.atomic import PathLike, as_path, is_url, one_sentence, staged_file, without_secrets
+from endolab.io.images import DECODED, is_picture, read_image, say_turned
 from endolab.io.quiet import quiet
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.memory import check_memory
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
-VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv")
+VIDEOS = (".mjpeg", ".mjpg")  # which begin as pictures do
 STREAM_TIMEOUT = 5000  # ms after which a stream that does not answer is given up
 USUAL_RATE = 25.0  # frames per second of a video that does not tell its own
-LEAST_BYTES = 64  # bytes of a video for each frame that it may promise; others are counted
+BLACK = 1.0  # grey levels, on average, of memory that nothing was written into
+LONGEST_BREAK = 1000  # frames, one after the other, that cannot be decoded before a video is at its end
 
 
 def _by_number(path: Path) -> list[tuple[int, str]]:
@@ -37,8 +40,8 @@ class Frames:
     """The frames of a folder of pictures or of a video; iterate over it as often as you like.
 
     Iterating gives ``(name, image)``: the file's name, or the frame's number in the video, and
-    the stored values in [0, 1], (H, W) or (H, W, 3); None for a picture that cannot be read, and
-    for what a video promises and then does not hold.
+    the stored values in [0, 1], (H, W) or (H, W, 3); None for a picture, or a frame before a video's
+    last, that cannot be read.
     """
 
     path: Path
@@ -74,7 +77,7 @@ class Frames:
             if not left:
                 break
             if name in left:
-                stored = _next(capture)  # after a break some go on, with the next whole frame
+                stored = _next(capture)
                 yield name, None if stored is None else as_image(stored)
             else:
                 capture.grab()
@@ -92,12 +95,33 @@ def _open(path: Path) -> cv2.VideoCapture:
     if not path.is_file():  # a pipe might never end
         raise ValueError(f"{path}: not a plain file, and so no video")
     with quiet:
-        capture = cv2.VideoCapture(str(path))
+        capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not capture.isOpened():
-        raise ValueError(f"{path}: not a video that can be decoded")
+        raise ValueError(f"{path}: neither a picture nor a video that can be decoded")
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     size = [int(capture.get(what)) for what in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
     check_memory(size[0] * size[1] * DECODED, f"{path}: a frame of {size[0]}x{size[1]} px")
     return capture
+
+
+def _check_scan(path: Path) -> None:
+    """Say if a video is marked as turned; ValueError, if it seems to be interlaced.
+
+    Of those that are, OpenCV 5 converts no frame, and gives what lay in memory for each, without an error.
+    """
+    capture = _open(path)
+    if capture.get(cv2.CAP_PROP_ORIENTATION_META) != 0:
+        say_turned(path)
+    first = _next(capture)
+    other = first
+    while other is not None and first is not None and np.array_equal(first, other):
+        other = _next(capture)
+    if first is None or other is not None:
+        return
+    again = _next(_open(path))  # into other memory, as the first is still in use
+    if first.mean() < BLACK or again is None or not np.array_equal(first, again):
+        remedy = "make it progressive first, as by ffmpeg's filter yadif"
+        raise ValueError(f"{path}: black, or interlaced, which OpenCV cannot read; {remedy}")
 
 
 def _next(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
@@ -109,28 +133,40 @@ def _next(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
     return None
 
 
-def _count(capture: cv2.VideoCapture, most: int) -> int:
-    """Count the frames of a video, 0 if the first cannot be had; it is taken at its word up to `most`."""
+def _count(path: Path) -> int:
+    """Count the frames of a video, by decoding them, up to the last that can be decoded.
+
+    What its header says is an estimate in many containers, and in others counts fields or what is cut away.
+    """
+    capture = _open(path)
+    count = tried = 0
+    end = 0.0  # s, of a rate that varies
+    with quiet:
+        while tried - count < LONGEST_BREAK:
+            tried += 1
+            if capture.grab():
+                count = tried
+                end = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
     stated = capture.get(cv2.CAP_PROP_FRAME_COUNT)
-    if 0 < stated <= most:
-        return int(stated) if capture.grab() else 0
-    count = 0
-    while capture.grab():
-        count += 1
+    if 0 < max(count, end * capture.get(cv2.CAP_PROP_FPS)) < min(0.98 * stated, stated - 2):
+        text = "%s: ends after %d frames, where its header tells of %d: it may be cut off or damaged"
+        logging.getLogger("endolab").warning(text, path, count, stated)
     return count
 
 
 def is_sequence(path: PathLike) -> bool:
-    """Whether this names a folder or a video, by what it is or how it ends, rather than one picture."""
+    """Whether this names a folder or a video rather than one picture, by how it ends or by what it is."""
     source = Path(path)
     suffix = source.suffix.lower()
-    return suffix not in PICTURES and (suffix in VIDEOS or os.path.isdir(source))
+    if suffix in PICTURES:
+        return False
+    return suffix in VIDEOS or os.path.isdir(source) or (os.path.isfile(source) and not is_picture(source))
 
 
 def _listed(paths: Iterable[PathLike]) -> Frames:
     """Take pictures, in one folder or not, as frames; their names are paths from the folder they share."""
     for path in paths:
-        if not os.path.isfile(path) or Path(path).suffix.lower() not in PICTURES:
+        if not os.path.isfile(path) or is_sequence(path):
             raise ValueError(f"{path} is not there, or no picture: give one folder, one video, or pictures")
     files = sorted({Path(os.path.abspath(path)) for path in paths}, key=lambda f: (f.parent, _by_number(f)))
     folder = Path(os.path.commonpath([file.parent for file in files]))
@@ -143,8 +179,9 @@ def open_frames(*paths: PathLike) -> Frames:
     Parameters
     ----------
     *paths : path
-        A folder with PNG, JPEG, TIFF or BMP files; or a video that OpenCV can read; or such files,
-        wherever they are. Files are taken in the order of the numbers in their names.
+        A folder with PNG, JPEG, TIFF or BMP files; or a video that OpenCV can read, whose frames are
+        counted by decoding them; or such files, wherever they are. Files are taken in the order of the
+        numbers in their names.
 
     Returns
     -------
@@ -159,16 +196,17 @@ def open_frames(*paths: PathLike) -> Frames:
     if not paths:
         raise ValueError("give a folder, a video, or pictures")
     source = as_path(paths[0])
-    if len(paths) > 1 or (source.suffix.lower() in PICTURES and os.path.isfile(source)):
+    if len(paths) > 1 or (os.path.isfile(source) and not is_sequence(source)):
         return _listed(paths)
     with one_sentence(f"{source}: cannot be read"):
         if not source.exists():
             raise FileNotFoundError(f"{source}: there is no such folder or video")
         files = list(source.iterdir()) if source.is_dir() else None
     if files is None:
-        count = _count(_open(source), source.stat().st_size // LEAST_BYTES)
+        count = _count(source)
         if count == 0:
             raise ValueError(f"{source}: a video without a frame that can be decoded")
+        _check_scan(source)
         return Frames(source, tuple(f"{number:06d}" for number in range(count)))
     files = [file for file in files if file.suffix.lower() in PICTURES and file.name[0] != "."]
     names = [file.name for file in sorted(files, key=_by_number) if not file.is_dir()]
@@ -182,7 +220,7 @@ def is_stream(source: int | PathLike) -> bool:
     if isinstance(source, int):
         return True
     name = os.fspath(source)
-    return bool(re.match(r"[a-z]+://", name)) or (name.isdecimal() and not os.path.lexists(name))
+    return is_url(name) or (name.isdecimal() and not os.path.lexists(name))
 
 
 class Stream:
@@ -203,14 +241,20 @@ class Stream:
 
     def stored(self) -> Iterator[tuple[str, NDArray[np.uint8]]]:
         """Give names and bytes, (H, W, 3), in OpenCV's order B, G, R; `as_image` makes pictures of them."""
-        started, count = time.perf_counter(), 0
-        while not self._closed.is_set() and (stored := _next(self._capture)) is not None:
+        started, last = time.perf_counter(), -1
+        longest = 1 if self.rate is None else LONGEST_BREAK  # of a stream, each takes `STREAM_TIMEOUT`
+        for number in numbers():
+            if self._closed.is_set() or number - last > longest:
+                break
+            stored = _next(self._capture)
+            if stored is None:
+                continue
             if self.rate is not None:
-                self._closed.wait(max(0.0, started + count / self.rate - time.perf_counter()))
-            yield f"{count:06d}", stored
-            count += 1
+                self._closed.wait(max(0.0, started + number / self.rate - time.perf_counter()))
+            yield f"{number:06d}", stored
+            last = number
         self._capture.release()
-        if count == 0 and not self._closed.is_set():
+        if last < 0 and not self._closed.is_set():
             raise ValueError(f"{self.name} gives no picture")
 
     def close(self) -> None:
@@ -245,15 +289,21 @@ def open_stream(source: int | PathLike) -> Stream:
         path = as_path(source)  # type: ignore[arg-type]
         if not os.path.isfile(path):
             raise FileNotFoundError(f"{path}: there is no such video, camera or stream")
+        _check_scan(path)
         capture = _open(path)
         rate = capture.get(cv2.CAP_PROP_FPS)
         return Stream(capture, str(path), rate if 1 <= rate <= 1000 else USUAL_RATE)
     text = str(source)
     limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, STREAM_TIMEOUT, cv2.CAP_PROP_READ_TIMEOUT_MSEC, STREAM_TIMEOUT]
-    is_url = "://" in text
-    with quiet:
-        capture = cv2.VideoCapture(text, cv2.CAP_FFMPEG, limits) if is_url else cv2.VideoCapture(int(text))
-    name = text if is_url else f"camera {text}"
+    if is_url(text):
+        name = without_secrets(text)
+        with quiet:
+            capture = cv2.VideoCapture(text, cv2.CAP_FFMPEG, limits)
+        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    else:
+        name = f"camera {text}"
+        with quiet:
+            capture = cv2.VideoCapture(int(text))
     if not capture.isOpened():
         raise ValueError(f"{name} cannot be opened: it is not there, in use, or holds no video")
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # what a camera keeps back is old when it comes
@@ -266,7 +316,7 @@ def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0
     `path` ends in .mkv. `images` are (H, W) or (H, W, 3), all of one size, of stored values in [0, 1],
     of which 8 bits are kept; `rate` is in frames per second. OSError or ValueError in one sentence.
     """
-    target = Path(path)
+    target = as_path(path)
     if target.suffix != ".mkv":
         raise ValueError(f"a video's name ends in .mkv, got {target.name}")
     with staged_file(target) as temporary:

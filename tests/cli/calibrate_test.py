@@ -1,6 +1,7 @@
 """The commands target, calibrate, calibrate-light and simulate sheet: what they write, what they refuse."""
 
 import json
+import shlex
 import shutil
 
 import numpy as np
@@ -85,6 +86,18 @@ def test_the_camera_and_the_light_come_back_with_a_report(work):
     assert "γ = 2." in (work / "cal_report/report.html").read_text()
 
 
+@pytest.mark.parametrize("options", [("--video",), ("--target", "charuco"), ("--target", "vicalib_folded")])
+def test_simulate_sheet_says_the_next_command(tmp_path, capsys, options):
+    """Which finds what was written: it fails, if at all, for two frames are too few."""
+    out = tmp_path / "a folder"
+    assert call("simulate", "sheet", "--frames", 2, "--width", 240, "--out", out, *options) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("next: ")]
+    _, command, source, *rest = shlex.split(line.removeprefix("next: "))
+    rest[-1] = tmp_path / rest[-1]
+    assert call(command, source, *rest) == 2
+    assert "needs 3 views" in capsys.readouterr().err
+
+
 def test_a_calibration_without_some_frames_says_which(again, capsys, refused):
     video, out = again
     names = list(el.Calibration.load(out).evidence["frames"]["errors_px"])[:2]
@@ -119,11 +132,11 @@ def test_a_calibration_is_replaced_by_the_next_one_but_nothing_of_others(again, 
     refused(["ends in .json"], video, out.with_suffix(""))
 
 
-def test_a_video_that_ends_early_is_calibrated_as_far_as_it_goes(work, tmp_path, capsys):
+def test_a_video_that_ends_early_is_calibrated_as_far_as_it_goes(work, tmp_path, caplog):
     content = (work / "v/sheet.mkv").read_bytes()
     (tmp_path / "short.mkv").write_bytes(content[: int(0.8 * len(content))])
     assert calibrate(tmp_path / "short.mkv", tmp_path / "c.json") == 0
-    assert "the video ends before it" in capsys.readouterr().out
+    assert "short.mkv: ends after 19 frames" in caplog.text
 
 
 def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nominal_light(tmp_path, capsys):

@@ -123,7 +123,7 @@ def test_a_frame_of_ucl2019(tmp_path):
     ("load", "message"),
     [
         (lambda folder: LOAD["c3vd"](folder, 7), "0007_color.png"),
-        (LOAD["c3vd"], "0042_depth.png or 0042_depth.tiff"),
+        (LOAD["c3vd"], "0042_depth.tiff"),
         (LOAD["simcol3d"], "Depth_0007.png"),
         (LOAD["ucl2019"], f"{SERIES}_Depth_0012.png"),
         (lambda folder: datasets.true_z(folder / "0001_depth.png"), "0001_depth.png"),
@@ -199,6 +199,79 @@ def test_a_folder_tells_its_layout(tmp_path, layout):
         folder["7"]
     with pytest.raises(ValueError, match="camera"):
         folders.open_dataset(tmp_path, UCL if camera is None else None)
+
+
+LAID = {  # where three frames of a sequence lie: colour, depth, the camera
+    "C3VD": ("{0:04d}_color.png", "{0:04d}_depth.tiff", "c3vd"),
+    "C3VD, short": ("{0}_color.png", "{0:04d}_depth.tiff", "c3vd"),
+    "C3VD, long": ("{0:05d}_color.png", "{0}_depth.png", "c3vd"),
+    "C3VDv2": ("rgb/{0:04d}.png", "depth/{0:04d}_depth.tiff", "c3vd_v2"),
+    "EndoGSLAM": ("color/{0:04d}_color.png", "depth/{0:04d}_depth.tiff", "c3vd"),
+    "EndoGSLAM, short": ("color/{0}_color.png", "depth/{0:04d}_depth.tiff", "c3vd"),
+    "EndoGSLAM, raw": ("color_raw/{0}_color.png", "depth_raw/{0:04d}_depth.tiff", "c3vd"),
+}
+
+
+def write_sequence(folder, kind, numbers=(10, 2, 9)):
+    """Frames of z = 10 mm and their number, and as red; what else such a folder holds."""
+    colours, depths, _ = LAID[kind]
+    for number in numbers:
+        colour, depth = folder / colours.format(number), folder / depths.format(number)
+        for path in (colour, depth):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(colour), np.full((108, 135, 3), (0, 0, number), np.uint8))
+        cv2.imwrite(str(depth), np.full((108, 135), round((10 + number) * 655.35), np.uint16))
+    for name in ("normals/0002_normals.tiff", "pose.txt", "coverage_mesh.obj"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).touch()
+    if kind == "EndoGSLAM, raw":  # beside them what it makes: without distortion, of 8 bits
+        for name in ("color/2_color.png", "depth/0002_depth.tiff"):
+            (folder / name).parent.mkdir(exist_ok=True)
+            cv2.imwrite(str(folder / name), np.full((108, 135), 50, np.uint8))
+
+
+def check_sequence(dataset, numbers):
+    for number, sample in zip(numbers, dataset, strict=True):
+        assert round(float(sample.frame.image[50, 50, 0]) * 255) == number
+        z = sample.distance * sample.calibration.camera.field.cos_alpha
+        assert np.nanmedian(z) == pytest.approx(10 + number, abs=1e-3)
+
+
+@pytest.mark.parametrize("kind", LAID)
+def test_colour_and_depth_are_paired_by_number_wherever_they_lie(tmp_path, kind):
+    write_sequence(tmp_path, kind)
+    dataset = datasets.open_dataset(tmp_path)
+    colours, _, camera = LAID[kind]
+    assert dataset.names == tuple(colours.format(number) for number in (2, 9, 10))
+    check_sequence(dataset, (2, 9, 10))
+    assert dataset[0].calibration == datasets.load_calibration(camera, 135)
+    (tmp_path / LAID[kind][1].format(9)).unlink()
+    with pytest.raises(FileNotFoundError, match="0009_depth"):
+        dataset[1]
+
+
+@pytest.mark.parametrize("kind", LAID)
+def test_a_folder_of_sequences_opens_as_one(tmp_path, kind):
+    write_sequence(tmp_path / "cecum_t1_a", kind)
+    write_sequence(tmp_path / "cecum_t2_b", kind, (3,))
+    (tmp_path / "3D_models").mkdir()
+    (tmp_path / "camera_intrinsics.txt").touch()
+    dataset = datasets.open_dataset(tmp_path)
+    first = LAID[kind][0].format(2)
+    assert (len(dataset), dataset.names[0]) == (4, f"cecum_t1_a/{first}")
+    check_sequence(dataset, (2, 9, 10, 3))
+    check_sequence([dataset[f"cecum_t1_a/{first}"]], (2,))
+    (tmp_path / "other").mkdir()
+    write_simcol3d(tmp_path / "other")
+    with pytest.raises(ValueError, match="c3vd and simcol3d"):
+        datasets.open_dataset(tmp_path)
+
+
+def test_depths_of_8_bits_are_not_taken_for_c3vds(tmp_path):
+    write_sequence(tmp_path, "EndoGSLAM", (2,))
+    cv2.imwrite(str(tmp_path / "depth/0002_depth.tiff"), np.full((108, 135), 50, np.uint8))
+    with pytest.raises(ValueError, match="uint16"):
+        datasets.open_dataset(tmp_path)[0]
 
 
 def test_a_folder_of_no_known_layout(tmp_path):

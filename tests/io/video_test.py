@@ -1,14 +1,18 @@
 """Frames of folders, videos and streams, whole or broken."""
 
+import contextlib
 import http.server
+import struct
 import threading
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from endolab.io.images import write_image
+from endolab.cli.main import main
+from endolab.io.images import read_image, write_image
 from endolab.io.video import is_sequence, is_stream, open_frames, open_stream, write_video
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -71,12 +75,187 @@ def test_pictures_that_are_named_are_told_apart_wherever_they_lie(tmp_path, pict
             open_frames(tmp_path / "a/2.png", tmp_path / other)
 
 
-def test_a_video_that_ends_early_gives_none_for_what_it_lacks(video, tmp_path):
+def write_numbered(path, code, count=30, rate=25.0):
+    """A video whose frames count themselves: a bright bar, 8 px longer in each."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), rate, (320, 64))
+    assert writer.isOpened()
+    for number in range(count):
+        shot = np.full((64, 320, 3), 20, np.uint8)
+        shot[:16, : 8 * number] = 220
+        writer.write(shot)
+    writer.release()
+    return path.read_bytes()
+
+
+def number_of(image):
+    """The number that a frame counts; the bar is at the top left, unless the picture was turned."""
+    return round(float((image[4:12].mean(axis=(0, 2)) > 0.5).sum()) / 8)
+
+
+def numbers_in(path):
+    return [None if image is None else number_of(image) for _, image in open_frames(path)]
+
+
+def at_another_rate(content):
+    """A Matroska file whose header says 10 frames/s, whatever its frames are timed at."""
+    place = content.index(b"\x23\xe3\x83\x84") + 4
+    return content[:place] + struct.pack(">I", 100_000_000) + content[place + 4 :]
+
+
+def with_length(count):
+    """An AVI file whose header says it has so many frames."""
+
+    def change(content):
+        place = content.index(b"strh") + 40
+        return content[:place] + struct.pack("<I", count) + content[place + 4 :]
+
+    return change
+
+
+def twice(content):
+    return content + content
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "rate", "change", "count"),
+    [
+        ("v.mpg", "PIM1", 25.0, bytes, 30),
+        ("v.mpg", "MPG2", 30.0, twice, 60),
+        ("v.vob", "MPG2", 25.0, bytes, 30),
+        ("v.ts", "MPG2", 25.0, twice, 60),
+        ("v.mts", "MPG2", 50.0, bytes, 30),
+        ("v.flv", "FLV1", 25.0, bytes, 30),
+        ("v.mkv", "mp4v", 30.0, at_another_rate, 30),
+        ("v.mkv", "VP80", 1000.0, bytes, 30),
+        ("v.webm", "VP80", 23.976, bytes, 30),
+        ("v.avi", "MJPG", 25.0, with_length(7), 30),
+        ("v.avi", "MJPG", 25.0, with_length(500), 30),
+    ],
+)
+def test_the_frames_of_a_video_are_those_that_can_be_decoded(tmp_path, name, code, rate, change, count):
+    """Whatever its header estimates: none is lost, and none promised that never was."""
+    content = write_numbered(tmp_path / name, code, rate=rate)
+    (tmp_path / name).write_bytes(change(content))
+    assert numbers_in(tmp_path / name) == [*range(30)] * (count // 30)
+
+
+@pytest.mark.parametrize("matrix", [(0, 1, -1, 0), (-1, 0, 0, -1), (0, -1, 1, 0)])
+def test_a_video_marked_as_turned_is_read_as_the_sensor_saw_it(tmp_path, caplog, matrix):
+    content = bytearray(write_numbered(tmp_path / "v.mp4", "mp4v"))
+    a, b, c, d = (65536 * number for number in matrix)
+    struct.pack_into(">6i", content, content.index(b"tkhd") + 44, a, b, 0, c, d, 0)
+    (tmp_path / "v.mp4").write_bytes(content)
+    assert numbers_in(tmp_path / "v.mp4") == [*range(30)]
+    assert caplog.text.count("v.mp4 is marked to be shown turned") == 1
+    stream = open_stream(tmp_path / "v.mp4")
+    assert number_of(dict(stream)["000007"]) == 7
+    assert caplog.text.count("v.mp4 is marked to be shown turned") == 2
+
+
+def test_what_is_damaged_in_the_middle_of_a_video_shifts_no_names(tmp_path):
+    content = bytearray(write_numbered(tmp_path / "v.mov", "MJPG"))
+    starts = [place for place in range(len(content)) if content[place : place + 3] == b"\xff\xd8\xff"]
+    assert len(starts) == 30
+    content[starts[9] : starts[11]] = bytes(starts[11] - starts[9])
+    (tmp_path / "v.mov").write_bytes(content)
+    expected = [*range(9), None, None, *range(11, 30)]
+    assert numbers_in(tmp_path / "v.mov") == expected
+    ((_, image),) = open_frames(tmp_path / "v.mov").read(["000011"])
+    assert number_of(image) == 11
+    played = {name: number_of(image) for name, image in open_stream(tmp_path / "v.mov")}
+    assert played == {f"{number:06d}": number for number in expected if number is not None}
+
+
+def test_a_video_that_ends_early_says_so(video, caplog):
     content = video.read_bytes()
+    assert len(open_frames(video)) == 12
+    assert caplog.text == ""
     video.write_bytes(content[: len(content) // 2])
-    there = [image is not None for _, image in open_frames(video)]
-    assert set(there) == {True, False}
-    assert there == sorted(there, reverse=True)
+    count = len(open_frames(video))
+    assert 0 < count < 12
+    assert all(image is not None for _, image in open_frames(video))
+    assert f"v.mkv: ends after {count} frames, where its header tells of 12" in caplog.text
+
+
+def test_a_video_that_is_interlaced_is_refused(tmp_path, caplog, pictures):
+    """For OpenCV gives what lay in memory for each frame, without an error; stills are no such videos."""
+    content = bytearray(write_numbered(tmp_path / "v.mpg", "MPG2"))
+    assert len(open_frames(tmp_path / "v.mpg")) == 30
+    write_video(tmp_path / "still.mkv", pictures[:1] * 3)
+    assert len(open_frames(tmp_path / "still.mkv")) == 3
+    assert caplog.text == ""
+    for place in range(len(content) - 8):
+        if content[place : place + 4] == b"\0\0\1\xb5":
+            if content[place + 4] >> 4 == 1:  # the sequence
+                content[place + 5] &= 0xF7
+            elif content[place + 4] >> 4 == 8:  # a picture
+                content[place + 8] &= 0x7F
+    (tmp_path / "i.mpg").write_bytes(content)
+    for read in (open_frames, open_stream):
+        with pytest.raises(ValueError, match=r"i\.mpg.*interlaced"):
+            read(tmp_path / "i.mpg")
+
+
+@pytest.mark.parametrize("name", ["v.MTS", "v.264", "v.mxf", "video_0001", "v.recording", "v.mjpeg"])
+def test_a_video_is_known_by_what_it_is_whatever_its_name(tmp_path, name):
+    content = write_numbered(tmp_path / "v.avi", "MJPG")
+    place = content.index(b"\xff\xd8\xff")  # a raw stream is pictures, one after the other
+    (tmp_path / name).write_bytes(content[place:] if name == "v.mjpeg" else content)
+    assert is_sequence(tmp_path / name)
+    assert len(open_frames(tmp_path / name)) == 30
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".bmp"])
+def test_a_picture_is_known_by_what_it_is_where_its_name_does_not_tell(tmp_path, suffix, pictures):
+    cv2.imwrite(str(tmp_path / f"a{suffix}"), np.full((8, 8, 3), 255, np.uint8))
+    (tmp_path / f"a{suffix}").rename(tmp_path / "IMG0001")
+    write_image(tmp_path / "b.png", pictures[0])
+    assert not is_sequence(tmp_path / "IMG0001")
+    assert open_frames(tmp_path / "IMG0001").names == ("IMG0001",)
+    assert open_frames(tmp_path / "b.png", tmp_path / "IMG0001").names == ("IMG0001", "b.png")
+    np.testing.assert_allclose(dict(open_frames(tmp_path / "IMG0001"))["IMG0001"], 1, atol=1e-9)
+
+
+SECRETS = [
+    "rtsp://user:secret@127.0.0.1:9/live",
+    "RTSP://secret@127.0.0.1:9/live",
+    "http://user:sec@secret/x@127.0.0.1:9/live",
+    "http://127.0.0.1:9/live?user=a&pwd=secret",
+    "rtmp://127.0.0.1:9/app/secret",
+]
+
+
+@pytest.mark.parametrize("url", SECRETS)
+@pytest.mark.parametrize("read", [open_stream, open_frames, read_image, write_video])
+def test_what_is_secret_in_a_url_is_in_no_message(url, read):
+    for source in (url, Path(url)):
+        with pytest.raises((ValueError, OSError)) as caught:
+            read(source) if read is not write_video else read(source, [])
+        assert "secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize("url", SECRETS[::2])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("reconstruct", "{}", "--calibration", "simple", "--out", "r"),
+        ("reconstruct", "a.png", "--calibration", "{}", "--out", "r"),
+        ("calibrate", "{}", "--target", "charuco", "--out", "c.json"),
+        ("sweep", "{}", "--calibration", "simple"),
+        ("tune", "{}", "--calibration", "simple"),
+        ("simulate", "{}", "--out", "v"),
+        ("simulate", "colon", "--width", "16", "--out", "{}"),
+        ("evaluate", "{}", "{}"),
+    ],
+)
+def test_no_command_says_what_is_secret_in_a_url(url, command, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    with contextlib.suppress(SystemExit):
+        assert main([word.format(url) for word in command]) == 2
+    output = capfd.readouterr()
+    assert "endolab: " in output.err
+    assert "secret" not in output.out + output.err
+    assert not list(tmp_path.rglob("*secret*"))
 
 
 def test_a_video_is_written_whole_or_not_at_all(tmp_path, pictures):
@@ -110,8 +289,8 @@ def test_sequences_and_streams_are_known_by_what_they_are(tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     Path("a.png").mkdir()
     assert is_sequence(tmp_path)
-    assert is_sequence("none.MP4")
-    assert not is_sequence("none")
+    assert is_sequence("none.MJPEG")
+    assert not is_sequence("none.MP4")  # nothing is there
     assert not is_sequence("a.png")
     assert is_stream(0)
     assert is_stream("0")
