@@ -219,6 +219,8 @@ def calibrate_light(
         raise NotIdentifiableError("light", f"{LEAST_SAMPLES} samples are needed, got {len(samples)}: {why}")
     frames, frame = np.unique(samples.frame, return_inverse=True)
     group = frame if gain == "free" else np.zeros(len(samples), int)
+    if gain == "locked":  # then the frames have no unknowns of their own
+        samples = replace(samples, slack=np.zeros((0, 0)))
     known = _checked_reflectance(reflectance)
     most = int(samples.material.max())
     if samples.material.min() < 0 or most != len(known):

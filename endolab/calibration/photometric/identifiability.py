@@ -179,7 +179,7 @@ def fall_off_share(model: LightModel, unknowns: LightUnknowns, used: BoolArray) 
     _, lamp = regress(others, geometry.falloff, weight, model.group)
     information = float(weight @ lamp**2) + np.finfo(float).tiny
     share = float(weight @ (lamp * light)) / information
-    rest = float(weight @ (light - share * lamp) ** 2) / max(np.count_nonzero(used), 1)
+    rest = float(weight @ (light - share * lamp) ** 2) / (int(used.sum()) + 1)
     return share, float(np.sqrt(rest / information))
 
 
