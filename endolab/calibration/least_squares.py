@@ -45,6 +45,8 @@ class Linearised:
     by_own: FloatArray  # (n, m, b), by the unknowns of the measurement's own group
     prior: FloatArray  # (q,), residuals of what is known beforehand, in standard deviations
     prior_by_common: FloatArray  # (q, p)
+    own: FloatArray | float = 0.0  # (groups, b), the own unknowns that are known to be near 0 ...
+    own_stiffness: FloatArray | float = 0.0  # (b,), ... and the inverse of their variance, 0 of the others
 
 
 class Model(Protocol):
@@ -60,7 +62,7 @@ class Model(Protocol):
         ...
 
     def residual(self, unknowns: Any) -> tuple[FloatArray, FloatArray]:
-        """Residuals (n, m) and those of the priors (q,) alone."""
+        """Residuals (n, m) and, in standard deviations, all that is off from what is known beforehand."""
         ...
 
     def moved(self, unknowns: Any, common: FloatArray, own: FloatArray) -> Any:
@@ -123,7 +125,8 @@ class Arrow:
         self.common = product(flat, flat) + lin.prior_by_common.T @ lin.prior_by_common
         self.common_gradient = product(flat, r.reshape(-1, 1))[:, 0] + lin.prior_by_common.T @ lin.prior
         self.own = _sums(np.swapaxes(b, 1, 2) @ b, group, groups)
-        self.own_gradient = _sums(np.einsum("nmi,nm->ni", b, r), group, groups)
+        self.own += np.eye(b.shape[-1]) * lin.own_stiffness
+        self.own_gradient = _sums(np.einsum("nmi,nm->ni", b, r), group, groups) + lin.own_stiffness * lin.own
         self.cross = _sums(np.swapaxes(b, 1, 2) @ a, group, groups)  # (groups, b, p)
 
     def solve(self, damping: float) -> tuple[FloatArray, FloatArray]:
@@ -299,7 +302,8 @@ def iterate_fit(
     whole("max_iterations", max_iterations)
     unknowns, k, status = start, 0, Status.STALLED
     lin = model.linearise(start)
-    count = lin.by_common.shape[-1] + lin.by_own.shape[-1] * (int(model.group[-1]) + 1)
+    loose = lin.by_own.shape[-1] - np.count_nonzero(lin.own_stiffness)
+    count = lin.by_common.shape[-1] + loose * (int(model.group[-1]) + 1)
     residual, _ = model.residual(start)
     nobody = np.zeros(len(model.group), bool)
     stages: tuple[Literal["huber", "final"], ...] = ("huber", "final")

@@ -14,8 +14,7 @@ from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import predict_view
 from endolab.calibration.geometric.reprojection import find_pose, views_of
 from endolab.calibration.least_squares import FitIterate
-from endolab.calibration.photometric.fit import calibrate_light, checked_gamma
-from endolab.calibration.photometric.identifiability import NotIdentifiableError
+from endolab.calibration.photometric.fit import calibrate_light, check_options
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples, sample_sheet
 from endolab.calibration.targets import Target
@@ -243,7 +242,7 @@ def calibrate(
     Returns
     -------
     Session
-        If the samples cannot tell the light, `light` is None and `refused` says why.
+        If the light cannot be fitted, whatever the reason, `light` is None and `refused` says why.
 
     Raises
     ------
@@ -253,7 +252,7 @@ def calibrate(
     """
     if channel not in (*CHANNELS, "grey"):
         raise unknown_name("channel", channel, (*CHANNELS, "grey"))
-    checked_gamma(light.get("gamma", 2.2))
+    check_options(**light)
     whole("every", every, 1)
     if detections is None:
         detections, size = detect_all(frames, target, progress=progress, size=size, camera=camera)
@@ -275,11 +274,13 @@ def calibrate(
     guess = 2.2 if isinstance(gamma, str) else float(np.ravel(gamma)[0])
     samples = sample_all(frames, target, poses, camera, channel=channel, gamma=guess, progress=progress)
     fit, scores, refused = None, None, ""
+    # Whatever fails from here on, be it arithmetic, the camera is not lost.
     try:
         fit = calibrate_light(samples, observers=light_observers, **light)
-        scores = score(samples, **light)
-    except NotIdentifiableError as error:
+    except (ValueError, ArithmeticError) as error:
         refused = str(error)
+    else:
+        scores = score(samples, **light)
     every_one = dict(detections)
     return Session(target, every_one, geometry, camera, poses, samples, fit, refused, scores, dropped, errors)
 
@@ -291,5 +292,5 @@ def score(samples: Samples, **light: Any) -> HeldOut | None:
     kept = samples.frame % HOLD_OUT == HOLD_OUT // 2
     try:
         return calibrate_light(samples[~kept], **light).held_out(samples[kept])
-    except NotIdentifiableError:  # what all frames together could just tell
+    except (ValueError, ArithmeticError):  # what all frames together could just tell
         return None

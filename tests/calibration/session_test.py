@@ -107,6 +107,51 @@ def test_the_light_that_cannot_be_told_is_refused_and_the_camera_kept(video):
     assert abs(found.camera.fx - CAMERA.fx) < 0.1
 
 
+@pytest.mark.parametrize(
+    ("expose", "word"),
+    [
+        (np.ones_like, "dark nor saturated"),
+        (np.zeros_like, "dark nor saturated"),
+        (lambda image: np.full_like(image, 0.5), "lit room"),
+        (lambda image: np.where(image < 0.25, 0.0, 1.0), "k cannot be told"),
+    ],
+    ids=["over-exposed", "dark", "even", "black and white"],
+)
+@pytest.mark.parametrize("known", [None, CAMERA], ids=["camera sought", "camera given"])
+def test_a_light_that_cannot_be_fitted_leaves_the_camera(video, expose, word, known):
+    frames, _, detections = video
+    bad = [(name, expose(image)) for name, image in frames]
+    found = calibrate(bad, SHEET, camera=known, detections=detections, size=SIZE)
+    assert (found.light, found.scores) == (None, None)
+    assert word in found.refused
+    assert abs(found.camera.fx - CAMERA.fx) < 0.1
+    assert evidence(found)["photometry"] == {"refused": found.refused, "nominal": True}
+
+
+def test_too_few_samples_leave_the_camera(video):
+    """The pictures of all frames, or of all but one, are lost after the search."""
+    frames, _, detections = video
+    one = [(name, image if number == 4 else None) for number, (name, image) in enumerate(frames)]
+    assert "single frame" in calibrate(one, SHEET, detections=detections, size=SIZE).refused
+    none = [(name, None) for name, _ in frames]
+    found = calibrate(none, SHEET, detections=detections, size=SIZE)
+    assert "samples are needed, got 0" in found.refused
+    assert found.geometry.rmse < 0.08
+
+
+def test_a_fit_that_breaks_down_leaves_the_camera_but_a_wrong_option_is_an_error(video, monkeypatch):
+    frames, _, detections = video
+    with pytest.raises(ValueError, match="brdf"):
+        calibrate(frames, SHEET, detections=detections, size=SIZE, brdf="shiny")
+
+    def fail(*_, **__):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(session, "calibrate_light", fail)
+    found = calibrate(frames, SHEET, detections=detections, size=SIZE)
+    assert (found.light, found.refused) == (None, "Singular matrix")
+
+
 def test_pictures_that_cannot_be_read_are_named(video):
     frames, _, _ = video
     found, size = detect_all([("a.png", None), frames[0], ("b.png", None)], SHEET)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -17,6 +17,8 @@ class Pose:
 
     rotation: FloatArray  # R, (3, 3)
     translation: FloatArray  # t, (3,), mm: where the target's origin is
+    # Of a turn ω, rad, and a shift δ, mm: exp(ω) R and t + δ; (6, 6).
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)), compare=False)
 
     @classmethod
     def from_vector(cls, vector: ArrayLike) -> Pose:
@@ -38,6 +40,18 @@ class Pose:
     def normal(self) -> FloatArray:
         """Unit normal of the panel in the camera frame, out of the paper: towards who reads it, (3,)."""
         return -self.rotation[:, 2]
+
+    def plane_errors(self) -> FloatArray:
+        """Return what the plane m, m · x = 1 for all its points x, may be off: (3, 3), 1/mm.
+
+        Columns are independent errors, of one standard deviation each.
+        """
+        normal, height = self.normal, self.normal @ self.translation
+        turned = np.cross(np.eye(3), normal).T  # δn = ω × n
+        rise = np.append(self.translation @ turned, normal)  # δ(n · t)
+        slopes = np.hstack([turned, np.zeros((3, 3))]) / height - np.outer(normal, rise) / height**2
+        values, vectors = np.linalg.eigh(slopes @ self.covariance @ slopes.T)
+        return vectors * np.sqrt(np.maximum(values, 0.0))
 
     @property
     def tilt(self) -> float:

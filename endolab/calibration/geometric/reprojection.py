@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -20,6 +20,11 @@ from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 # Lenses' coefficients are well below these; where the views say nothing, this is what is known.
 USUAL_K = np.array([1.0, 0.5, 0.25, 0.125])
 
+# Points of a panel are not off independently, but as its light makes them, and all frames alike: poses are
+# off by this many times what independent points would give, and by more where few px lie between them.
+SHARED = 2.0
+SMALL = 17.0  # px between points, where errors have doubled; they grow with the fourth power
+BESIDE = 0.75  # spacings from a fold, within which light and paper break, and sway a point
 FINEST = 0.03  # px; detectors have systematic errors of that size, whatever the noise
 
 
@@ -34,8 +39,14 @@ class View:
 
 
 def views_of(name: str, detection: Detection, target: Target) -> list[View]:
-    """Split what was detected in the frame `name` by panels, without those of fewer than 8 points."""
-    panel = target.panel_of(target.points[detection.ids])
+    """Split what was detected in the frame `name` by panels, without those of fewer than 8 points.
+
+    Points beside a fold are left out.
+    """
+    points = target.points[detection.ids]
+    panel = target.panel_of(points)
+    if target.fold_x is not None:
+        panel = np.where(np.abs(points[:, 0] - target.fold_x) < BESIDE * target.spacing, -1, panel)
     which = ((number, panel == number) for number in range(target.panels))
     every = (View(name, number, detection.ids[here], detection.pixels[here]) for number, here in which)
     return [view for view in every if len(view.ids) >= LEAST_POINTS]
@@ -139,4 +150,15 @@ def find_pose(view: View, target: Target, camera: KannalaBrandt) -> tuple[Pose, 
     inliers = fitted.iterate.used
     if inliers.sum() < max(LEAST_POINTS, len(inliers) / 2):
         raise ValueError(f"only {inliers.sum()} of its {len(inliers)} points agree with one pose")
-    return fitted.iterate.unknowns.poses[0], inliers, fitted.iterate.residual
+    pose = fitted.iterate.unknowns.poses[0]
+    apart = _narrowest(target.points[view.ids].mean(axis=0), pose, camera) * target.spacing
+    worse = SHARED * (1 + (SMALL / apart) ** 4)
+    pose = replace(pose, covariance=worse**2 * fitted.covariance.own[0])
+    return pose, inliers, fitted.iterate.residual
+
+
+def _narrowest(place: FloatArray, pose: Pose, camera: KannalaBrandt) -> float:
+    """Scale of a panel in the picture about a place of it, (3,), where it is least, px/mm."""
+    around = place + 0.1 * np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0]])
+    left, right, above, below = camera.project(pose.transform(around))
+    return float(np.linalg.svd(np.stack([right - left, below - above]) / 0.2)[1][-1])

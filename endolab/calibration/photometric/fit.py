@@ -42,6 +42,7 @@ from endolab.numerics.checks import excerpt, whole
 from endolab.numerics.iteration import Status
 
 GAMMA_BOUNDS = (0.5, 5.0)
+LEAST_SAMPLES = 10
 LIGHT_ERRORS = (2.0, 0.1)  # largest standard errors of a free light: mm, and of its tilt
 
 
@@ -71,17 +72,37 @@ def checked_gamma(gamma: float | tuple[float, float] | str) -> Known:
     return known
 
 
-def _checked_reflectance(reflectance: Sequence[Known], samples: Samples) -> tuple[Known, ...]:
-    most = int(samples.material.max())
-    if samples.material.min() < 0 or most != len(reflectance):
-        each = f"each of materials 1 to {most} of the samples"
-        raise ValueError(f"reflectance must have an entry for {each}, got {len(reflectance)}")
+def _checked_reflectance(reflectance: Sequence[Known]) -> tuple[Known, ...]:
     checked = tuple(None if value is None else _number_or_pair(value) for value in reflectance)
     for value, known in zip(reflectance, checked, strict=True):
         if value is not None and known is None:
             either = "None, positive, or (value, standard deviation)"
             raise ValueError(f"reflectance must be {either}, got {value}")
     return checked
+
+
+def check_options(
+    gamma: float | tuple[float, float] | str = 2.2,
+    brdf: str = "tabulated",
+    nodes: int = 15,
+    gain: str = "free",
+    reflectance: Sequence[Known] = (),
+    light: str = "centred",
+    levels: tuple[float, float] = LEVELS,
+) -> None:
+    """Refuse options of `calibrate_light` that no samples could make right."""
+    for name, value, choices in (
+        ("brdf", brdf, ("tabulated", "lambertian")),
+        ("gain", gain, ("free", "locked")),
+        ("light", light, ("centred", "free")),
+    ):
+        if value not in choices:
+            raise ValueError(f'{name} must be "{choices[0]}" or "{choices[1]}", got {excerpt(value)}')
+    whole("nodes", nodes, 2)
+    if not 0 <= levels[0] < levels[1]:
+        raise ValueError(f"levels must ascend from 0 or above, got {levels}")
+    checked_gamma(gamma)
+    _checked_reflectance(reflectance)
 
 
 def _start(model: LightModel) -> tuple[LightUnknowns, float]:
@@ -173,9 +194,10 @@ def calibrate_light(
     Raises
     ------
     NotIdentifiableError
-        If the samples cannot tell what is asked, naming it and the reason.
+        If the samples cannot tell what is asked, naming it and the reason; if they are too few, or of
+        another light than an endoscope's.
     ValueError
-        If an argument has a wrong value or there are too few samples.
+        If an argument has a wrong value.
 
     Examples
     --------
@@ -187,28 +209,25 @@ def calibrate_light(
     >>> abs(fit.k - 2.5) < 3 * fit.standard_errors["k"]
     True
     """
-    for name, value, choices in (
-        ("brdf", brdf, ("tabulated", "lambertian")),
-        ("gain", gain, ("free", "locked")),
-        ("light", light, ("centred", "free")),
-    ):
-        if value not in choices:
-            raise ValueError(f'{name} must be "{choices[0]}" or "{choices[1]}", got {excerpt(value)}')
-    whole("nodes", nodes, 2)
-    if not 0 <= levels[0] < levels[1]:
-        raise ValueError(f"levels must ascend from 0 or above, got {levels}")
-    known_gamma = checked_gamma(gamma)
+    check_options(gamma, brdf, nodes, gain, reflectance, light, levels)
     numbers = np.column_stack([samples.level, samples.points, samples.normals])
     finite = np.isfinite(numbers).all(axis=1)
     if not finite.all():
         raise ValueError(f"samples must be finite, got {np.sum(~finite)} that are not")
-    if len(samples) < 10:
-        raise ValueError(f"samples must be at least 10, got {len(samples)}")
+    if len(samples) < LEAST_SAMPLES:
+        why = "white paper shows between the ink in too few places, or too small"
+        raise NotIdentifiableError("light", f"{LEAST_SAMPLES} samples are needed, got {len(samples)}: {why}")
     frames, frame = np.unique(samples.frame, return_inverse=True)
     group = frame if gain == "free" else np.zeros(len(samples), int)
-    known = _checked_reflectance(reflectance, samples)
+    if gain == "locked":  # then the frames have no unknowns of their own
+        samples = replace(samples, slack=np.zeros((0, 0)))
+    known = _checked_reflectance(reflectance)
+    most = int(samples.material.max())
+    if samples.material.min() < 0 or most != len(known):
+        each = f"each of materials 1 to {most} of the samples"
+        raise ValueError(f"reflectance must have an entry for {each}, got {len(known)}")
     theta, pinned = _nodes(samples, 1 if brdf == "lambertian" else nodes, levels)
-    model = LightModel(samples, group, theta, pinned, known_gamma, known, light == "free", levels)
+    model = LightModel(samples, group, theta, pinned, checked_gamma(gamma), known, light == "free", levels)
     begin, sigma = _start(model)
     expected = identifiability.strengths(model, begin, sigma)
     identifiability.refuse(model, expected)
@@ -223,9 +242,9 @@ def _nodes(samples: Samples, count: int, levels: tuple[float, float]) -> tuple[F
     """Choose the nodes of the BRDF, rad, and the pinned one, which has the most light."""
     geometry = SampleGeometry.of(samples, np.zeros(5))
     good = geometry.valid & (samples.level > levels[0]) & (samples.level < levels[1])
-    if good.sum() < 10:
-        which = "that are lit and neither dark nor saturated"
-        raise ValueError(f"samples must hold at least 10 {which}, got {good.sum()}")
+    if good.sum() < LEAST_SAMPLES:
+        which = f"{good.sum()} of {len(good)} samples are lit and neither dark nor saturated"
+        raise NotIdentifiableError("light", f"{which}, {LEAST_SAMPLES} are needed; change the exposure")
     theta = geometry.theta[good]
     chosen = np.zeros(1)
     if count > 1:
@@ -247,8 +266,17 @@ def _check_bounds(model: LightModel, unknowns: LightUnknowns, spread: dict[str, 
     if not low < unknowns.gamma < high:
         ran = f"gamma ran to {unknowns.gamma:.2f}, out of {low:g} to {high:g}"
         raise NotIdentifiableError("gamma", f"{ran}; check the distances, or give gamma")
-    if not model.free_light:
-        return
+    if model.free_light:
+        _check_place(spread)
+    error = unknowns.gamma * spread["k/gamma"]
+    most = identifiability.LARGEST_ERROR["k"]
+    if error > most:
+        why = f"k cannot be told from these samples: it is {unknowns.k:.2f} ± {error:.2f}"
+        raise NotIdentifiableError("k", f"{why}, of which at most ± {most:g} is of use")
+
+
+def _check_place(spread: dict[str, float]) -> None:
+    """Refuse a light whose place or direction the samples do not tell."""
     place = max(spread[f"light {axis}"] for axis in "xyz")
     tilt = max(spread["light tilt x"], spread["light tilt y"])
     if place > LIGHT_ERRORS[0] or tilt > LIGHT_ERRORS[1]:
@@ -284,8 +312,9 @@ def _result(
     covariance = fitted.covariance.common
     deviation = np.sqrt(np.diag(covariance))
     spread = dict(zip(model.names, deviation.tolist(), strict=True))
-    _check_bounds(model, unknowns, spread)
     errors = _standard_errors(unknowns, spread, covariance)
+    doubts = identifiability.judge_light(model, unknowns, used, last.sigma)
+    _check_bounds(model, unknowns, errors)
     f, gains = np.exp(unknowns.log_brdf), np.exp(unknowns.log_gain)
     gain_errors = gains * np.sqrt(fitted.covariance.own[:, 0, 0])
     locked = len(gains) == 1 and len(frames) > 1
@@ -301,6 +330,7 @@ def _result(
     known = np.isfinite(gain_errors)
     jumps = [] if locked else identifiability.gain_jumps(frames[known], gains[known])
     verdict = identifiability.describe_verdict(model, unknowns, expected, errors, last.sigma, ranges, jumps)
+    verdict += doubts
     if fitted.status is not Status.CONVERGED:
         verdict.insert(0, f"The fit did not end as it should: {fitted.status.value}")
     residuals = last.residual[:, 0]

@@ -22,7 +22,7 @@ import scipy
 
 from endolab.calibration.least_squares import Arrow, Linearised
 from endolab.calibration.photometric.model import GREY, LightModel, LightUnknowns, hats
-from endolab.numerics.arrays import FloatArray, IntArray
+from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 
 RICH_NODES = 60  # of the BRDF, in the regression
 
@@ -33,6 +33,10 @@ RICH_NODES = 60  # of the BRDF, in the regression
 # log cos α.
 LEAST_SIGNAL = {"gamma": 0.018, "k": 0.012}
 LARGEST_ERROR = {"gamma": 0.05, "k": 0.1}  # relative for γ
+# Between a lamp at the lens, 1 (0.67 on the roughest paper), and the light of a room, 0.
+LEAST_FALL_OFF = 0.6
+USUAL_FALL_OFF = 0.85
+LARGEST_SIGMA = 15.0  # grey levels; an endoscope's own light leaves 3 to 8, of a poor camera 13
 JUMPS_NAMED = 5
 JUMP, JUMP_WINDOW = 6.0, 11  # a jump of the gain, in medians of the steps of so many frames around
 HELD = 1e-3  # of its standard deviation, to which an unknown is held
@@ -156,6 +160,46 @@ def refuse(model: LightModel, evidence: dict[str, Strength]) -> None:
             f"({100 * LEAST_SIGNAL['gamma']:g} % is needed; the standard error would be "
             f"{100 * min(gamma.sd, 99):.2g} %); {ways}, or give gamma",
         )
+
+
+def fall_off_share(model: LightModel, unknowns: LightUnknowns, used: BoolArray) -> tuple[float, float]:
+    """Measure how much of 1/r² cos θ is in the brightness within frames: 1 of a lamp at the lens.
+
+    The surface is taken to be matt. Returns the exponent, and its standard error; both hold for γ as it is in
+    the unknowns. Light that stays in the room gives 0, however it is exposed: for a flat sheet, a BRDF of
+    1/cos³ θ would pass for it, so that neither residuals nor k betray it.
+    """
+    geometry, _ = model.geometry(unknowns)
+    level = np.where(used, model.samples.level, 1.0)
+    weight = np.where(used, level**2, 0.0)
+    loose = [model.samples.material == material for material in model.loose_materials]
+    others = np.column_stack([geometry.log_cos_psi, *loose])
+    known = model.known_log_reflectance[model.samples.material]
+    _, light = regress(others, unknowns.gamma * np.log(level) - known, weight, model.group)
+    _, lamp = regress(others, geometry.falloff, weight, model.group)
+    information = float(weight @ lamp**2) + np.finfo(float).tiny
+    share = float(weight @ (lamp * light)) / information
+    rest = float(weight @ (light - share * lamp) ** 2) / (int(used.sum()) + 1)
+    return share, float(np.sqrt(rest / information))
+
+
+def judge_light(model: LightModel, unknowns: LightUnknowns, used: BoolArray, sigma: float) -> list[str]:
+    """Raise if what was fitted is no light that moves with the camera; return what is doubtful about it."""
+    doubts = []
+    ways = "use the endoscope's own light, and no other"
+    if model.gamma is not None:  # a free γ would make up for it, and run out of its bounds
+        share, error = fall_off_share(model, unknowns, used & (model.samples.level > 0))
+        power = f"to the power {share:.2f} ± {error:.2f} of what a lamp at the lens does"
+        if share + 2 * error < LEAST_FALL_OFF:
+            why = "the brightness hardly falls with distance and tilt, as in a lit room"
+            raise NotIdentifiableError("light", f"{why}: {power}; {ways}")
+        if share + 2 * error < USUAL_FALL_OFF:
+            why = "there was another light, γ is larger, or the paper is rough"
+            doubts.append(f"The brightness falls with distance and tilt {power}: {why}.")
+    if sigma > LARGEST_SIGMA:
+        why = f"the residuals of {sigma:.0f} grey levels are too large for a lamp at the lens"
+        raise NotIdentifiableError("light", f"{why}; {ways}, or fit one beside the lens (light free)")
+    return doubts
 
 
 def held(model: LightModel, evidence: dict[str, Strength]) -> LightModel:

@@ -43,6 +43,7 @@ class LightUnknowns:
     log_gain: FloatArray  # (groups,), of each frame, or a single one if the gain is locked
     # (5,): position of the virtual light, mm, and tilt of its direction (a, b, 1) along x and y.
     light: FloatArray = field(default_factory=lambda: np.zeros(5))
+    slack: FloatArray | float = 0.0  # (groups, b), errors of the poses, in standard deviations
 
 
 @dataclass(frozen=True)
@@ -154,9 +155,13 @@ class LightModel:
     ) -> tuple[FloatArray, FloatArray]:
         """L, the logarithm of the linear light, and the grey level, (n,) each."""
         shade = unknowns.log_reflectance[self.samples.material] + unknowns.log_gain[self.group]
+        shade += np.einsum("nb,nb->n", self.samples.slack, self._slack(unknowns)[self.group])
         logarithm = unknowns.k * geometry.log_cos_psi + geometry.falloff + np.log(f) + shade
         # A wild step must not overflow.
         return logarithm, GREY * np.exp(np.minimum(logarithm / unknowns.gamma, 50.0)) * geometry.valid
+
+    def _slack(self, unknowns: LightUnknowns) -> FloatArray:
+        return np.broadcast_to(unknowns.slack, (int(self.group[-1]) + 1, self.samples.slack.shape[1]))
 
     def predict(self, unknowns: LightUnknowns) -> FloatArray:
         """Grey level of each sample, (n,); 0 where no light can come from."""
@@ -179,7 +184,8 @@ class LightModel:
 
     def residual(self, unknowns: LightUnknowns) -> tuple[FloatArray, FloatArray]:
         """Measured minus predicted grey levels, (n, 1), and what the priors say."""
-        return (GREY * self.samples.level - self.predict(unknowns))[:, None], self._prior(unknowns)
+        off = np.append(self._prior(unknowns), self._slack(unknowns))
+        return (GREY * self.samples.level - self.predict(unknowns))[:, None], off
 
     def usable(self, unknowns: LightUnknowns) -> BoolArray:
         """Whether the level that a sample *should* have lies in the range of the sensor.
@@ -209,8 +215,12 @@ class LightModel:
         for row, (column, _, _, sd) in enumerate(self._priors):
             by_prior[row, column] = 1 / sd
         residual = GREY * self.samples.level - level
-        prior, by_gain = self._prior(unknowns), -slope[:, None, None]
-        return Linearised(residual[:, None], by_common[:, None], by_gain, prior, by_prior)
+        own = np.column_stack([np.ones(len(slope)), self.samples.slack])
+        by_own = -(slope[:, None] * own)[:, None]
+        slack = np.pad(self._slack(unknowns), ((0, 0), (1, 0)))  # nothing is known of the gain
+        stiff = np.append(0.0, np.ones(slack.shape[1] - 1))
+        prior = self._prior(unknowns)
+        return Linearised(residual[:, None], by_common[:, None], by_own, prior, by_prior, slack, stiff)
 
     def _by_light(self, unknowns: LightUnknowns, geometry: SampleGeometry, f: FloatArray) -> FloatArray:
         """∂L by the light's position and tilt, (n, 5)."""
@@ -250,5 +260,6 @@ class LightModel:
             log_brdf=log_brdf,
             log_reflectance=log_reflectance,
             log_gain=unknowns.log_gain + own[:, 0],
+            slack=unknowns.slack + own[:, 1:],
             light=unknowns.light + (common[-5:] if self.free_light else 0.0),
         )

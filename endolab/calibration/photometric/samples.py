@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Self
 
 import cv2
@@ -33,9 +33,14 @@ class Samples:
     points: FloatArray  # (n, 3), place on the surface in the camera frame, mm
     normals: FloatArray  # (n, 3), unit normal there, towards the camera
     material: IntArray  # (n,), 0 for the white of the paper; grey patches, or other channels, count from 1
+    # (n, b), what b independent errors of the frame's poses, of one standard deviation each, add to the
+    # logarithm of the light; none by default.
+    slack: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         n = len(self.frame)
+        if not self.slack.size:
+            object.__setattr__(self, "slack", np.zeros((n, 0)))
         for name, shape in (("level", (n,)), ("points", (n, 3)), ("normals", (n, 3)), ("material", (n,))):
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} must be of shape {shape}, got {getattr(self, name).shape}")
@@ -52,6 +57,7 @@ class Samples:
     @classmethod
     def concatenate(cls, parts: Sequence[Samples]) -> Samples:
         """Join samples, in the order of their frames."""
+        parts = [part for part in parts if len(part)]
         if not parts:
             return cls(np.zeros(0, int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, int))
         order = np.argsort(np.concatenate([part.frame for part in parts]), kind="stable")
@@ -146,7 +152,12 @@ def sample_sheet(
         column, row = pixels.astype(int).T
         level = linear[row, column].astype(np.float64) ** (1 / gamma)
         normals = np.tile(pose.normal, (len(read), 1))
-        parts.append(Samples(np.full(len(read), frame), level, points, normals, material[here[read]]))
+        plane = pose.normal / (pose.normal @ pose.translation)
+        errors = pose.plane_errors()
+        slack = np.zeros((len(read), 3 * target.panels))
+        # L has -2 log d + log cos θ = 3 log(ray · m) - log |m|.
+        slack[:, 3 * number : 3 * number + 3] = 3 * points @ errors - plane @ errors / (plane @ plane)
+        parts.append(Samples(np.full(len(read), frame), level, points, normals, material[here[read]], slack))
     samples = Samples.concatenate(parts)
     if len(samples) <= most:
         return samples

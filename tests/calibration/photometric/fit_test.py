@@ -98,6 +98,36 @@ def test_standard_errors_are_honest():
     assert np.all((pulls > 0.65) & (pulls < 1.4)), pulls  # 30 draws: ± 13 %
 
 
+def moved_planes(samples, size, rng):
+    """Samples on planes that are a little wrong, of each panel in each frame, with how wrong they may be."""
+    points, normals, slack = samples.points.copy(), samples.normals.copy(), np.zeros((len(samples), 6))
+    for frame in np.unique(samples.frame):
+        for panel, normal in enumerate(np.unique(samples.normals[samples.frame == frame], axis=0)):
+            on = (samples.frame == frame) & np.all(samples.normals == normal, axis=1)
+            plane = normal / np.mean(samples.points[on] @ normal)
+            errors = size * np.linalg.norm(plane) * np.eye(3)
+            plane = plane + errors @ rng.normal(size=3)
+            points[on] /= (points[on] @ plane)[:, None]
+            normals[on] = -plane / np.linalg.norm(plane)
+            change = 3 * points[on] @ errors - plane @ errors / (plane @ plane)
+            slack[on, 3 * panel : 3 * panel + 3] = change
+    return replace(samples, points=points, normals=normals, slack=slack)
+
+
+def test_errors_of_the_poses_count_in_the_standard_errors():
+    draws, blind = [], []
+    for seed in range(12):
+        samples, _ = video("vicalib_folded", 60, fold=np.deg2rad(30), seed=seed, outliers=0.0)
+        wrong = moved_planes(samples, 0.004, np.random.default_rng(seed))
+        for pulls, known in ((draws, wrong), (blind, replace(wrong, slack=np.zeros((0, 0))))):
+            fit = el.calibrate_light(known, gamma="free", nodes=8)
+            errors = fit.standard_errors
+            pulls.append([(fit.k - 2.5) / errors["k"], (fit.photometry.gamma - 2.2) / errors["gamma"]])
+    honest, proud = (np.sqrt(np.mean(np.square(pulls), axis=0)) for pulls in (draws, blind))
+    assert np.all((honest > 0.5) & (honest < 1.5)), honest  # 12 draws: ± 20 %
+    assert np.all(proud > 1.4 * honest), (honest, proud)
+
+
 def test_outliers_change_next_to_nothing():
     clean, _ = video(count=60, outliers=0.0)
     wild = np.random.default_rng(5).random(len(clean)) < 0.1

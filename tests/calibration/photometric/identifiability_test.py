@@ -142,6 +142,81 @@ def test_a_light_that_nothing_tells_is_refused():
     refused("light", samples, "centred", light="free", brdf="lambertian")
 
 
+def shine(samples, lamp, exposed="each"):
+    """Samples lit otherwise: `lamp` gives the linear light of some; each frame, or all, well exposed."""
+    light, rng = lamp(samples), np.random.default_rng(0)
+    groups = samples.frame if exposed == "each" else np.zeros(len(samples), int)
+    bright = np.array([np.percentile(light[groups == group], 80) for group in range(groups.max() + 1)])
+    level = (0.5 * light / bright[groups]) ** (1 / 2.2) + rng.normal(0, 3 / 255, len(samples))
+    return replace(samples, level=np.clip(level, 0.0, 1.0))
+
+
+def torch(*place):
+    """A lamp at a place beside the lens, mm."""
+
+    def lamp(samples):
+        offset = samples.points - place
+        reach = np.linalg.norm(offset, axis=1)
+        facing = -np.einsum("ni,ni->n", offset, samples.normals) / reach
+        return np.maximum(facing, 0.02) / reach**2
+
+    return lamp
+
+
+def window(samples):
+    return np.maximum(samples.normals @ [0.5, -0.6, -0.62], 0.05)
+
+
+def half_a_room(samples):
+    lamp = torch(0, 0, 0)(samples) * samples.cos_alpha**2.5
+    return lamp + np.median(lamp)
+
+
+ROOMS = {
+    "even light": lambda samples: np.ones(len(samples)),
+    "even light, a lens that darkens its rim": lambda samples: samples.cos_alpha**3,
+    "a window": window,
+    "a lamp in the room": torch(300, -250, -100),
+    "as much of the room as of the lamp": half_a_room,
+    "a torch": torch(0, 40, 0),
+}
+
+
+@pytest.mark.parametrize("brdf", ["tabulated", "lambertian"])
+@pytest.mark.parametrize("target", ["vicalib_big", "vicalib_folded"])
+@pytest.mark.parametrize("name", ROOMS)
+def test_light_that_is_no_endoscopes_is_refused(name, target, brdf):
+    fold = {"fold": np.deg2rad(20)} if target == "vicalib_folded" else {}
+    samples = shine(video(target, 40, **fold), ROOMS[name])
+    refused("light", samples, "lamp at the lens", brdf=brdf)
+
+
+def test_light_of_a_room_under_a_locked_exposure_is_refused():
+    refused("light", shine(video(count=40), ROOMS["even light"], "all"), "lit room")
+
+
+@pytest.mark.parametrize("k", [0.1, 1.0, 4.0])
+def test_a_lamp_at_the_lens_is_accepted_whatever_its_beam(k):
+    fit = el.calibrate_light(shine(video(), lambda seen: torch(0, 0, 0)(seen) * seen.cos_alpha**k))
+    assert abs(fit.k - k) < 4 * fit.standard_errors["k"]
+
+
+def test_some_light_of_the_room_is_named():
+    def lamp(samples):
+        own = torch(0, 0, 0)(samples) * samples.cos_alpha**2.5
+        return own + 0.3 * np.median(own)
+
+    fit = el.calibrate_light(shine(video(count=40), lamp))
+    assert any("another light" in sentence for sentence in fit.verdict)
+    assert not any("another light" in sentence for sentence in el.calibrate_light(video(count=40)).verdict)
+
+
+def test_residuals_that_no_lamp_at_the_lens_leaves_are_refused():
+    samples = video(count=100)
+    stains = np.random.default_rng(1).normal(0, 25 / 255, len(samples))
+    refused("light", replace(samples, level=samples.level + stains), "25 grey levels")
+
+
 def test_jumps_stand_out_from_fast_but_smooth_motion():
     frames = np.arange(0, 200, 2)
     gains = np.exp(1.2 * np.sin(frames / 9))
