@@ -1,7 +1,7 @@
 """endolab: see how one endoscope frame becomes 3D.
 
     import endolab as el
-    calibration = el.Calibration.load("endoscope.json")
+    calibration = el.load_calibration("endoscope.json")
     frame = el.read_frame("frame.png", calibration)
     result = el.reconstruct(frame, calibration, observers=[el.record("run.rrd")])
 

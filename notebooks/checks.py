@@ -15,10 +15,12 @@ from scipy.ndimage import minimum_filter
 from scipy.optimize import brentq
 
 import endolab as el
+from endolab.calibration.photometric.fit import calibrate_light
 from endolab.depth.energy import energy_terms, model_image
 from endolab.model.surface import XI, to_xi
 from endolab.numerics.derivatives import hessian
 from endolab.reconstruction.channels import make_problem
+from endolab.synthetic.scenes import Plane
 
 NOT_YET = "Nothing here yet. Replace the dots, or the line that raises, and run the cell again."
 
@@ -133,7 +135,7 @@ def two_lamps(slope):
         pair = tuple(el.SpotLight((x, 0, 0), exponent=1.5, weight=w) for x, w in ((-4.0, 1), (4.0, weight)))
         real, rms = el.Photometry(k=1.0, gain=1.0, lights=pair), []
         for height in HEIGHTS:
-            points = el.Plane(height, 0.0).distance(rays)[..., None] * rays
+            points = Plane(height, 0.0).distance(rays)[..., None] * rays
             light, virtual = (
                 one.intensity(points, [0, 0, -1.0]) ** one.gamma for one in (real, real.simplified())
             )
@@ -187,7 +189,7 @@ def residual(answer, samples):
 
 @exercise("γ less its truth, over the standard error of the fit that takes the paper for matt.")
 def glossy_paper(off_by, warned, folded, glossy, truth):
-    matt = el.calibrate_light(folded, gamma="free", brdf="lambertian")
+    matt = calibrate_light(folded, gamma="free", brdf="lambertian")
     right = abs(matt.photometry.gamma - truth.gamma) / matt.standard_errors["gamma"]
     yield Part("off_by", abs(off_by), right, 0.05 * right, "standard errors")
     yield Part("what warned", warned, "residuals")

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -73,7 +74,7 @@ def without_lab(monkeypatch):
         (lambda: el.record("run.rrd"), "rerun"),
         (lambda: el.show("run.rrd"), "rerun"),
         (lambda: el.read_recording("run.rrd"), "rerun"),
-        (lambda: el.recording, "rerun"),
+        (lambda: import_module("endolab.recording"), "rerun"),
         (lambda: el.tune, "ipywidgets"),
         (load_open3d, "open3d"),
     ],

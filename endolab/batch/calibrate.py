@@ -10,7 +10,7 @@ from endolab.calibration.least_squares import FitIterate
 from endolab.calibration.session import Progress, Session, calibrate, checked_names, silent
 from endolab.calibration.targets import Target
 from endolab.io.atomic import PathLike, as_path, check_file, read_json, staged_file, staged_folder
-from endolab.io.descriptions import make_calibration
+from endolab.io.descriptions import make_calibration, write_calibration
 from endolab.io.detection_cache import detect_cached
 from endolab.io.video import Frames
 from endolab.reports.calibration_page import write_report
@@ -75,5 +75,5 @@ def calibrate_to_files(
 
             record_calibration(session, frames, staging / "recording.rrd", light_steps=steps)
     with staged_file(calibration, inputs=read) as temporary:
-        make_calibration(session, str(frames.path), channel).save(temporary)
+        write_calibration(make_calibration(session, str(frames.path), channel), temporary)
     return session

@@ -20,7 +20,7 @@ from endolab.io.atomic import PathLike
 from endolab.io.images import read_mask
 from endolab.io.video import Stream, as_image, open_stream
 from endolab.model.cameras import Camera
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import whole
 from endolab.preprocessing.frame import Frame, check_size, shrunk_bytes
@@ -89,7 +89,7 @@ def newest(frames: Iterable[tuple[str, np.ndarray]]) -> Generator[Shot]:
 
 def reconstruct_live(
     source: int | PathLike | Stream | Iterable[tuple[str, FloatArray]],
-    calibration: Endoscope,
+    calibration: Calibration,
     *,
     mask: PathLike | None = None,
     width: int | None = None,

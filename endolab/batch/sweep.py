@@ -24,7 +24,7 @@ from endolab.io.atomic import PathLike, as_json
 from endolab.io.images import read_frame
 from endolab.io.surfaces import read_depth
 from endolab.metrics.depth_errors import compare, resampled_truth
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
 from endolab.model.surface import check_xi
 from endolab.numerics.arrays import FloatArray
@@ -45,7 +45,7 @@ Task = tuple[Row, Frame | PathLike, Truth | None]
 
 def sweep(
     frames: Iterable[Frame | PathLike],
-    calibration: Endoscope,
+    calibration: Calibration,
     *,
     lam: Iterable[float] = (1.0,),
     xi: Iterable[str] = ("1/d",),
@@ -65,7 +65,7 @@ def sweep(
     frames : iterable of Frame or path
         Their names tell the rows apart, so that no two may be alike. Paths are read where the work
         is done.
-    calibration : Endoscope
+    calibration : Calibration
         Of all frames.
     lam, xi, regulariser : iterables
         Values of these settings of `endolab.reconstruct`, each with each.
@@ -197,7 +197,7 @@ def _by_dask(todo: Sequence[Task], solve: Callable[..., Row]) -> Generator[Row]:
             client.cancel(futures)
 
 
-def _checksum(calibration: Endoscope) -> str:
+def _checksum(calibration: Calibration) -> str:
     """Eight digits that tell calibrations apart, whatever they were found from."""
     return f"{zlib.crc32(as_json(replace(calibration, evidence={}).to_dict())):08x}"
 
@@ -232,7 +232,12 @@ def _unfinished(row: Row | None, compared: bool) -> bool:
 
 
 def _solved(
-    key: Row, frame: Frame | PathLike, truth: Truth | None, *, calibration: Endoscope, options: dict[str, Any]
+    key: Row,
+    frame: Frame | PathLike,
+    truth: Truth | None,
+    *,
+    calibration: Calibration,
+    options: dict[str, Any],
 ) -> Row:
     """Make one row; runs in a worker."""
     row: Row = key | dict.fromkeys((*MEASURED, *ERRORS), math.nan) | {"status": "", "error": ""}

@@ -19,7 +19,7 @@ from endolab.io.images import read_mask
 from endolab.io.surfaces import read_depth, save_depth
 from endolab.io.video import Frames, open_frames
 from endolab.model.cameras import Camera
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.checks import whole
 from endolab.numerics.iteration import Status
@@ -49,7 +49,7 @@ class VideoSummary:
 
 def reconstruct_video(
     source: PathLike,
-    calibration: Endoscope,
+    calibration: Calibration,
     out: PathLike,
     *,
     mask: PathLike | None = None,
@@ -216,7 +216,7 @@ class _Folder:
         """Whether a frame needs not be done again."""
         return name in self.rows and not self.rows[name]["error"]
 
-    def carried(self, frame: Frame, name: str, calibration: Endoscope) -> Carried:
+    def carried(self, frame: Frame, name: str, calibration: Calibration) -> Carried:
         """Return what a frame that is done hands to the next."""
         row, distance = self.rows[name], self._maps(name)["distance"].astype(np.float64)
         surface = Surface(distance, row["gain"], row["unit"] == "mm")

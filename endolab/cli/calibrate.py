@@ -124,8 +124,9 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
 
     from endolab.datasets.known_endoscopes import CALIBRATIONS, load_calibration
     from endolab.io.atomic import staged_file
-    from endolab.io.descriptions import Calibration, read_camera
+    from endolab.io.descriptions import read_camera, write_calibration
     from endolab.io.video import open_frames
+    from endolab.model.endoscope import Calibration
     from endolab.numerics.iteration import Status
     from endolab.reconstruction.light.unknown_light import estimate_light
     from endolab.reconstruction.sequence import framed
@@ -144,7 +145,8 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
         estimate = estimate_light(read, camera, progress=lambda done, _: bar("light", done, many), **light)
         if estimate.status is Status.STOPPED:
             raise KeyboardInterrupt
-        Calibration(camera, estimate.photometry, estimate.evidence).save(temporary)
+        found = Calibration(camera, estimate.photometry, estimate.evidence)
+        write_calibration(found, temporary)
     for reason in estimate.refused.values():
         print(f"left out: {reason}")
     unread = sorted({*names} - {*estimate.names} - {*estimate.refused})
@@ -157,7 +159,7 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
 def _convert(arguments: argparse.Namespace) -> None:
     from endolab.datasets.endomapper import find_calibrations, read_endomapper, read_vicalib
     from endolab.io.atomic import staged_file
-    from endolab.io.descriptions import write_camera
+    from endolab.io.descriptions import write_calibration, write_camera
 
     geometry, photometry, out = arguments.geometry, arguments.photometry, Path(arguments.out)
     if out.suffix != ".json":
@@ -171,7 +173,7 @@ def _convert(arguments: argparse.Namespace) -> None:
             write_camera(read_vicalib(geometry), temporary)
         else:
             calibration = read_endomapper(geometry, photometry)
-            calibration.save(temporary)
+            write_calibration(calibration, temporary)
     if photometry is None:
         print(f"written to {out}: the camera alone; `endolab calibrate --camera {out}` adds the light")
         return

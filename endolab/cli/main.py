@@ -48,6 +48,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
 
     from endolab.datasets.known_endoscopes import load_calibration
     from endolab.io.atomic import as_json, staged_folder, write_atomically
+    from endolab.io.descriptions import write_calibration
     from endolab.io.images import write_image
     from endolab.io.surfaces import save_depth
     from endolab.model.schema import unknown_name
@@ -69,7 +70,8 @@ def _simulate(arguments: argparse.Namespace) -> None:
     with staged_folder(arguments.out, overwrite=arguments.overwrite, inputs=inputs) as folder:
         rendered = render(SCENES[arguments.scene], calibration.camera, calibration.photometry, **chosen)
         write_image(folder / "frame.png", rendered.image, arguments.bits)
-        replace(calibration, photometry=rendered.photometry).save(folder / "endoscope.json")
+        used = replace(calibration, photometry=rendered.photometry)
+        write_calibration(used, folder / "endoscope.json")
         save_depth(folder / "truth.npz", rendered, True)
         # It lists no files: what is solved in the same folder takes no truth away.
         facts = {"endolab": 1, "scene": arguments.scene, "files": []} | chosen

@@ -16,7 +16,7 @@ from endolab._extras import need
 from endolab.cli.options import add_command, whole, wide
 
 if TYPE_CHECKING:
-    from endolab.io.descriptions import Calibration
+    from endolab.model.endoscope import Calibration
     from endolab.numerics.arrays import FloatArray
 
 PORT = 8877  # the first that is tried, apart from JupyterLab's

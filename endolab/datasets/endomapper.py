@@ -25,8 +25,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from endolab.io.atomic import PathLike, read_bytes
-from endolab.io.descriptions import Calibration
 from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
+from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.model.schema import shortened

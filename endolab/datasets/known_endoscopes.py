@@ -4,9 +4,10 @@ import os
 from pathlib import Path
 
 from endolab.io.atomic import PathLike
-from endolab.io.descriptions import Calibration
+from endolab.io.descriptions import read_calibration
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import KannalaBrandt, Pinhole, Scaramuzza
+from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
 from endolab.model.schema import unknown_name
 from endolab.numerics.checks import number
@@ -91,7 +92,7 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
     Raises
     ------
     OSError, ValueError
-        In one sentence, if there is none of that name, or as `Calibration.load`.
+        In one sentence, if there is none of that name, or as `read_calibration`.
 
     Examples
     --------
@@ -106,7 +107,7 @@ def load_calibration(name_or_path: PathLike, width: int | None = None) -> Calibr
     elif not os.path.exists(name) and Path(name).suffix.lower() != ".json":
         raise unknown_name("calibration", name, CALIBRATIONS, "a JSON file")
     else:
-        calibration = Calibration.load(name)
+        calibration = read_calibration(name)
     if width is None:
         return calibration
     height = calibration.camera.height * number("width", width, 1, WIDEST) / calibration.camera.width

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from endolab.io.atomic import PathLike
-from endolab.io.descriptions import Calibration
 from endolab.io.images import read_image, read_stored
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.frame import Frame, check_size
 

@@ -21,7 +21,7 @@ import numpy as np
 from endolab.datasets.sample import Sample
 from endolab.io.archives import read_arrays
 from endolab.io.atomic import PathLike
-from endolab.io.descriptions import Calibration
+from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame, check_size

@@ -13,8 +13,8 @@ along the axis, and so it is taken here. The camera is documented nowhere that w
 
 from endolab.datasets.sample import Sample, load_sample, stored_depth
 from endolab.io.atomic import PathLike
-from endolab.io.descriptions import Calibration
 from endolab.model.cameras import Camera
+from endolab.model.endoscope import Calibration
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
 

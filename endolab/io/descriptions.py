@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from dataclasses import MISSING, asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from endolab.calibration.targets import TARGETS, Charuco, Chessboard, CircleGrid, DotGrid, Target
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
-from endolab.model.endoscope import Endoscope, camera_from_dict, camera_to_dict
+from endolab.model.endoscope import Calibration, camera_from_dict, camera_to_dict
 from endolab.model.photometry import Photometry
 from endolab.model.schema import Section, quoted, unknown_name
 
@@ -30,25 +30,26 @@ def write_camera(camera: Camera, path: PathLike) -> None:
     write_atomically(path, as_json({"endolab": 1, "camera": camera_to_dict(camera)}))
 
 
-class Calibration(Endoscope):
-    """What is known of an endoscope: its camera and its light.
+def read_calibration(path: PathLike) -> Calibration:
+    """Read `endoscope.json`; ValueError names the key of what in it is missing, misspelt or wrong."""
+    return Calibration.from_dict(read_json(path, "calibration file"), str(Path(path)))
+
+
+def write_calibration(calibration: Calibration, path: PathLike) -> None:
+    """Write `endoscope.json`, whole or not at all.
 
     Parameters
     ----------
-    camera : Camera
-    photometry : Photometry
-    evidence : dict
-        Standard errors, sampled ranges, provenance; nothing here depends on it.
+    calibration : Calibration
+        Of a Lambertian or tabulated BRDF.
+    path : path
+
+    Raises
+    ------
+    OSError, ValueError
+        In one sentence, if it cannot be written, or the BRDF is of another kind.
     """
-
-    @classmethod
-    def load(cls, path: PathLike) -> Self:
-        """Read `endoscope.json`; ValueError names the key of what in it is missing, misspelt or wrong."""
-        return cls.from_dict(read_json(path, "calibration file"), str(Path(path)))
-
-    def save(self, path: PathLike) -> None:
-        """Write `endoscope.json`, whole or not at all."""
-        write_atomically(path, as_json(self.to_dict()))
+    write_atomically(path, as_json(calibration.to_dict()))
 
 
 def make_calibration(session: Session, source: str = "", channel: str = "grey") -> Calibration:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from PIL.ImageFile import ImageFile
 
-    from endolab.model.endoscope import Endoscope
+    from endolab.model.endoscope import Calibration
     from endolab.preprocessing.frame import Frame
 
 DECODED = 32  # bytes a pixel while a picture is read: three channels of 8 bytes, and what was stored
@@ -201,14 +201,14 @@ def read_mask(path: PathLike) -> BoolArray:
     return bright if np.nanmin(alpha) == 1 or is_drawn else alpha > 0.5
 
 
-def read_frame(path: PathLike, calibration: Endoscope | None = None, mask: PathLike | None = None) -> Frame:
+def read_frame(path: PathLike, calibration: Calibration | None = None, mask: PathLike | None = None) -> Frame:
     """Read a frame, and its mask if there is one.
 
     Parameters
     ----------
     path : path
         PNG, JPEG, TIFF or BMP of 8 or 16 bits, grey or colour.
-    calibration : Endoscope, optional
+    calibration : Calibration, optional
         If given, the frame must have its size.
     mask : path, optional
         A picture of the frame's size, bright where the frame is to be used, or transparent elsewhere.

@@ -13,7 +13,7 @@ from typing import Any
 
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.brdf import Lambertian
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.model.schema import Section, quoted
 from endolab.reconstruction.settings import (
     COUNT,
@@ -45,7 +45,7 @@ class SolvingSettings:
     keywords: Mapping[str, Any] = field(default_factory=dict)
     photometry: Mapping[str, Any] = field(default_factory=dict)
 
-    def believed(self, calibration: Endoscope) -> Endoscope:
+    def believed(self, calibration: Calibration) -> Calibration:
         """Return the calibration as the settings believe it to be."""
         light = dict(self.photometry)
         if "albedo" in light:

@@ -15,7 +15,7 @@ from endolab.io.descriptions import read_target
 from endolab.io.images import write_image
 from endolab.io.video import PICTURES, write_video
 from endolab.model.brdf import TabulatedBRDF
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 
 TRUTH = "truth.json"
@@ -25,7 +25,7 @@ MOST_FRAMES = 1_000_000  # frames, whose names have six digits
 def save_sheet_video(
     folder: PathLike,
     target: str,
-    endoscope: Endoscope,
+    endoscope: Calibration,
     count: int,
     *,
     video: bool = False,

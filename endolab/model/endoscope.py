@@ -82,12 +82,20 @@ def camera_to_dict(camera: Camera) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Endoscope:
-    """What is known of an endoscope; the face's `Calibration` is one that is read from a file and written."""
+class Calibration:
+    """What is known of an endoscope: its camera and its light.
+
+    Parameters
+    ----------
+    camera : Camera
+    photometry : Photometry
+    evidence : dict
+        Standard errors, sampled ranges, provenance; nothing here depends on it.
+    """
 
     camera: Camera
     photometry: Photometry
-    evidence: dict[str, Any] = field(default_factory=dict)  # standard errors, ranges, provenance
+    evidence: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], name: str = "calibration") -> Self:

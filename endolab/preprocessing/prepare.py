@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from endolab.model.cameras import Camera, Pinhole
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.frame import (
     DARK,
@@ -184,7 +184,7 @@ def undistorted(
     return Frame(image[window], mask[window], frame.name, silent), new.crop(left, top, wide, high)
 
 
-def canonical_picture(frame: Frame, calibration: Endoscope) -> FloatArray:
+def canonical_picture(frame: Frame, calibration: Calibration) -> FloatArray:
     """Take μ′ = cos^k α out of a picture, for people to look at (paper, Section IV).
 
     I_c per channel to the power of 1/γ, in [0, 1]; the 90th percentile of the brightest channel is 0.9. nan
@@ -207,7 +207,7 @@ def _share(part: BoolArray, whole: BoolArray) -> str:
 
 def prepare(
     frame: Frame,
-    calibration: Endoscope,
+    calibration: Calibration,
     *,
     undistort: bool = False,
     highlights: str | None = None,
@@ -219,7 +219,7 @@ def prepare(
     frame : Frame
         As it came; pixels outside its mask stay out. If it leaves nothing out, the black frame around
         what the endoscope shows is found and left out, as `endolab.reconstruct` does.
-    calibration : Endoscope
+    calibration : Calibration
         Of the frame's size.
     undistort : bool
         Whether to resample to a pinhole camera of 90°; solvers do not need it.

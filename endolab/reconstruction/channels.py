@@ -14,7 +14,7 @@ import numpy as np
 from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
 from endolab.depth.provenance import LightOutcome, LightReport, PreparationReport, Provenance
 from endolab.depth.result import Iterate
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.memory import check_memory
@@ -73,7 +73,7 @@ class Task:
         return replace(self, provenance=replace(self.provenance, light=report))
 
 
-def prepare_channels(frame: Frame, endoscope: Endoscope, settings: Settings) -> Channels:
+def prepare_channels(frame: Frame, endoscope: Calibration, settings: Settings) -> Channels:
     """Prepare what the settings ask for: three colours, or one channel."""
     grey = frame.image.ndim == 2
     if settings.used_channel == SEPARATED and grey:
@@ -92,7 +92,7 @@ def prepare_channels(frame: Frame, endoscope: Endoscope, settings: Settings) -> 
     return Channels(full, small, light=light)
 
 
-def make_problem(frame: Frame, endoscope: Endoscope, **options: object) -> Problem:
+def make_problem(frame: Frame, endoscope: Calibration, **options: object) -> Problem:
     """Turn one channel of a frame, green by default, into the problem that solvers take.
 
     `options` are those of `Settings`. With an unknown gain, one is chosen that makes the median of d₀ one
@@ -106,7 +106,7 @@ def make_problem(frame: Frame, endoscope: Endoscope, **options: object) -> Probl
 
 
 def make_channels(
-    frame: Frame, endoscope: Endoscope, settings: Settings, names: Sequence[str | None]
+    frame: Frame, endoscope: Calibration, settings: Settings, names: Sequence[str | None]
 ) -> list[Channel]:
     """Make the problem of each of these channels; None is green, or grey of a grey picture."""
     camera = endoscope.camera
@@ -178,7 +178,7 @@ def make_channels(
     return side_by_side(make, names, frame.width * frame.height)
 
 
-def _fingerprint(frame: Frame, endoscope: Endoscope) -> str:
+def _fingerprint(frame: Frame, endoscope: Calibration) -> str:
     """Digits that are equal for the same picture of the same endoscope, whatever its gain."""
     total = hashlib.blake2b(digest_size=16)
     silent = b"" if frame.silent is None else frame.silent.tobytes()
@@ -191,7 +191,7 @@ def _fingerprint(frame: Frame, endoscope: Endoscope) -> str:
 
 
 def _in_two_sizes(
-    frame: Frame, endoscope: Endoscope, settings: Settings, names: Sequence[str | None]
+    frame: Frame, endoscope: Calibration, settings: Settings, names: Sequence[str | None]
 ) -> tuple[list[Channel], list[Channel]]:
     """Make channels on all pixels, and on few."""
     full = make_channels(frame, endoscope, settings, names)

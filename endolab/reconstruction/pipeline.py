@@ -31,7 +31,7 @@ import numpy as np
 
 from endolab.depth.result import SOLUTION, Iterate, Result, Solver, limit_steps, with_provenance
 from endolab.depth.solvers import checked_solver, knows_curvature, options_of, solve
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import excerpt
 from endolab.numerics.iteration import Status
@@ -45,11 +45,11 @@ from endolab.reconstruction.settings import AUTO, Settings
 SETTLED = 5e-3  # of distances: a cut surface hangs together by little, and creeps long after that
 
 
-def prepare(frame: Frame, calibration: Endoscope, settings: Settings, start: Result | None) -> Channels:
+def prepare(frame: Frame, calibration: Calibration, settings: Settings, start: Result | None) -> Channels:
     """Check what was given, and prepare the frame."""
     for name, value, kind, expected in (
         ("frame", frame, Frame, "a Frame"),
-        ("calibration", calibration, Endoscope, "an Endoscope"),
+        ("calibration", calibration, Calibration, "an Calibration"),
         ("start", start, Result | np.ndarray | None, "an earlier Result"),
     ):
         if not isinstance(value, kind):

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from endolab.depth.result import Observer, Result, Solver, run
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.numerics.threads import limited_threads
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.light.colours import known_albedo
@@ -15,7 +15,7 @@ from endolab.reconstruction.settings import Settings, takes_settings
 @takes_settings
 def reconstruct(
     frame: Frame,
-    calibration: Endoscope,
+    calibration: Calibration,
     *,
     start: Result | None = None,
     observers: Iterable[Observer] = (),
@@ -29,7 +29,7 @@ def reconstruct(
     frame : Frame
         The picture, as `endolab.read_frame` gives it. If its mask leaves nothing out, what surrounds the
         endoscope's field of view is found and left out.
-    calibration : Endoscope
+    calibration : Calibration
         Camera and photometry of the endoscope, for pictures of that size.
     start : Result, optional
         An earlier result to start from. If it is of the same frame and endoscope, what was found of bounced
@@ -73,7 +73,7 @@ def reconstruct(
 
 
 @takes_settings
-def iterate(frame: Frame, calibration: Endoscope, *, start: Result | None = None, **options: Any) -> Solver:
+def iterate(frame: Frame, calibration: Calibration, *, start: Result | None = None, **options: Any) -> Solver:
     """Yield the iterates of all stages, up to the solver's own: ``for step in iterate(...): ...``.
 
     Takes the keywords of `reconstruct` but for those that fix the scale.

@@ -18,7 +18,7 @@ from endolab.depth.problem import Problem
 from endolab.depth.provenance import ContourOutcome, ContourReport, Provenance, Scale
 from endolab.depth.result import Iterate, Result
 from endolab.depth.solvers import DEFAULT_SOLVER, options_of
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.model.thinned import thinned_normals
 from endolab.numerics.arrays import FloatArray, frozen
 from endolab.numerics.iteration import Status
@@ -62,7 +62,9 @@ class Carried:
     age: int  # frames since
 
     @classmethod
-    def again(cls, surface: Surface, frame: Frame, calibration: Endoscope, bar: float, least: float) -> Self:
+    def again(
+        cls, surface: Surface, frame: Frame, calibration: Calibration, bar: float, least: float
+    ) -> Self:
         """Take up a surface that was kept: of a frame, with the energy `least`, torn over a bar, or 0."""
         v, camera = np.log(surface.distance), calibration.camera
         if v.shape != (camera.height, camera.width):
@@ -97,7 +99,7 @@ class Step:
 
 def reconstruct_sequence(
     frames: Iterable[tuple[str, Frame | FloatArray | None]],
-    calibration: Endoscope,
+    calibration: Calibration,
     *,
     before: Surface | Carried | None = None,
     **options: Any,
@@ -113,7 +115,7 @@ def reconstruct_sequence(
     ----------
     frames : iterable of (str, Frame or array or None)
         Names and pictures, as `endolab.open_frames` gives them; None for a broken one.
-    calibration : Endoscope
+    calibration : Calibration
         For pictures of that size.
     before : Surface or Carried, optional
         Of the frame before the first: its surface, if its scale is to go on, or `Step.carried`, with which

@@ -24,7 +24,7 @@ import numpy as np
 from endolab.depth.energy import contradicted, model_image
 from endolab.depth.result import Iterate, Observer, Result, run, with_provenance
 from endolab.depth.solvers import solve
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.derivatives import fineness
 from endolab.numerics.iteration import Status, Stopped
@@ -140,7 +140,7 @@ class Tuner:
 
     def __init__(
         self,
-        calibration: Endoscope,
+        calibration: Calibration,
         tell: Callable[[Answer], object] = lambda answer: None,
         refuse: Callable[[str], object] = lambda sentence: None,
         *,
@@ -158,7 +158,7 @@ class Tuner:
     # From any thread ---------------------------------------------------------------------
 
     def use(
-        self, calibration: Endoscope, frame: Frame | None = None, truth: FloatArray | None = None
+        self, calibration: Calibration, frame: Frame | None = None, truth: FloatArray | None = None
     ) -> None:
         """Look at another frame, or render with another calibration, from the next wish on.
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from endolab.io.settings import SolvingSettings
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import whole
@@ -46,11 +46,11 @@ class Knobs(Settings):
         """What tells the picture that is explained: data terms of the same can be compared."""
         return self.scene, self.noise, self.width, self.channel, self.smooth, self.highlights
 
-    def size(self, known: Endoscope) -> tuple[int, int]:
+    def size(self, known: Calibration) -> tuple[int, int]:
         """Columns and rows of a scene that is rendered by a calibration, px."""
         return self.width, max(1, round(known.camera.height * self.width / known.camera.width))
 
-    def saved(self, known: Endoscope, grey: bool) -> SolvingSettings:
+    def saved(self, known: Calibration, grey: bool) -> SolvingSettings:
         """Say the same as settings that ``endolab reconstruct --settings`` takes.
 
         They are for a frame, which may be `grey`, and its calibration; of the light they hold what the
@@ -67,7 +67,7 @@ class Knobs(Settings):
         )
         return SolvingSettings(*given)
 
-    def code(self, calibration: Endoscope, grey: bool) -> str:
+    def code(self, calibration: Calibration, grey: bool) -> str:
         """Three lines of Python that make the same result with the tuner's calibration.
 
         They need the names `el` (endolab), `replace` (of dataclasses), `calibration` and, if no
@@ -95,7 +95,7 @@ class Subject:
     """A frame as the solver gets it."""
 
     frame: Frame
-    calibration: Endoscope  # of the frame's size, as it is; not as the solver believes
+    calibration: Calibration  # of the frame's size, as it is; not as the solver believes
     truth: FloatArray | None = None  # true distance, (H, W), mm; nan where unknown
 
     @property
@@ -112,7 +112,7 @@ class Source:
     """
 
     def __init__(
-        self, calibration: Endoscope, frame: Frame | None = None, truth: FloatArray | None = None
+        self, calibration: Calibration, frame: Frame | None = None, truth: FloatArray | None = None
     ) -> None:
         if frame is not None:
             check_size(frame.name, (frame.width, frame.height), calibration.camera)

@@ -20,10 +20,9 @@ import traitlets as t
 
 from endolab import datasets
 from endolab.io.atomic import staged_folder, write_atomically
-from endolab.io.descriptions import Calibration
 from endolab.io.images import read_frame
 from endolab.io.settings import write_settings
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import Frame
@@ -87,7 +86,7 @@ def tune(
     ValueError
         If frame, calibration and truth do not go together, or if there is no such scene.
     """
-    for name, given, kind in (("frame", frame, Frame), ("calibration", calibration, Endoscope)):
+    for name, given, kind in (("frame", frame, Frame), ("calibration", calibration, Calibration)):
         if given is not None and not isinstance(given, kind):
             raise ValueError(f"{name} must be an endolab {kind.__name__}, got {given!r}")
     if not isinstance(scene, str) or scene not in SCENES:
@@ -156,9 +155,12 @@ class TunerBox(anywidget.AnyWidget):
         start = Knobs(scene=None if names else scene, width=width, channel="auto" if names else None)
         self._first = vars(start) | VIEWS | {"scene": 0 if names else scene}
         light = calibration.photometry
-        known = {"scene": {"options": scenes}, "width": {"options": sorted({*WIDTHS, width})}}
+        known: dict[str, dict[str, Any]] = {
+            "scene": {"options": scenes},
+            "width": {"options": sorted({*WIDTHS, width})},
+        }
         known |= {"k": {"first": light.k}, "gamma": {"first": light.gamma}}  # what None stands for
-        specs = [spec | known.get(spec["name"], {}) for spec in knob_specs()]
+        specs = [{**spec, **known.get(spec["name"], {})} for spec in knob_specs()]
         super().__init__(specs=specs, knobs=self._first, surface=SurfaceView(0))
         self.on_msg(lambda _, message, buffers: self._guarded(self._act)(*message))
         self.observe(self._guarded(self._turned), "knobs")
@@ -476,7 +478,7 @@ class TunerBox(anywidget.AnyWidget):
         """Return the Python that makes the one answer, imports included."""
         if self.answer is None:
             raise ValueError("there is no answer to write yet")
-        source = 'calibration = el.Calibration.load("endoscope.json")  # the one given to the tuner'
+        source = 'calibration = el.load_calibration("endoscope.json")  # the one given to the tuner'
         for name, known in datasets.CALIBRATIONS.items():
             if known == self._calibration:
                 source = f"calibration = el.load_calibration({name!r})"

@@ -19,7 +19,7 @@ import scipy.ndimage
 
 from endolab.depth.problem import NONE, Problem
 from endolab.depth.result import Iterate, Result
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.checks import excerpt, whole
@@ -79,7 +79,7 @@ def check_solver(solver: object) -> None:
 
 def uncertainty_of(
     result: Result | Iterate,
-    calibration: Endoscope | None = None,
+    calibration: Calibration | None = None,
     *,
     prior_sigma: PriorSigma | None = None,
     draws: int = DRAWS,
@@ -92,7 +92,7 @@ def uncertainty_of(
     ----------
     result : Result or Iterate
         Of a solver that minimises the energy.
-    calibration : Endoscope, optional
+    calibration : Calibration, optional
         Its evidence tells how well k and γ are known.
     prior_sigma : PriorSigma, optional
         What is uncertain and how much, in place of that.

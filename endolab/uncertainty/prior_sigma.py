@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.numerics.checks import number
 
 NOMINAL = {"k": 1.0, "gamma": 0.2}  # of a light that was taken from another endoscope
@@ -48,7 +48,7 @@ class PriorSigma:
                 number(f"the doubt about {choice.name}", getattr(self, choice.name), 0)
 
     @classmethod
-    def of(cls, calibration: Endoscope | None = None) -> PriorSigma:
+    def of(cls, calibration: Calibration | None = None) -> PriorSigma:
         """Standard errors of a calibration's evidence, as far as it has them, or that nobody measured it."""
         evidence, stated = getattr(calibration, "evidence", None) or {}, cls()
         errors, nominal = _standard_errors(evidence), _is_nominal(evidence)

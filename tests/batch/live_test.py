@@ -12,6 +12,7 @@ import endolab as el
 from endolab import datasets
 from endolab.batch.live import COLUMNS, LIVE_WIDTH, live_row, live_summary, reconstruct_live
 from endolab.io.video import write_video
+from endolab.synthetic.scenes import Plane
 from tests.tools.problems import moved_colon
 
 BASE = datasets.load_calibration("simple", 64)
@@ -86,7 +87,7 @@ def test_it_ends_after_so_many_and_lets_the_camera_go(pictures):
 
 def test_a_video_is_played_and_shrunk_and_lengths_go_with_it(tmp_path):
     large = datasets.load_calibration("simple", 400)
-    seen = el.render(el.Plane(60, 0), large.camera, large.photometry, bits=8)
+    seen = el.render(Plane(60, 0), large.camera, large.photometry, bits=8)
     write_video(tmp_path / "v.mkv", [seen.image] * 2)
     known = {"known_distance": (60.0, 199.5, 149.5)}  # straight ahead
     calibration = el.Calibration(large.camera, replace(large.photometry, gain=None))

@@ -16,7 +16,7 @@ from endolab.depth.energy import energy_terms
 from endolab.depth.solvers import solve
 from endolab.metrics.depth_errors import angle_between
 from endolab.reconstruction.channels import make_problem
-from endolab.synthetic.scenes import Tube
+from endolab.synthetic.scenes import Colon, Tube
 from tests.benchmarks.report import table
 from tests.tools.problems import Shot
 
@@ -76,7 +76,7 @@ def random_bends(count=6, seed=16):
     rng = np.random.default_rng(seed)
     for _ in range(count):
         radius = rng.uniform(10, 25)
-        yield el.Colon(radius=radius, fold_height=0.0, winding=rng.uniform(6, 25), length=150.0)
+        yield Colon(radius=radius, fold_height=0.0, winding=rng.uniform(6, 25), length=150.0)
 
 
 def shot_of(scene, camera, noise, seed):

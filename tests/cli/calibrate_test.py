@@ -12,6 +12,8 @@ from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
 from endolab.cli import main as cli
 from endolab.io.descriptions import write_camera
 from endolab.io.images import write_image
+from endolab.synthetic.scenes import Tube
+from endolab.uncertainty.prior_sigma import PriorSigma
 
 FRAMES = 24
 
@@ -68,7 +70,7 @@ def refused(capsys):
 
 def test_the_camera_and_the_light_come_back_with_a_report(work):
     truth = json.loads((work / "v/truth.json").read_text())
-    found = el.Calibration.load(work / "cal.json")
+    found = el.load_calibration(work / "cal.json")
     for name in ("fx", "fy", "cx", "cy"):
         assert getattr(found.camera, name) == pytest.approx(truth["camera"][name], abs=0.15)
     light = found.photometry
@@ -100,10 +102,10 @@ def test_simulate_sheet_says_the_next_command(tmp_path, capsys, options):
 
 def test_a_calibration_without_some_frames_says_which(again, capsys, refused):
     video, out = again
-    names = list(el.Calibration.load(out).evidence["frames"]["errors_px"])[:2]
+    names = list(el.load_calibration(out).evidence["frames"]["errors_px"])[:2]
     assert calibrate(video, out, "--leave-out", *names) == 0
     assert "2: left out, as asked" in capsys.readouterr().out
-    found = el.Calibration.load(out)
+    found = el.load_calibration(out)
     assert found.evidence["frames"]["dropped"][names[0]] == "left out, as asked"
     assert not set(names) & set(found.evidence["photometry"]["gains"])
     assert found.camera.fx == pytest.approx(el.load_calibration("paper", width=640).camera.fx, abs=0.15)
@@ -123,7 +125,7 @@ def test_an_interrupted_search_goes_on_where_it_was(again, capsys):
 def test_a_calibration_is_replaced_by_the_next_one_but_nothing_of_others(again, refused):
     video, out = again
     assert calibrate(video, out) == 0
-    assert el.Calibration.load(out).photometry.gamma == 2.2
+    assert el.load_calibration(out).photometry.gamma == 2.2
     out.write_text('{"mine": 1}')
     refused(["cal.json", "--overwrite"], video, out)
     assert out.read_text() == '{"mine": 1}'
@@ -148,10 +150,10 @@ def test_one_flat_sheet_does_not_tell_gamma_and_the_camera_is_kept_with_a_nomina
     assert call(*asked, "--gamma", "free") == 0
     assert "the light is not" in capsys.readouterr().out
     assert (tmp_path / "c_report/report.html").is_file()
-    found = el.Calibration.load(tmp_path / "c.json")
+    found = el.load_calibration(tmp_path / "c.json")
     assert found.camera.fx == pytest.approx(camera.fx, abs=0.2)
     assert (found.photometry.k, found.photometry.gamma) == (2.5, 2.2)
-    assert el.PriorSigma.of(found).k == 1  # nobody measured it
+    assert PriorSigma.of(found).k == 1  # nobody measured it
 
 
 @pytest.mark.parametrize(
@@ -205,7 +207,7 @@ def tissue(tmp_path_factory):
     """Pictures of a tube by the paper's fisheye, with k = 1.5, one that cannot be read, and its camera."""
     folder = tmp_path_factory.mktemp("tissue")
     camera = el.load_calibration("paper", width=96).camera
-    for number, scene in enumerate((el.Tube(length=130), el.Tube(length=110, tilt=10))):
+    for number, scene in enumerate((Tube(length=130), Tube(length=110, tilt=10))):
         light = el.Photometry(1.5, 2.2, None, el.Lambertian((0.75, 0.38, 0.30)))
         write_image(folder / f"{number}.png", el.render(scene, camera, light).image)
     (folder / "2.png").write_bytes(b"no picture")
@@ -217,7 +219,7 @@ def test_frames_of_tissue_tell_the_light(tissue, tmp_path, capsys, refused):
     asked = ("calibrate-light", tissue, "--camera", tissue / "camera.json", "--out", tmp_path / "found.json")
     assert call(*asked, "--albedo", "0.75,0.38,0.3") == 0
     assert "cannot be read: 2.png" in capsys.readouterr().out
-    found = el.Calibration.load(tmp_path / "found.json")
+    found = el.load_calibration(tmp_path / "found.json")
     assert found.photometry.k == pytest.approx(1.5, abs=0.4)
     assert found.photometry.brdf == el.Lambertian((0.75, 0.38, 0.3))
     assert list(found.evidence["unknown_light"]["costs"]) == ["0.png", "1.png"]

@@ -13,6 +13,7 @@ import pytest
 import endolab as el
 from endolab.cli import main as cli
 from endolab.io.images import read_image, write_image
+from endolab.io.surfaces import read_depth
 from endolab.io.video import write_video
 
 COMMANDS = next(
@@ -39,15 +40,15 @@ def made(tmp_path_factory):
     for name in ("frame", "a", "b"):
         write_image(folder / f"{name}.png", frame)
         shutil.copy(folder / "sim/truth.npz", folder / f"{name}.npz")
-    calibration = el.Calibration.load(folder / "sim/endoscope.json")
-    calibration.save(folder / "endoscope.json")
+    calibration = el.load_calibration(folder / "sim/endoscope.json")
+    el.write_calibration(calibration, folder / "endoscope.json")
     write_video(folder / "video.mkv", [frame] * 2)
     truth = {"endolab_target": 1, "kind": "chessboard", "columns": 5, "rows": 4, "spacing": 5.0}
     (folder / "target.json").write_text(json.dumps(truth), encoding="utf-8")
     (folder / "tuned.json").write_text('{"endolab_settings": 1, "lam": 0.5}', encoding="utf-8")
     frame, result = el.Frame(frame, frame.max(axis=-1) >= 0), folder / "result"
     el.save_result(el.reconstruct(frame, calibration, solver="facing"), result)
-    write_image(folder / "0001_depth.png", el.io.surfaces.read_depth(folder / "sim/truth.npz")["z"] / 100, 16)
+    write_image(folder / "0001_depth.png", read_depth(folder / "sim/truth.npz")["z"] / 100, 16)
     return folder
 
 

@@ -98,7 +98,7 @@ def refused(capsys, tmp_path):
 # What it does ---------------------------------------------------------------------------
 def test_simulate_writes_a_frame_and_its_truth(sim):
     assert names(sim) == ["endoscope.json", "frame.png", "report.json", "truth.npz"]
-    calibration, truth = el.Calibration.load(sim / "endoscope.json"), maps(sim / "truth.npz")
+    calibration, truth = el.load_calibration(sim / "endoscope.json"), maps(sim / "truth.npz")
     assert read_image(sim / "frame.png").shape == (120, 160, 3)
     exact = el.SCENES["curved"].distance(calibration.camera.field.rays)
     np.testing.assert_allclose(truth["distance"], exact, rtol=1e-6)
@@ -201,7 +201,7 @@ def test_options_arrive(work, solve, tmp_path):
 def test_a_known_length_fixes_the_scale(work, sim, solve, tmp_path, name, width):
     """Pixels are those of the picture, however much it was shrunk."""
     with np.load(sim / "truth.npz") as truth:
-        points = truth["distance"][..., None] * el.Calibration.load(sim / "endoscope.json").camera.field.rays
+        points = truth["distance"][..., None] * el.load_calibration(sim / "endoscope.json").camera.field.rays
     one, other = points[40, 30], points[85, 120]
     known = {"distance": f"{np.linalg.norm(one)},30,40"}
     known["diameter"] = f"{np.linalg.norm(one - other)},30,40,120,85"

@@ -53,7 +53,9 @@ def pictures():
 def here(tmp_path, monkeypatch, pictures):
     """A folder with a film and its calibration."""
     base = datasets.load_calibration("simple", 48)
-    el.Calibration(base.camera, replace(base.photometry, gain=None)).save(tmp_path / "cal.json")
+    el.write_calibration(
+        el.Calibration(base.camera, replace(base.photometry, gain=None)), tmp_path / "cal.json"
+    )
     (tmp_path / "film").mkdir()
     for number, picture in enumerate(pictures):
         write_image(tmp_path / f"film/{number}.png", picture)

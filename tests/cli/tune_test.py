@@ -49,7 +49,7 @@ def test_pictures_of_a_folder_come_by_number_and_depth_maps_do_not(made):
 
 
 def test_the_truth_is_a_distance(made):
-    calibration = el.Calibration.load(made / "sim/endoscope.json")
+    calibration = el.load_calibration(made / "sim/endoscope.json")
     expected = read_depth(made / "sim/truth.npz")
     assert np.array_equal(
         read_truth(made / "sim/truth.npz", calibration), expected["distance"], equal_nan=True
@@ -119,7 +119,9 @@ def test_it_prints_a_link_on_the_next_free_port_and_ends_by_interrupt(made):
 def test_a_frame_of_twelve_megapixels_opens_without_gigabytes(tmp_path):
     """At the tuner's width, in a process of its own; 0.3 GB of it is the picture in double precision."""
     known = load_calibration("paper")
-    el.Calibration(known.camera.resize(4000, 3000), known.photometry).save(tmp_path / "large.json")
+    el.write_calibration(
+        el.Calibration(known.camera.resize(4000, 3000), known.photometry), tmp_path / "large.json"
+    )
     small = el.render(el.SCENES["tube"], known.camera.resize(400, 300), known.photometry).image
     stored = cv2.resize(np.round(255 * small[..., ::-1]).astype(np.uint8), (4000, 3000))
     cv2.imwrite(str(tmp_path / "large.png"), stored)

@@ -210,7 +210,7 @@ def test_convert(write, tmp_path):
     out = tmp_path / "a.json"
     assert cli.main(["convert", str(geometry.parent), "--out", str(out)]) == 0
     expected = endomapper.read_endomapper(geometry, photometry)
-    assert el.Calibration.load(out).to_dict() == expected.to_dict()
+    assert el.load_calibration(out).to_dict() == expected.to_dict()
     photometry.unlink()
     assert cli.main(["convert", str(geometry), "--out", str(out), "--overwrite"]) == 0  # the camera alone
     assert read_camera(out) == expected.camera

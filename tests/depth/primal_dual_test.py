@@ -10,6 +10,7 @@ import endolab as el
 from endolab.depth.energy import model_image
 from endolab.depth.primal_dual import Patches, _along_columns, _along_row, _Path, _windows, primal_dual
 from endolab.depth.problem import Problem
+from endolab.model.brdf import Glossy
 from endolab.numerics.derivatives import links
 from endolab.numerics.threads import limited_threads
 from tests.depth.primal_dual_model import PrimalDualModel, patch_means
@@ -49,7 +50,7 @@ def test_compiled_steps_are_those_of_the_equations(rng, xi, regulariser, radius)
     np.testing.assert_allclose(path.state.q[: len(twin.q), 1:-1, 1:-1], twin.q, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize(("brdf", "off"), [(el.Glossy(0.5, 0.02, 8.0), 3e-6), (SHEET, 1e-3)])
+@pytest.mark.parametrize(("brdf", "off"), [(Glossy(0.5, 0.02, 8.0), 3e-6), (SHEET, 1e-3)])
 def test_another_brdf_than_a_lambertian_one(rng, brdf, off):
     problem, v = holed(rng, brdf, lam=0.3)
     path, twin = _Path.at(problem, v, 1, 0.8), PrimalDualModel(problem, v, 1, 0.8)

@@ -6,16 +6,17 @@ import pytest
 import endolab as el
 from endolab.depth.energy import energy_terms
 from endolab.depth.problem import Problem
+from endolab.synthetic.scenes import Plane
 
 CAMERA = el.Pinhole(8, 6, 6.0, 6.0, 3.5, 2.5)
-TRUTH = np.log(el.Plane(20.0, 10.0).distance(CAMERA.field.rays))
+TRUTH = np.log(Plane(20.0, 10.0).distance(CAMERA.field.rays))
 MASK = np.indices((6, 8)).sum(axis=0) > 1
 HERE = {"a": np.arange(48.0).reshape(6, 8)}
 
 
 @pytest.fixture(scope="module")
 def problem():
-    rendered = el.render(el.Plane(20.0, 10.0), CAMERA, el.Photometry())
+    rendered = el.render(Plane(20.0, 10.0), CAMERA, el.Photometry())
     return Problem(rendered.image, MASK, CAMERA, rendered.photometry, lam=0.0)
 
 

@@ -51,7 +51,7 @@ READERS = {
     **dict.fromkeys(PICTURES, read_image),
     **{"mask.png": read_mask, "0042_depth.png": true_z, "video.mkv": read_video, "video.avi": read_video},
     **{"depth.npz": read_depth, "traced.npz": traced.read, "run.rrd": read_recording},
-    **{"endoscope.json": el.Calibration.load, "target.json": read_target, "settings.json": read_settings},
+    **{"endoscope.json": el.load_calibration, "target.json": read_target, "settings.json": read_settings},
     **{"table.csv": read_table, "detections.jsonl": read_kept, "rig.xml": read_vicalib},
 }
 INSIDE = {".npz": damaged_arrays, ".json": damaged_json, ".csv": damaged_table}

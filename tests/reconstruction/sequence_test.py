@@ -10,6 +10,7 @@ from endolab import datasets
 from endolab.reconstruction.contours.choice import min_steepness_of
 from endolab.reconstruction.scale import in_unit
 from endolab.reconstruction.sequence import Carried, Surface, framed, reconstruct_sequence, scale_between
+from endolab.synthetic.scenes import Bowl, Colon, Plane, Tube
 from tests.tools.problems import moved_colon
 
 COUNT = 8
@@ -20,8 +21,8 @@ UNKNOWN = el.Calibration(BASE.camera, replace(GREEN, gain=None))
 
 
 WAYS = {
-    "bowl": [el.Bowl(centre=(40 - 1.5 * t, -23 + t, -52 - 2 * t)) for t in range(COUNT)],
-    "tube": [el.Tube(length=130 - 3 * t, tilt=5 + 0.5 * t, offset=(3 - 0.5 * t, 1)) for t in range(COUNT)],
+    "bowl": [Bowl(centre=(40 - 1.5 * t, -23 + t, -52 - 2 * t)) for t in range(COUNT)],
+    "tube": [Tube(length=130 - 3 * t, tilt=5 + 0.5 * t, offset=(3 - 0.5 * t, 1)) for t in range(COUNT)],
     "colon": [moved_colon(t) for t in range(COUNT)],
 }
 
@@ -106,7 +107,7 @@ def test_a_start_from_the_last_is_as_good_as_a_cold_one():
 
 
 def test_a_cut_in_the_film_is_begun_anew():
-    seen = shots([el.Plane(85, 20), el.Plane(84, 20), el.Colon(), moved_colon(1)])
+    seen = shots([Plane(85, 20), Plane(84, 20), Colon(), moved_colon(1)])
     steps = list(reconstruct_sequence(named(seen), KNOWN))
     cold = el.reconstruct(el.Frame(seen[2].image, seen[2].mask), KNOWN)
     assert steps[2].result.energy <= 1.001 * cold.energy

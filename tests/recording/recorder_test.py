@@ -13,6 +13,7 @@ from endolab.depth.energy import model_image
 from endolab.depth.provenance import Provenance
 from endolab.model.cameras import Pinhole
 from endolab.recording.pictures import RESIDUAL
+from endolab.recording.recorder import Comparison
 from endolab.recording.sequence import SequenceRecorder
 from tests.tools.problems import coloured_colon
 from tests.tools.recorded import Recorded
@@ -130,7 +131,7 @@ def trusted(in_stages, tmp_path_factory):
     """A run in stages with its uncertainty, recorded beside another run."""
     uncertainty = el.uncertainty_of(in_stages[-1], draws=4)
     path = tmp_path_factory.mktemp("uncertainty") / "both.rrd"
-    with el.Comparison(path) as both:
+    with Comparison(path) as both:
         with both.run("one") as recorder:
             el.run(iter_of(in_stages), observers=[recorder])
             recorder.add_uncertainty(uncertainty, in_stages[-1])
@@ -195,7 +196,7 @@ def fails(folder, steps):
 
 
 def fails_beside(folder, steps):
-    with el.Comparison(folder / "run.rrd") as both, both.run("one") as recorder:
+    with Comparison(folder / "run.rrd") as both, both.run("one") as recorder:
         recorder(steps[0])
         raise KeyboardInterrupt
 

@@ -12,6 +12,7 @@ import endolab as el
 from endolab import datasets
 from endolab.recording import show as embed
 from endolab.recording import viewer
+from endolab.recording.recorder import Comparison
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +21,7 @@ def path(tmp_path_factory):
     calibration = datasets.load_calibration("paper", width=64)
     scene = el.render(el.SCENES["colon"], calibration.camera, calibration.photometry)
     frame, known = el.Frame(scene.image, scene.mask), el.Calibration(scene.camera, scene.photometry)
-    with el.Comparison(tmp_path_factory.mktemp("embed") / "both.rrd") as both:
+    with Comparison(tmp_path_factory.mktemp("embed") / "both.rrd") as both:
         el.reconstruct(frame, known, solver="facing", observers=[both.run("facing")])
         el.reconstruct(frame, known, channel="grey", max_iterations=3, observers=[both.run("gauss_newton")])
     return both.path

@@ -9,7 +9,7 @@ import pytest
 
 import endolab as el
 from endolab.calibration.summary import account
-from endolab.io.descriptions import Calibration, make_calibration, read_camera
+from endolab.io.descriptions import make_calibration, read_camera
 from endolab.reports.calibration_page import write_report
 from tests.tools.simulated_session import LOST, refused, simulated
 
@@ -39,8 +39,8 @@ class Page(HTMLParser):
 def test_a_calibration_survives_its_file_and_a_refused_light_is_nominal(tmp_path):
     session = simulated()[0]
     made = make_calibration(session, "sheet.mkv", "green")
-    made.save(tmp_path / "endoscope.json")
-    read = Calibration.load(tmp_path / "endoscope.json")
+    el.write_calibration(made, tmp_path / "endoscope.json")
+    read = el.load_calibration(tmp_path / "endoscope.json")
     assert (read.camera, read.photometry) == (session.camera, session.light.photometry)
     assert (read.photometry.gain, read.evidence) == (None, made.evidence)
     without = make_calibration(refused(session))

@@ -17,8 +17,8 @@ from tqdm import tqdm
 from endolab.datasets.known_endoscopes import load_calibration
 from endolab.datasets.traced import DISTANCE_STEP, GREY_STEPS, LAYERS
 from endolab.io.atomic import PathLike, write_atomically
-from endolab.io.descriptions import Calibration
 from endolab.model.brdf import Lambertian
+from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.synthetic.scenes import Colon

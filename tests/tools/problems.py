@@ -9,6 +9,7 @@ import endolab as el
 from endolab import datasets
 from endolab.depth.problem import Problem
 from endolab.metrics.depth_errors import compare
+from endolab.synthetic.scenes import Colon
 
 PAPERS = [(xi, order) for xi in ("1/z", "d", "1/d") for order in ("first", "second")]
 papers_variant = pytest.mark.parametrize(("xi", "regulariser"), PAPERS)
@@ -120,4 +121,4 @@ def finish(steps):
 
 def moved_colon(t):
     """The colon, the camera having gone on by t mm."""
-    return type("Moved", (el.Colon,), {"_camera": np.array([2 + 0.1 * t, -1.5, t])})()
+    return type("Moved", (Colon,), {"_camera": np.array([2 + 0.1 * t, -1.5, t])})()

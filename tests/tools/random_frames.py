@@ -21,10 +21,10 @@ from tqdm import tqdm
 from endolab.datasets.sample import Sample
 from endolab.datasets.traced import LAYERS
 from endolab.io.atomic import PathLike, write_atomically
-from endolab.io.descriptions import Calibration
 from endolab.metrics.depth_errors import depth_discontinuities
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
+from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray

@@ -8,8 +8,10 @@ import numpy as np
 import endolab as el
 from endolab import datasets
 from endolab.calibration.detection.detect import Detection
+from endolab.calibration.geometric.fit import calibrate_camera
 from endolab.calibration.geometric.projection import predict_view
 from endolab.calibration.geometric.reprojection import views_of
+from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.session import Session, locate, score
 from endolab.calibration.simulation.trajectory import Movement, trajectory
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
@@ -44,10 +46,10 @@ def simulated(name="vicalib_small", **light):
         detections[name] = Detection(inside, pixels[inside] + error)
     detections = {name: detections[name] for name in names}
     views = [view for name in names for view in views_of(name, detections[name], target)]
-    geometry = el.calibrate_camera(views, target, camera.width, camera.height)
+    geometry = calibrate_camera(views, target, camera.width, camera.height)
     poses, errors, dropped = locate(detections, target, geometry.camera)
     steps = []
-    fit = el.calibrate_light(samples, observers=[steps.append], **light)
+    fit = calibrate_light(samples, observers=[steps.append], **light)
     found = (target, detections, geometry, geometry.camera, poses, samples, fit)
     session = Session(*found, scores=score(samples, **light), dropped=dropped, errors=errors)
     return session, [(name, rng.uniform(0, 1, (120, 160))) for name in names], steps

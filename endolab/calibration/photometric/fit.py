@@ -202,10 +202,11 @@ def calibrate_light(
     Examples
     --------
     >>> import endolab as el
+    >>> from endolab.calibration.photometric.fit import calibrate_light
     >>> from endolab.calibration.simulation.video import simulate_samples
     >>> paper = el.load_calibration("paper", width=320)
     >>> samples, _ = simulate_samples(el.TARGETS["vicalib_small"], paper.camera, el.Photometry(k=2.5), 60)
-    >>> fit = el.calibrate_light(samples)
+    >>> fit = calibrate_light(samples)
     >>> abs(fit.k - 2.5) < 3 * fit.standard_errors["k"]
     True
     """

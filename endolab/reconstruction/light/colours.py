@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 
 from endolab.depth.problem import EXACT, Problem
 from endolab.depth.provenance import LightOutcome
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.frame import QUIET
 from endolab.reconstruction.light.walls import MOST_INDIRECT, Walls, bounced_and_slope
@@ -111,7 +111,7 @@ class AlbedoPrior:
         return np.array([[1 / ratio, -1 / ratio, 0.0], [0.0, 1 / level, 0.0], [0.0, -1 / ratio, 1 / ratio]])
 
 
-def known_albedo(endoscope: Endoscope) -> FloatArray | None:
+def known_albedo(endoscope: Calibration) -> FloatArray | None:
     """Return albedos in red, green and blue, (3,), or green's alone, (), as far as they can be: else None."""
     albedo = np.asarray(getattr(endoscope.photometry.brdf, "albedo", 0.0), dtype=np.float64)
     if albedo.ndim == 0:

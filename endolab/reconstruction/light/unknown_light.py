@@ -36,7 +36,7 @@ from endolab.depth.provenance import Provenance
 from endolab.depth.result import Iterate, Observer, name_stage, with_provenance
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
-from endolab.model.endoscope import Endoscope
+from endolab.model.endoscope import Calibration
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import FloatArray, frozen
 from endolab.numerics.checks import excerpt, number, real_array
@@ -149,7 +149,7 @@ def estimate_light(
     known = None if albedo is None else tuple(np.ravel(real_array("albedo", albedo)).tolist())
     wall = Lambertian() if known is None else Lambertian(known if len(known) > 1 else known[0])  # type: ignore[arg-type]
     usual = Photometry(number("otherwise", otherwise, 0.0), number("gamma", gamma), None, wall)
-    endoscope, watching = Endoscope(camera, usual), checked_observers(observers)
+    endoscope, watching = Calibration(camera, usual), checked_observers(observers)
     scans: list[_Scan] = []
     refused: dict[str, str] = {}
 
@@ -187,7 +187,7 @@ class _Scan:
     coloured: bool  # whether indirect light was removed
 
 
-def _scanned(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, _Scan]:
+def _scanned(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _Scan]:
     """Solve a frame under every k; the iterates are yielded."""
     coloured = frame.image.ndim == 3
     if coloured:
@@ -211,7 +211,7 @@ def _scanned(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, _
 Chain = Generator[Iterate, None, Iterate]
 
 
-def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, list[Iterate]]:
+def _coloured(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, indirect light removed each time."""
     settings = Settings(width=min(WIDTH, frame.width), smooth=SMOOTH, highlights="ignore")
     colours = make_channels(frame, calibration, settings, CHANNELS)
@@ -228,7 +228,7 @@ def _coloured(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, 
     return (yield from _chained(solve))
 
 
-def _grey(frame: Frame, calibration: Endoscope) -> Generator[Iterate, None, list[Iterate]]:
+def _grey(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, all light being taken for direct."""
     settings = Settings(width=min(WIDTH, frame.width), smooth=SMOOTH)
     (channel,) = make_channels(frame, calibration, settings, [None])

@@ -6,6 +6,7 @@ import pytest
 
 import endolab as el
 from endolab.calibration.detection.detect import Detection
+from endolab.calibration.geometric.fit import calibrate_camera
 from endolab.calibration.geometric.planar_pose import pose_from_rays
 from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.geometric.projection import camera_vector
@@ -25,7 +26,7 @@ def twenty():
 
 @pytest.fixture(scope="module")
 def fitted(twenty):
-    return el.calibrate_camera(twenty[0], SHEET, *SIZE)
+    return calibrate_camera(twenty[0], SHEET, *SIZE)
 
 
 def turn_between(a, b):
@@ -52,7 +53,7 @@ def test_standard_errors_are_honest():
     pulls = []
     for seed in range(8):
         views, _ = make_views(PAPER, CORNERS, 8, np.random.default_rng(seed), noise=0.1, tilt=45)
-        found = el.calibrate_camera(views, CORNERS, *SIZE)
+        found = calibrate_camera(views, CORNERS, *SIZE)
         off = camera_vector(found.camera) - camera_vector(PAPER)
         pulls.append(off @ np.linalg.solve(found.covariance, off) / 8)
     assert 0.6 < np.mean(pulls) < 1.5  # 64 numbers of one degree of freedom each
@@ -60,7 +61,7 @@ def test_standard_errors_are_honest():
 
 def test_a_field_beyond_90_degrees_off_the_axis():
     views, _ = make_views(WIDE, SHEET, 20, np.random.default_rng(4))
-    found = el.calibrate_camera(views, SHEET, WIDE.width, WIDE.height)
+    found = calibrate_camera(views, SHEET, WIDE.width, WIDE.height)
     assert found.status is el.Status.CONVERGED
     assert found.max_angle_seen > np.radians(93)
     off = np.abs(camera_vector(found.camera) - camera_vector(WIDE))
@@ -81,7 +82,7 @@ def test_a_field_beyond_90_degrees_off_the_axis():
 def test_other_lenses_need_no_guess_either(camera):
     near = 80 if camera.width == 1920 else 25
     views, _ = make_views(camera, CORNERS, 10, np.random.default_rng(2), near=near, far=3 * near)
-    found = el.calibrate_camera(views, CORNERS, camera.width, camera.height)
+    found = calibrate_camera(views, CORNERS, camera.width, camera.height)
     assert found.status is el.Status.CONVERGED
     off = camera_vector(found.camera) - camera_vector(camera)
     assert np.all(np.abs(off) < 4.5 * np.array(list(found.standard_errors.values())))
@@ -96,7 +97,7 @@ def test_clean_corners_give_what_opencv_gives():
     how = {"flags": cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW}
     how["criteria"] = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-10)
     rms, matrix, k, *_ = cv2.fisheye.calibrate(*seen, SIZE, np.eye(3), np.zeros((4, 1)), **how)
-    found = el.calibrate_camera(views, CORNERS, *SIZE)
+    found = calibrate_camera(views, CORNERS, *SIZE)
     theirs = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *k.ravel()])
     errors = np.array(list(found.standard_errors.values()))
     # They differ by the handful of points beyond 3.5 σ.
@@ -115,7 +116,7 @@ def test_views_that_are_wrong_are_named_and_dropped(twenty):
         views[7], name="shaken", pixels=views[7].pixels + random.normal(0, 3, views[7].pixels.shape)
     )
     views[9] = View("short", 0, views[9].ids[:7], views[9].pixels[:7])
-    found = el.calibrate_camera(views, SHEET, *SIZE)
+    found = calibrate_camera(views, SHEET, *SIZE)
     assert set(found.dropped) == {"scrambled", "mirrored", "shaken", "short"}
     assert "mirrored" in found.dropped["mirrored"]
     assert len(found.views) == len(found.poses) == len(found.residuals) == len(found.inliers) == 8
@@ -124,12 +125,12 @@ def test_views_that_are_wrong_are_named_and_dropped(twenty):
 
 def test_a_third_of_wrong_points_is_survived_and_exact_ones_are_fitted_exactly():
     views, _ = make_views(PAPER, SHEET, 8, np.random.default_rng(6), wrong=0.3)
-    found = el.calibrate_camera(views, SHEET, *SIZE)
+    found = calibrate_camera(views, SHEET, *SIZE)
     assert found.dropped == {}
     assert abs(found.camera.fx - PAPER.fx) < 0.4
     assert found.sigma == pytest.approx(0.08, rel=0.07)
     views, _ = make_views(PAPER, CORNERS, 6, np.random.default_rng(7), noise=0, wrong=0)
-    found = el.calibrate_camera(views, CORNERS, *SIZE)
+    found = calibrate_camera(views, CORNERS, *SIZE)
     assert (found.status, found.agreement) == (el.Status.CONVERGED, 1)
     assert found.rmse < 1e-4
     assert found.sigma == 0.03  # no detector is better
@@ -148,25 +149,25 @@ def test_views_that_are_too_few_or_the_same_or_mirrored_are_refused(twenty):
         (mirrored, "mirrored"),
     ):
         with pytest.raises(ValueError, match=message):
-            el.calibrate_camera(wrong, SHEET, *SIZE)
+            calibrate_camera(wrong, SHEET, *SIZE)
 
 
 def test_frontal_views_and_those_that_do_not_tell_a_focal_length_are_refused():
     views, _ = make_views(PAPER, CORNERS, 6, np.random.default_rng(8), tilt=2)
     with pytest.raises(ValueError, match="tilt the sheet"):
-        el.calibrate_camera(views, CORNERS, *SIZE)
+        calibrate_camera(views, CORNERS, *SIZE)
     # A target far away and little tilted: almost no perspective.
     distant = el.KannalaBrandt(640, 480, 2000.0, 2000.0, 320.0, 240.0)
     views, _ = make_views(
         distant, CORNERS, 4, np.random.default_rng(9), near=2000, far=2500, tilt=8, noise=0.5
     )
     with pytest.raises(ValueError, match=r"do not tell f[xy]|square"):
-        el.calibrate_camera(views, CORNERS, 640, 480)
+        calibrate_camera(views, CORNERS, 640, 480)
 
 
 def test_with_a_start_one_view_is_refined_and_its_errors_tell(twenty, fitted):
     start = el.KannalaBrandt(*SIZE, 700.0, 700.0, 730.0, 550.0, PAPER.k)
-    found = el.calibrate_camera(twenty[0][:1], SHEET, *SIZE, start=start)
+    found = calibrate_camera(twenty[0][:1], SHEET, *SIZE, start=start)
     assert found.status is el.Status.CONVERGED
     assert found.rmse < 0.13
     assert found.standard_errors["fx"] > 3 * fitted.standard_errors["fx"]
@@ -217,7 +218,7 @@ def test_a_detection_is_split_by_panel_and_panels_are_views_of_their_own(rng):
         whole = view_of(PAPER, folded, pose, rng, f"f{number}", wrong=0)
         views += views_of(whole.name, Detection(whole.ids, whole.pixels), folded)
     views[0] = replace(views[0], ids=rng.permutation(views[0].ids))
-    found = el.calibrate_camera(views, folded, *SIZE)
+    found = calibrate_camera(views, folded, *SIZE)
     assert set(found.dropped) == {"f0, panel 0"}
     assert abs(found.camera.fx - PAPER.fx) < 1
 
@@ -227,7 +228,7 @@ def test_the_real_vicalib_frame(data):
     dots = np.loadtxt(data / "vicalib_frame/dots_detected.csv", delimiter=",", skiprows=1)
     column, row, *pixel = dots.T[:4]
     view = View("real", 0, (19 * row + column).astype(int), np.column_stack(pixel))
-    refined = el.calibrate_camera([view], target, *SIZE, start=PAPER)
+    refined = calibrate_camera([view], target, *SIZE, start=PAPER)
     assert all(inliers.all() for inliers in refined.inliers)
     assert refined.rmse < 0.14
     _, inliers, residual = find_pose(view, target, PAPER)  # perhaps another endoscope's

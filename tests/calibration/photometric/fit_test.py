@@ -7,6 +7,7 @@ import pytest
 
 import endolab as el
 from endolab import datasets
+from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.photometric.model import GREY, LightModel, LightUnknowns, place_nodes
 from endolab.calibration.photometric.samples import Samples, sample_depth
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
@@ -73,7 +74,7 @@ def test_the_model_is_that_of_photometry(rng):
 
 def test_a_flat_sheet_gives_k_and_the_brdf_when_gamma_is_given():
     samples, gains = video(count=200, seed=3)
-    fit = el.calibrate_light(samples)
+    fit = calibrate_light(samples)
     assert fit.status is el.Status.CONVERGED
     assert abs(fit.k - 2.5) < 0.01
     assert fit.ratio == fit.k / 2.2
@@ -91,7 +92,7 @@ def test_standard_errors_are_honest():
     draws = []
     for seed in range(30):
         samples, _ = video("vicalib_folded", 30, fold=np.deg2rad(40), seed=seed)
-        fit = el.calibrate_light(samples, gamma="free", nodes=8)
+        fit = calibrate_light(samples, gamma="free", nodes=8)
         off = {"k": fit.k - 2.5, "gamma": fit.photometry.gamma - 2.2, "k/gamma": fit.ratio - 2.5 / 2.2}
         draws.append([value / fit.standard_errors[name] for name, value in off.items()])
     pulls = np.sqrt(np.mean(np.square(draws), axis=0))
@@ -120,7 +121,7 @@ def test_errors_of_the_poses_count_in_the_standard_errors():
         samples, _ = video("vicalib_folded", 60, fold=np.deg2rad(30), seed=seed, outliers=0.0)
         wrong = moved_planes(samples, 0.004, np.random.default_rng(seed))
         for pulls, known in ((draws, wrong), (blind, replace(wrong, slack=np.zeros((0, 0))))):
-            fit = el.calibrate_light(known, gamma="free", nodes=8)
+            fit = calibrate_light(known, gamma="free", nodes=8)
             errors = fit.standard_errors
             pulls.append([(fit.k - 2.5) / errors["k"], (fit.photometry.gamma - 2.2) / errors["gamma"]])
     honest, proud = (np.sqrt(np.mean(np.square(pulls), axis=0)) for pulls in (draws, blind))
@@ -132,7 +133,7 @@ def test_outliers_change_next_to_nothing():
     clean, _ = video(count=60, outliers=0.0)
     wild = np.random.default_rng(5).random(len(clean)) < 0.1
     level = np.where(wild, np.random.default_rng(6).random(len(clean)), clean.level)
-    fits = [el.calibrate_light(replace(clean, level=level)), el.calibrate_light(clean)]
+    fits = [calibrate_light(replace(clean, level=level)), calibrate_light(clean)]
     assert abs(fits[0].k - fits[1].k) < 2 * fits[1].standard_errors["k"]
     assert abs(fits[0].sigma / fits[1].sigma - 1) < 0.03
     assert not fits[0].used[wild & (np.abs(level - clean.level) > 0.1)].any()
@@ -144,7 +145,7 @@ def test_saturation_is_told_by_the_predicted_level():
         samples, _ = video("vicalib_folded", fold=0.7, outliers=0.0, noise=6.0, seed=seed)
         measured = samples[(samples.level > levels[0]) & (samples.level < levels[1])]
         ways = (samples, levels), (measured, (1e-3, 2.0)), (samples, (1e-3, 2.0))
-        errors.append([el.calibrate_light(chosen, levels=ends).k - 2.5 for chosen, ends in ways])
+        errors.append([calibrate_light(chosen, levels=ends).k - 2.5 for chosen, ends in ways])
     by_predicted, by_measured, by_none = np.mean(errors, axis=0)
     assert abs(by_predicted) < 0.006
     assert by_measured < -0.009
@@ -158,15 +159,15 @@ def flat():
 
 @pytest.fixture(scope="module")
 def flat_fit(flat):
-    return el.calibrate_light(flat)
+    return calibrate_light(flat)
 
 
 def test_units_of_length_only_scale_the_gains_and_the_order_of_frames_plays_no_part(flat, flat_fit):
-    fit = el.calibrate_light(replace(flat, points=flat.points / 1000))
+    fit = calibrate_light(replace(flat, points=flat.points / 1000))
     np.testing.assert_allclose(fit.gains, flat_fit.gains / 1e6, rtol=1e-6)
     np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
     others = (getattr(flat, name)[::-1] for name in ("level", "points", "normals", "material"))
-    fit = el.calibrate_light(Samples((1000 - 7 * flat.frame)[::-1], *others))
+    fit = calibrate_light(Samples((1000 - 7 * flat.frame)[::-1], *others))
     np.testing.assert_allclose(fit.k, flat_fit.k, rtol=1e-7)
     np.testing.assert_allclose(fit.gains[::-1], flat_fit.gains, rtol=1e-6)
     np.testing.assert_array_equal(fit.frames[::-1], 1000 - 7 * flat_fit.frames)
@@ -192,14 +193,14 @@ def test_prediction_and_residuals_belong_together(flat, flat_fit):
 )
 def test_bad_options_and_samples_are_refused(flat, options, name):
     with pytest.raises(ValueError, match=name):
-        el.calibrate_light(flat, **options)
+        calibrate_light(flat, **options)
     with pytest.raises(ValueError, match="samples"):
-        el.calibrate_light(replace(flat, level=np.full(len(flat), np.nan)))
+        calibrate_light(replace(flat, level=np.full(len(flat), np.nan)))
 
 
 def test_a_locked_gain_is_one_number_and_gives_gamma():
     samples, _ = video(count=80, locked=True)
-    fit = el.calibrate_light(samples, gamma="free", gain="locked")
+    fit = calibrate_light(samples, gamma="free", gain="locked")
     assert abs(fit.photometry.gamma - 2.2) < 0.01
     assert abs(fit.k - 2.5) < 0.02
     np.testing.assert_array_equal(fit.gains, np.full(len(fit.frames), fit.photometry.gain))
@@ -209,12 +210,12 @@ def test_a_locked_gain_is_one_number_and_gives_gamma():
 
 def test_grey_patches_of_known_ratio_give_gamma_and_a_given_gamma_measures_them():
     samples, _ = video("vicalib_grey", 150)
-    fit = el.calibrate_light(samples, gamma="free", reflectance=(0.5,))
+    fit = calibrate_light(samples, gamma="free", reflectance=(0.5,))
     assert abs(fit.photometry.gamma - 2.2) < 0.015
     np.testing.assert_allclose(GREY * (samples.level - fit.predict(samples)), fit.residuals, atol=1e-9)
     samples, _ = video("vicalib_grey", 60)
     for known in (None, (0.51, 0.01)):
-        fit = el.calibrate_light(samples, reflectance=(known,))
+        fit = calibrate_light(samples, reflectance=(known,))
         assert abs(fit.reflectance[1] - 0.5) < min(0.003, 4 * fit.standard_errors["reflectance 1"])
 
 
@@ -223,7 +224,7 @@ def test_a_light_beside_the_camera_is_found():
     theta = np.linspace(0, np.pi / 2, 500)  # of the incidence alone, which the half angle here is not
     sheet = el.TabulatedBRDF(theta, PAPER_SHEET.value(np.cos(theta), np.cos(theta)))
     samples, _ = video(count=150, light=el.Photometry(0.0, 2.2, 1.0, sheet, (light,)))
-    centred, free = el.calibrate_light(samples), el.calibrate_light(samples, light="free")
+    centred, free = calibrate_light(samples), calibrate_light(samples, light="free")
     assert free.sigma < 3.1 < centred.sigma
     (found,) = free.photometry.lights
     assert (free.photometry.k, free.k) == (0, found.exponent)
@@ -253,7 +254,7 @@ def test_held_out_frames_are_predicted(flat_fit):
 
 def test_a_frame_without_usable_samples_has_a_gain_of_no_weight(flat, flat_fit):
     level = np.where(flat.frame == 7, 1.0, flat.level)
-    fit = el.calibrate_light(replace(flat, level=level))
+    fit = calibrate_light(replace(flat, level=level))
     np.testing.assert_array_equal(np.isinf(fit.gain_errors), fit.frames == 7)
     assert abs(fit.k - flat_fit.k) < 3 * flat_fit.standard_errors["k"]
 
@@ -265,7 +266,7 @@ def test_the_phantom_frames_agree_on_gain_and_response(data):
         field = shot.calibration.camera.field
         mask = shot.frame.mask & (field.cos_alpha > np.cos(np.deg2rad(55)))
         samples = sample_depth(shot.frame.image, shot.distance, field, mask)
-        fits.append(el.calibrate_light(samples, **WALL, levels=(45 / 255, 210 / 255)))
+        fits.append(calibrate_light(samples, **WALL, levels=(45 / 255, 210 / 255)))
     for fit in fits:
         assert 2.6 < fit.photometry.gamma < 3.6
         assert 0.2 < fit.k < 1.2

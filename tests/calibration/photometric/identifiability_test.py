@@ -7,10 +7,12 @@ import pytest
 
 import endolab as el
 from endolab import datasets
+from endolab.calibration.photometric.fit import calibrate_light
 from endolab.calibration.photometric.identifiability import (
     NotIdentifiableError,
     gain_jumps,
 )
+from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_samples
 from tests.tools.shooting import shooting
 
@@ -34,7 +36,7 @@ def disturbed(samples, seed, distance=0.003, degrees=0.1):
 def refused(unknown, samples, *words, **options):
     """Check that this unknown is refused, for a reason that has these words."""
     with pytest.raises(NotIdentifiableError) as caught:
-        el.calibrate_light(samples, **options)
+        calibrate_light(samples, **options)
     assert isinstance(caught.value, ValueError)
     assert caught.value.unknown == unknown
     for part in words:
@@ -51,12 +53,12 @@ def test_one_flat_sheet_never_gives_gamma(seed):
 @pytest.mark.parametrize(("fold", "seed"), [(3, 0), (5, 1), (5, 2), (10, 3)])
 def test_a_folded_sheet_gives_gamma(fold, seed):
     samples = video("vicalib_folded", 300, fold=np.deg2rad(fold), seed=seed)
-    fit = el.calibrate_light(samples, gamma="free")
+    fit = calibrate_light(samples, gamma="free")
     assert abs(fit.photometry.gamma - 2.2) < 3.5 * fit.standard_errors["gamma"]
     assert fit.verdict[0].startswith("γ = ")
     assert "measured, by the distance within each frame" in fit.verdict[0]
     # Disturbed places raise γ, about as the verdict says for 0.1 %.
-    wrong = el.calibrate_light(disturbed(samples, seed, 0.001, 0.0), gamma="free")
+    wrong = calibrate_light(disturbed(samples, seed, 0.001, 0.0), gamma="free")
     stated = float(fit.verdict[1].split("raise γ by ")[1].split(",")[0])
     rise = wrong.photometry.gamma - fit.photometry.gamma
     assert abs(rise - stated) < stated + 0.5 * fit.standard_errors["gamma"]
@@ -66,7 +68,7 @@ def test_patches_of_unknown_ratio_do_not_give_gamma():
     samples = video("vicalib_grey", 100)
     for ratio in (None, (0.5, 0.3)):
         refused("gamma", samples, gamma="free", reflectance=(ratio,))
-    fit = el.calibrate_light(samples, gamma="free", reflectance=(0.5,))
+    fit = calibrate_light(samples, gamma="free", reflectance=(0.5,))
     assert "the reflectances that are known" in fit.verdict[0]
 
 
@@ -74,7 +76,7 @@ def test_patches_of_roughly_known_ratio_leave_gamma_as_uncertain():
     """The ratio's error of 2 % is one of log 1.02 / log 0.5 in γ, and nothing else may hide it."""
     samples = video("vicalib_grey", 100)
     for ratio in (0.5, 0.51):
-        fit = el.calibrate_light(samples, gamma="free", reflectance=((ratio, 0.01),))
+        fit = calibrate_light(samples, gamma="free", reflectance=((ratio, 0.01),))
         expected = fit.photometry.gamma * 0.01 / ratio / abs(np.log(ratio))
         assert abs(fit.standard_errors["gamma"] / expected - 1) < 0.05
         assert abs(fit.photometry.gamma - 2.2) < 1.5 * fit.standard_errors["gamma"]
@@ -84,8 +86,8 @@ def test_patches_of_roughly_known_ratio_leave_gamma_as_uncertain():
 
 def test_a_prior_on_gamma_stays_as_wide_where_the_samples_know_nothing():
     samples = video()
-    given = el.calibrate_light(samples, gamma=2.1)
-    fit = el.calibrate_light(samples, gamma=(2.1, 0.1))
+    given = calibrate_light(samples, gamma=2.1)
+    fit = calibrate_light(samples, gamma=(2.1, 0.1))
     assert abs(fit.photometry.gamma - 2.1) < 1e-3
     np.testing.assert_allclose(fit.standard_errors["gamma"], 0.1, rtol=1e-3)
     np.testing.assert_allclose(fit.standard_errors["k"], 0.1 * given.ratio, rtol=0.02)
@@ -96,9 +98,9 @@ def test_a_prior_on_gamma_stays_as_wide_where_the_samples_know_nothing():
 
 def test_a_prior_on_gamma_joins_what_the_samples_know():
     samples = video("vicalib_folded", 100, fold=np.deg2rad(20))
-    free = el.calibrate_light(samples, gamma="free")
+    free = calibrate_light(samples, gamma="free")
     own = free.standard_errors["gamma"]
-    fit = el.calibrate_light(samples, gamma=(2.2, own))
+    fit = calibrate_light(samples, gamma=(2.2, own))
     np.testing.assert_allclose(fit.standard_errors["gamma"], own / np.sqrt(2), rtol=0.03)
     np.testing.assert_allclose(fit.photometry.gamma, (free.photometry.gamma + 2.2) / 2, atol=0.1 * own)
 
@@ -107,10 +109,10 @@ def test_frontal_frames_do_not_give_k_unless_the_sheet_is_matt_but_one_distance_
     samples = video(tilt=0.0)
     refused("k", samples, "tilt the sheet")
     refused("k", video(tilt=np.deg2rad(1)))
-    fit = el.calibrate_light(samples, brdf="lambertian")
+    fit = calibrate_light(samples, brdf="lambertian")
     assert any("taken to be matt" in sentence for sentence in fit.verdict)
-    assert el.calibrate_light(video(count=300, tilt=np.deg2rad(5))).standard_errors["k"] < 0.04
-    fit = el.calibrate_light(video(distance=(50.0, 50.0)))
+    assert calibrate_light(video(count=300, tilt=np.deg2rad(5))).standard_errors["k"] < 0.04
+    fit = calibrate_light(video(distance=(50.0, 50.0)))
     assert abs(fit.photometry.k - 2.5) < 4 * fit.standard_errors["k"] < 0.03
 
 
@@ -124,7 +126,7 @@ def test_one_incidence_angle_does_not_give_a_brdf(rng):
     rays = rng.normal(size=(300, 3)) * [0.4, 0.4, 0.0] + [0, 0, 1]
     points = 40 * rays / np.linalg.norm(rays, axis=1, keepdims=True)
     level = TRUTH.intensity(points, -points / 40) * 3000 ** (1 / 2.2)
-    samples = el.Samples(np.repeat(np.arange(3), 100), level, points, -points / 40, np.zeros(300, int))
+    samples = Samples(np.repeat(np.arange(3), 100), level, points, -points / 40, np.zeros(300, int))
     refused("brdf", samples)
 
 
@@ -197,7 +199,7 @@ def test_light_of_a_room_under_a_locked_exposure_is_refused():
 
 @pytest.mark.parametrize("k", [0.1, 1.0, 4.0])
 def test_a_lamp_at_the_lens_is_accepted_whatever_its_beam(k):
-    fit = el.calibrate_light(shine(video(), lambda seen: torch(0, 0, 0)(seen) * seen.cos_alpha**k))
+    fit = calibrate_light(shine(video(), lambda seen: torch(0, 0, 0)(seen) * seen.cos_alpha**k))
     assert abs(fit.k - k) < 4 * fit.standard_errors["k"]
 
 
@@ -206,9 +208,9 @@ def test_some_light_of_the_room_is_named():
         own = torch(0, 0, 0)(samples) * samples.cos_alpha**2.5
         return own + 0.3 * np.median(own)
 
-    fit = el.calibrate_light(shine(video(count=40), lamp))
+    fit = calibrate_light(shine(video(count=40), lamp))
     assert any("another light" in sentence for sentence in fit.verdict)
-    assert not any("another light" in sentence for sentence in el.calibrate_light(video(count=40)).verdict)
+    assert not any("another light" in sentence for sentence in calibrate_light(video(count=40)).verdict)
 
 
 def test_residuals_that_no_lamp_at_the_lens_leaves_are_refused():

@@ -152,8 +152,8 @@ def test_observers_see_every_solve_and_may_stop_it(tube):
 
 def test_it_is_ready_to_reconstruct_with_and_to_be_kept(tube, of_tube, tmp_path):
     calibration = el.Calibration(FISHEYE, of_tube.photometry, of_tube.evidence)
-    calibration.save(tmp_path / "endoscope.json")
-    read = el.Calibration.load(tmp_path / "endoscope.json")
+    el.write_calibration(calibration, tmp_path / "endoscope.json")
+    read = el.load_calibration(tmp_path / "endoscope.json")
     assert read.photometry == of_tube.photometry
     assert read.evidence["unknown_light"]["outcome"] == of_tube.outcome
     assert list(read.evidence["unknown_light"]["costs"]) == ["tube"]
