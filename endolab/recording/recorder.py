@@ -318,8 +318,8 @@ class Recorder:
             return
         self._end_stage(self._last)
         table = "\n".join(["| stage | iterations | energy, first | last |", "|---|---|---|---|", *self._rows])
-        said = "\n".join(f"- {note}" for note in notes(self._last))
-        words = rr.TextDocument(f"## End\n\n{table}\n\n{said}", media_type="text/markdown")
+        remarks = "\n".join(f"- {note}" for note in notes(self._last))
+        words = rr.TextDocument(f"## End\n\n{table}\n\n{remarks}", media_type="text/markdown")
         self._log("end", words, static=True)
         if self.shown is not None:
             self.shown = replace(self.shown, last=self._before + self._last.k)

@@ -224,7 +224,7 @@ def test_a_run_that_is_interrupted_leaves_nothing_of_the_one_before(film, out):
 
 def test_what_a_video_is_made_from_is_never_replaced(film, out):
     out.mkdir()
-    UNKNOWN.save(out / "report.json")
+    el.write_calibration(UNKNOWN, out / "report.json")
     with pytest.raises(OSError, match="is read by this"):
         reconstruct_video(film, UNKNOWN, out, overwrite=True, inputs=(out / "report.json",), **QUICK)
     assert names(out) == ["report.json"]

@@ -1,4 +1,4 @@
-"""Measure the house: files, lines, folders, levels, arrows that run back up, circles.
+"""Measure the house: files, folders, levels, arrows that run back up, circles, tokens and how dense they are.
 
 ``python tests/tools/structure.py [FOLDER]`` prints the figures of the package in a folder, by default
 this checkout's. Imports are read from the code, those inside functions and under ``TYPE_CHECKING``
@@ -10,6 +10,7 @@ import io
 import sys
 import tokenize
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -114,22 +115,60 @@ def upward(graph: Graph, order: list[str]) -> list[tuple[str, str]]:
     )
 
 
-def code_lines(text: str) -> int:
-    """Count lines of code: no blanks, comments or docstrings."""
+@dataclass(frozen=True)
+class Size:
+    """How much code there is, and how densely it is packed; without comments and docstrings."""
+
+    tokens: int = 0
+    lines: int = 0
+    packed: int = 0  # assignments of tuples to tuples
+    constants: int = 0  # of modules
+
+    def __add__(self, other: "Size") -> "Size":
+        return Size(
+            self.tokens + other.tokens,
+            self.lines + other.lines,
+            self.packed + other.packed,
+            self.constants + other.constants,
+        )
+
+    def __str__(self) -> str:
+        lines = max(self.lines, 1)
+        return (
+            f"{self.tokens:>7} {self.lines:>6} {self.tokens / lines:>6.1f} "
+            f"{1000 * self.packed / lines:>6.1f} {self.constants:>6}"
+        )
+
+
+def size_of(text: str) -> Size:
+    """Measure the text of a module."""
+    tree = ast.parse(text)
     words: set[int] = set()
-    for node in ast.walk(ast.parse(text)):
+    packed = 0
+    for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node):
             words |= set(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
+        if isinstance(node, ast.Assign):
+            packed += isinstance(node.targets[0], ast.Tuple) and isinstance(node.value, ast.Tuple)
     code: set[int] = set()
+    tokens = 0
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type not in NO_CODE:
+        if token.type not in NO_CODE and token.start[0] not in words:
+            tokens += 1
             code |= set(range(token.start[0], token.end[0] + 1))
-    return len(code - words)
+    constants = [
+        node
+        for node in tree.body
+        if isinstance(node, ast.Assign)
+        and all(isinstance(target, ast.Name) and target.id.isupper() for target in node.targets)
+    ]
+    return Size(tokens, len(code), packed, len(constants))
 
 
-def count(folder: Path) -> int:
-    """Lines of code below a folder."""
-    return sum(code_lines(path.read_text(encoding="utf-8")) for path in folder.rglob("*.py"))
+def measure(folder: Path) -> Size:
+    """Measure all modules below a folder."""
+    sizes = (size_of(path.read_text(encoding="utf-8")) for path in folder.rglob("*.py"))
+    return sum(sizes, Size())
 
 
 def main(root: Path = ROOT) -> None:
@@ -148,10 +187,10 @@ def main(root: Path = ROOT) -> None:
         print("   ", " - ".join(circle))
     for level in sorted(set(wide.values())):
         print(f"{level:>3}  {' '.join(sorted(name for name in folders if wide[name] == level))}")
-    print("lines of code, without blanks, comments and docstrings")
-    for folder in (package, *sorted(path for path in package.iterdir() if (path / "__init__.py").is_file())):
-        print(f"{count(folder):>7}  {folder.relative_to(root)}")
-    print(f"{count(root / 'tests'):>7}  tests, with benchmarks and tools")
+    print(" tokens  lines  a line packed constants; packed: tuples assigned to tuples, per 1000 lines")
+    rooms = sorted(path for path in package.iterdir() if (path / "__init__.py").is_file())
+    for folder in (package, *rooms, root / "tests"):
+        print(f"{measure(folder)}  {folder.relative_to(root)}")
 
 
 if __name__ == "__main__":
