@@ -150,15 +150,15 @@ def test_an_export_is_done_whatever_is_asked_for_before_it_begins_and_told_if_it
     box.engine.do(lambda is_stale: gate.wait(60))
     do(box, "export_aside", str(tmp_path / "out"))
     do(box, "export_aside", str(tmp_path / "file"))
-    told = []
-    box.observe(lambda change: told.append(change["new"]), "line")
+    sentences = []
+    box.observe(lambda change: sentences.append(change["new"]), "line")
     box.knobs = box.knobs | {"lam": 3.0}
     gate.set()
     assert box.engine.wait(60).settings.lam == 3.0
     with np.load(tmp_path / "out/depth.npz") as stored:
         assert np.array_equal(stored["distance"], first.result.distance.astype(np.float32), equal_nan=True)
-    assert [line["text"].split()[:2] for line in told if line.get("wrong")] == [["the", "export"]]
-    assert any("exported into" in line["text"] for line in told)
+    assert [line["text"].split()[:2] for line in sentences if line.get("wrong")] == [["the", "export"]]
+    assert any("exported into" in line["text"] for line in sentences)
 
 
 def test_five_lam_stand_in_columns_on_the_curve_and_one_is_taken_over(make):
