@@ -18,7 +18,9 @@ LEAST_CORNERS = 6  # of a ChArUco board
 SMALLEST = 16  # px, side of a picture
 WINDOW = 0.45  # half the side of what a corner is refined by, as a share of the way to the next one
 SPOILT = 0.8  # of the roughness of refined corners, below which those that were found are better
-FINE = 800  # px; narrower pictures are enlarged before corners are sought in them
+FINE = 600  # px of the shorter side; smaller pictures are enlarged before corners are sought in them
+MOST = 2_100_000  # px, Full HD; larger pictures are made smaller before anything is sought in them
+QUICK = 500_000  # px; OpenCV's second search for a chessboard takes too long in larger pictures
 
 
 @dataclass(frozen=True)
@@ -39,18 +41,22 @@ def detect(image: NDArray[Any], target: Target) -> Detection:
     turned by 180°; their first row then runs to the right in the picture. A picture of dots or of a ChArUco
     board in a mirror is refused.
     """
+    kinds = (DotGrid, detect_dots), (CircleGrid, detect_circles), (Charuco, _detect_charuco)
+    search = next(
+        (search for kind, search in (*kinds, (Chessboard, _detect_chessboard)) if isinstance(target, kind)),
+        None,
+    )
+    if search is None:
+        raise ValueError(f"target must be of a known kind, got {type(target).__name__}")
     grey = _grey(image)
     if min(grey.shape) < SMALLEST:
-        return Detection(*nothing("the picture is too small"))
-    if isinstance(target, DotGrid):
-        return Detection(*detect_dots(grey, target))
-    if isinstance(target, CircleGrid):
-        return Detection(*detect_circles(grey, target))
-    if isinstance(target, Charuco):
-        return Detection(*_detect_charuco(grey, target))
-    if isinstance(target, Chessboard):
-        return Detection(*_detect_chessboard(grey, target))
-    raise ValueError(f"target must be of a known kind, got {type(target).__name__}")
+        return Detection(*nothing(f"the picture is too small, {SMALLEST} px are needed"))
+    picture = _at_most(grey, MOST)
+    try:
+        ids, pixels, reason = search(picture, target)
+    except cv2.error as error:
+        return Detection(*nothing(f"OpenCV fails on this picture ({error.err.strip(' .')})"))
+    return Detection(ids, _moved(pixels, picture, grey), reason)
 
 
 def _grey(image: NDArray[Any]) -> NDArray[Any]:
@@ -70,6 +76,29 @@ def _grey(image: NDArray[Any]) -> NDArray[Any]:
     return grey
 
 
+def _at_most(picture: NDArray[Any], most: int) -> NDArray[Any]:
+    """Average the pixels of a picture, (H, W), so that about `most` are left at most."""
+    share = np.sqrt(most / picture.size)
+    if share >= 1:
+        return picture
+    height, width = (max(int(share * side), 1) for side in picture.shape)
+    return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def _enlarged(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Enlarge a picture, (H, W), that is small or narrow."""
+    scale = round(min(FINE / min(picture.shape), np.sqrt(MOST / picture.size)))
+    if scale <= 1:
+        return picture
+    size = (scale * picture.shape[1], scale * picture.shape[0])
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+
+
+def _moved(pixels: FloatArray, from_: NDArray[Any], to: NDArray[Any]) -> FloatArray:
+    """Where places (..., 2), px, of a picture are in another one of the same scene and another size."""
+    return (pixels + 0.5) * np.divide(to.shape[::-1], from_.shape[::-1]) - 0.5
+
+
 def _evened(grey: FloatArray) -> NDArray[np.uint8]:
     """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
     white = cv2.resize(white_of(shrunk(grey)), grey.shape[::-1])
@@ -81,7 +110,7 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
     """Find the corners of a ChArUco board."""
     options = cv2.aruco.CharucoParameters()
     options.minMarkers = 1  # next to a corner; a corner that is wrong for it is left out below
-    picture = cv2.convertScaleAbs(grey, alpha=255)
+    picture = _enlarged(cv2.convertScaleAbs(grey, alpha=255))
     corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(picture)
     if markers is None or len(markers) == 0:
         return nothing("no markers")
@@ -89,7 +118,7 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
         return nothing("no corners between the markers")
     shape = (target.rows - 1, target.columns - 1)
     grid = np.full((*shape, 2), np.nan)
-    grid.reshape(-1, 2)[ids.ravel()] = corners.reshape(-1, 2)
+    grid.reshape(-1, 2)[ids.ravel()] = _moved(corners.reshape(-1, 2), picture, grey)
     for _ in range(2):  # what is left out hides others at first
         fits, _cell = fitting(grid, target.panel_of(target.points).reshape(shape))
         grid[~fits] = np.nan
@@ -101,11 +130,7 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
 
 def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     """Find the inner corners of a chessboard; all of them or none."""
-    picture = _evened(grey)
-    scale = max(1, round(FINE / picture.shape[1]))
-    if scale > 1:
-        size = (scale * picture.shape[1], scale * picture.shape[0])
-        picture = cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC)  # type: ignore[assignment]
+    picture = _enlarged(_evened(grey))
     pattern = (target.columns - 1, target.rows - 1)
     # The two find about as many, but not the same; the first says no more quickly.
     flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -113,9 +138,12 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     is_there = sharp
     if not is_there:
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
-        is_there, corners = cv2.findChessboardCorners(picture, pattern, flags=flags)
+        small = _at_most(picture, QUICK)
+        is_there, corners = cv2.findChessboardCorners(small, pattern, flags=flags)
     if not is_there:
         return nothing("no chessboard of this size, or not all of it is in view")
+    if not sharp:
+        corners = _moved(corners, small, picture).astype(np.float32)
     along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
     shortest = min(np.hypot(step[..., 0], step[..., 1]).min() for step in (along, down))
     half = max(int(WINDOW * shortest), 2)
@@ -127,8 +155,7 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
     if sharp and _roughness(given) < SPOILT * _roughness(grid):
         grid = given
-    grid = (grid + 0.5) / scale - 0.5
-    grid = _ordered(grid, grey)
+    grid = _ordered(_moved(grid, picture, grey), grey)
     fits, _ = fitting(grid, np.zeros(grid.shape[:2], int))
     if fits.mean() < 0.9:
         return nothing("the corners do not lie on a smooth sheet")
