@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from endolab.calibration.detection.blobs import LEAST_WHITE, shrunk, white_of
 from endolab.calibration.detection.dots import Found, detect_circles, detect_dots, nothing
-from endolab.calibration.detection.lattice import cross, fitting, steps
+from endolab.calibration.detection.lattice import cross, fitting, predict, steps, windows
 from endolab.calibration.targets import Charuco, Chessboard, CircleGrid, DotGrid, Target
 from endolab.numerics.arrays import FloatArray, IntArray
 
@@ -20,6 +20,8 @@ WINDOW = 0.45  # half the side of what a corner is refined by, as a share of the
 SPOILT = 0.8  # of the roughness of refined corners, below which those that were found are better
 FINE = 600  # px of the shorter side; smaller pictures are enlarged before corners are sought in them
 MOST = 2_100_000  # px, Full HD; larger pictures are made smaller before anything is sought in them
+STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)  # of the refining of corners
+LEAST_CONTRAST = 0.4  # of corners and squares that are sought, relative to those that are known
 QUICK = 500_000  # px; OpenCV's second search for a chessboard takes too long in larger pictures
 
 
@@ -55,7 +57,7 @@ def detect(image: NDArray[Any], target: Target) -> Detection:
     try:
         ids, pixels, reason = search(picture, target)
     except cv2.error as error:
-        return Detection(*nothing(f"OpenCV fails on this picture ({error.err.strip(' .')})"))
+        return Detection(*nothing(f"OpenCV fails on this picture ({' '.join(error.err.split())})"))
     return Detection(ids, _moved(pixels, picture, grey), reason)
 
 
@@ -107,25 +109,67 @@ def _evened(grey: FloatArray) -> NDArray[np.uint8]:
 
 
 def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
-    """Find the corners of a ChArUco board."""
+    """Find the corners of a ChArUco board: those beside markers, then those that these foretell."""
     options = cv2.aruco.CharucoParameters()
     options.minMarkers = 1  # next to a corner; a corner that is wrong for it is left out below
-    picture = _enlarged(cv2.convertScaleAbs(grey, alpha=255))
-    corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(picture)
-    if markers is None or len(markers) == 0:
-        return nothing("no markers")
-    if ids is None or len(ids) == 0:
-        return nothing("no corners between the markers")
-    shape = (target.rows - 1, target.columns - 1)
-    grid = np.full((*shape, 2), np.nan)
-    grid.reshape(-1, 2)[ids.ravel()] = _moved(corners.reshape(-1, 2), picture, grey)
-    for _ in range(2):  # what is left out hides others at first
-        fits, _cell = fitting(grid, target.panel_of(target.points).reshape(shape))
+    picture = _enlarged(_evened(grey))
+    # Small markers are read where they are sharpened; corners are measured where they are not.
+    sharp = cv2.addWeighted(picture, 2.5, cv2.GaussianBlur(picture, (0, 0), 3), -1.5, 0)
+    corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(sharp)
+    count = 0 if markers is None else len(markers)
+    grid = np.full((target.rows - 1, target.columns - 1, 2), np.nan)
+    if ids is not None:
+        grid.reshape(-1, 2)[ids.ravel()] = corners.reshape(-1, 2)
+    panel = target.panel_of(target.points).reshape(grid.shape[:2])
+    for step in range(4):  # what is left out hides others at first
+        fits, _ = fitting(grid, panel, least=4 if step < 2 else 6)
         grid[~fits] = np.nan
+        if step == 1:
+            grid = _complete(grid, picture, (1 - target.marker / target.spacing) / 2)
     kept = np.flatnonzero(fits)
     if len(kept) < LEAST_CORNERS:
-        return nothing("too few corners")
-    return kept, grid.reshape(-1, 2)[kept], ""
+        read = f"{count} of the board's {len(target.board.getIds())} markers can be read"
+        return nothing(f"{read}, {len(kept)} corners agree, {LEAST_CORNERS} are needed")
+    return kept, _moved(grid.reshape(-1, 2)[kept], picture, grey), ""
+
+
+def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> FloatArray:
+    """Refine the corners of a ChArUco board, and find others where their neighbours place them.
+
+    `grid`, (h, w, 2), px, is nan where none is known; `border` is the white around a marker, in steps.
+    """
+    row, column = np.nonzero(np.isfinite(grid[..., 0]))
+    guess, (along, down) = grid[row, column], (step[row, column] for step in steps(grid))
+    grid = np.full_like(grid, np.nan)
+    usual = -np.inf
+    for _ in range(sum(grid.shape)):
+        size = np.minimum(np.hypot(*along.T), np.hypot(*down.T))
+        inside = np.all((guess > 3) & (guess < np.array(picture.shape[::-1]) - 4), axis=1)
+        tried = np.flatnonzero(inside & np.isfinite(size))
+        corner = guess.copy()
+        for n in tried:
+            half = max(round(border * size[n]), 2)
+            place = guess[n].astype(np.float32)[None]
+            corner[n] = cv2.cornerSubPix(picture, place, (half, half), (-1, -1), STOP)[0]
+        # Of the four squares around a corner, the upper left one is black where row and column are even.
+        aside = [corner + border / 2 * (sign * along + down) for sign in (1, -1)]
+        aside += [corner - border / 2 * (sign * along + down) for sign in (1, -1)]
+        a, b, c, d = (
+            scipy.ndimage.map_coordinates(picture, place.T[::-1], float, 1, mode="nearest") for place in aside
+        )
+        contrast = (b + d - a - c) * (-1.0) ** (row + column)
+        if usual < 0:
+            usual = float(np.median(contrast[tried])) if len(tried) else 0.0
+        tried = tried[contrast[tried] > LEAST_CONTRAST * usual]
+        tried = tried[np.hypot(*(corner - guess)[tried].T) < border * size[tried]]
+        if not len(tried):
+            break
+        grid[row[tried], column[tried]] = corner[tried]
+        row, column = np.nonzero(np.isnan(grid[..., 0]))
+        if not len(row):
+            break
+        guess, along, down = predict(windows(grid, row, column))
+    return grid
 
 
 def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
@@ -147,8 +191,7 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
     shortest = min(np.hypot(step[..., 0], step[..., 1]).min() for step in (along, down))
     half = max(int(WINDOW * shortest), 2)
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)
-    refined = cv2.cornerSubPix(picture, corners.copy(), (half, half), (-1, -1), stop)
+    refined = cv2.cornerSubPix(picture, corners.copy(), (half, half), (-1, -1), STOP)
     grid, given = (
         corner.reshape(pattern[1], pattern[0], 2).astype(np.float64) for corner in (refined, corners)
     )
@@ -159,8 +202,25 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     fits, _ = fitting(grid, np.zeros(grid.shape[:2], int))
     if fits.mean() < 0.9:
         return nothing("the corners do not lie on a smooth sheet")
+    if _goes_on(grid, grey):
+        return nothing("the chessboard has more squares than the target says")
     ids = np.flatnonzero(fits)
     return ids, grid.reshape(-1, 2)[ids], ""
+
+
+def _goes_on(grid: FloatArray, grey: FloatArray) -> bool:
+    """Whether the squares of a chessboard alternate beyond its rim, too, at any of its four sides."""
+    for quarters in range(4):
+        side = np.rot90(grid, quarters)
+        rows = (side[0] + side[1]) / 2, 2.5 * side[0] - 1.5 * side[1]  # of squares of the same colours
+        values = []
+        for row in rows:
+            middle = (row[1:] + row[:-1]) / 2
+            value = scipy.ndimage.map_coordinates(grey, middle.T[::-1], order=1, cval=np.nan)
+            values.append(value - value.mean())
+        if values[1] @ values[0] > LEAST_CONTRAST * (values[0] @ values[0]):
+            return True
+    return False
 
 
 def _roughness(grid: FloatArray) -> float:
