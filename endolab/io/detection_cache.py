@@ -63,9 +63,9 @@ def detect_cached(
     """Find the target in the frames, going on from what a file holds of an earlier call.
 
     The file's first line says of which frames and which target it is; one that says otherwise is begun
-    anew. FileExistsError, if it is no such file, unless `overwrite`. `camera` and `leave_out` are as for `detect_all`;
-    `say` is told, in a sentence, how many frames were searched before. Frames that a video promises and does not
-    hold are given that reason. An interrupt says what is kept.
+    anew. FileExistsError, if it is no such file, unless `overwrite`. `camera` and `leave_out` are as for
+    `detect_all`; `say` is told, in a sentence, how many frames were searched before. Frames that a video
+    promises and does not hold are given that reason. An interrupt says what is kept.
     """
     path = Path(cache)
     sheet = {"kind": target.kind, **asdict(target)}

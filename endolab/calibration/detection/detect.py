@@ -1,5 +1,6 @@
 """Find a target's features in a picture, and which of them they are."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,10 +20,10 @@ SMALLEST = 16  # px, side of a picture
 WINDOW = 0.45  # half the side of what a corner is refined by, as a share of the way to the next one
 SPOILT = 0.8  # of the roughness of refined corners, below which those that were found are better
 FINE = 600  # px of the shorter side; smaller pictures are enlarged before corners are sought in them
-MOST = 2_100_000  # px, Full HD; larger pictures are made smaller before anything is sought in them
+MOST = 2_100_000  # px, Full HD; larger pictures are made half as large as this before anything is sought
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)  # of the refining of corners
 LEAST_CONTRAST = 0.4  # of corners and squares that are sought, relative to those that are known
-QUICK = 500_000  # px; OpenCV's second search for a chessboard takes too long in larger pictures
+QUICK = 400_000  # px; OpenCV's second search for a chessboard takes too long in larger pictures
 
 
 @dataclass(frozen=True)
@@ -43,21 +44,18 @@ def detect(image: NDArray[Any], target: Target) -> Detection:
     turned by 180°; their first row then runs to the right in the picture. A picture of dots or of a ChArUco
     board in a mirror is refused.
     """
-    kinds = (DotGrid, detect_dots), (CircleGrid, detect_circles), (Charuco, _detect_charuco)
-    search = next(
-        (search for kind, search in (*kinds, (Chessboard, _detect_chessboard)) if isinstance(target, kind)),
-        None,
-    )
-    if search is None:
+    if type(target) not in SEARCHES:
         raise ValueError(f"target must be of a known kind, got {type(target).__name__}")
     grey = _grey(image)
     if min(grey.shape) < SMALLEST:
         return Detection(*nothing(f"the picture is too small, {SMALLEST} px are needed"))
-    picture = _at_most(grey, MOST)
+    picture = grey if grey.size <= MOST else _at_most(grey, MOST // 2)
     try:
-        ids, pixels, reason = search(picture, target)
+        ids, pixels, reason = SEARCHES[type(target)](picture, target)
     except cv2.error as error:
-        return Detection(*nothing(f"OpenCV fails on this picture ({' '.join(error.err.split())})"))
+        return Detection(
+            *nothing(f"OpenCV fails on this picture ({' '.join(str(error.err or error).split())})")
+        )
     return Detection(ids, _moved(pixels, picture, grey), reason)
 
 
@@ -187,7 +185,7 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     if not is_there:
         return nothing("no chessboard of this size, or not all of it is in view")
     if not sharp:
-        corners = _moved(corners, small, picture).astype(np.float32)
+        corners = _moved(np.asarray(corners, dtype=np.float64), small, picture).astype(np.float32)
     along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
     shortest = min(np.hypot(step[..., 0], step[..., 1]).min() for step in (along, down))
     half = max(int(WINDOW * shortest), 2)
@@ -202,25 +200,27 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     fits, _ = fitting(grid, np.zeros(grid.shape[:2], int))
     if fits.mean() < 0.9:
         return nothing("the corners do not lie on a smooth sheet")
-    if _goes_on(grid, grey):
-        return nothing("the chessboard has more squares than the target says")
+    if not _alternates(grid, grey):
+        return nothing("the chessboard has other squares than the target says")
     ids = np.flatnonzero(fits)
     return ids, grid.reshape(-1, 2)[ids], ""
 
 
-def _goes_on(grid: FloatArray, grey: FloatArray) -> bool:
-    """Whether the squares of a chessboard alternate beyond its rim, too, at any of its four sides."""
+def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
+    """Whether the squares of a chessboard are black and white by turns, and none beyond its rim are."""
+    (left, top), (right, bottom) = (
+        pick(grid.reshape(-1, 2), axis=0).astype(int) for pick in (np.min, np.max)
+    )
+    if abs(_darkness(grid, grey)) < LEAST_CONTRAST * grey[top:bottom, left:right].std():
+        return False
     for quarters in range(4):
         side = np.rot90(grid, quarters)
-        rows = (side[0] + side[1]) / 2, 2.5 * side[0] - 1.5 * side[1]  # of squares of the same colours
-        values = []
-        for row in rows:
-            middle = (row[1:] + row[:-1]) / 2
-            value = scipy.ndimage.map_coordinates(grey, middle.T[::-1], order=1, cval=np.nan)
-            values.append(value - value.mean())
-        if values[1] @ values[0] > LEAST_CONTRAST * (values[0] @ values[0]):
-            return True
-    return False
+        # The first row of squares between corners, and that of the same colours beyond the board.
+        inner, beyond = (_squares(row, grey)[0] for row in (side[:2], 3 * side[:2] - 2 * side[1:3]))
+        inner -= inner.mean()
+        if (beyond - beyond.mean()) @ inner > LEAST_CONTRAST * (inner @ inner):
+            return False
+    return True
 
 
 def _roughness(grid: FloatArray) -> float:
@@ -246,8 +246,21 @@ def _ordered(grid: FloatArray, grey: FloatArray) -> FloatArray:
 
 def _darkness(grid: FloatArray, grey: FloatArray) -> float:
     """How much darker the squares are that ought to be black."""
-    middle = (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1]) / 4
-    value = scipy.ndimage.map_coordinates(grey, [middle[..., 1], middle[..., 0]], order=1, mode="nearest")
+    value = _squares(grid, grey)
     row, column = np.indices(value.shape)
     black = (row + column) % 2 == 0
     return float(value[~black].mean() - value[black].mean())
+
+
+def _squares(grid: FloatArray, grey: FloatArray) -> FloatArray:
+    """Grey values in the middle of the squares between corners; 0 beside the picture."""
+    middle = (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1]) / 4
+    return np.asarray(scipy.ndimage.map_coordinates(grey, [middle[..., 1], middle[..., 0]], order=1))
+
+
+SEARCHES: dict[type[Target], Callable[..., Found]] = {
+    DotGrid: detect_dots,
+    CircleGrid: detect_circles,
+    Charuco: _detect_charuco,
+    Chessboard: _detect_chessboard,
+}
