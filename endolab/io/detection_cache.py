@@ -63,14 +63,9 @@ def detect_cached(
     """Find the target in the frames, going on from what a file holds of an earlier call.
 
     The file's first line says of which frames and which target it is; one that says otherwise is begun
-<<<<<<< HEAD
-    anew. FileExistsError, if it is no such file, unless `overwrite`. `camera` is as for `detect_all`; `say`
-    is told, in a sentence, how many frames were searched before. An interrupt says what is kept.
-=======
     anew. FileExistsError, if it is no such file, unless `overwrite`. `camera` and `leave_out` are as for
-    `detect_all`; `say` is told, in a sentence, how many frames were searched before. Frames that a video
-    promises and does not hold are given that reason. An interrupt says what is kept.
->>>>>>> h43e
+    `detect_all`; `say` is told, in a sentence, how many frames were searched before. An interrupt says
+    what is kept.
     """
     path = Path(cache)
     sheet = {"kind": target.kind, **asdict(target)}
@@ -103,44 +98,4 @@ def detect_cached(
             path.unlink(missing_ok=True)
     everything = known | detections
     everything |= {name: Detection(*nothing(LEFT_OUT)) for name in leave_out}
-    """
-    path = Path(cache)
-    sheet = {"kind": target.kind, **asdict(target)}
-    head = json.dumps({"endolab_detections": VERSION, "target": sheet, "files": frames.stamp})
-    known: Found = {}
-    size = None
-    if path.exists():
-        check_file(path, overwrite=overwrite or read_bytes(path).startswith(MARK.encode()))
-        known, size = read_detections(path, head, leave_out)
-    if known and say is not None:
-        say(f"{len(known)} of {len(frames)} frames were searched before; going on from there")
-    # What was read is written again: a line that was cut off must not be gone on with.
-    before = [_line(name, entry, size) for name, entry in known.items() if size is not None]
-    write_atomically(path, "".join([head, "\n", *before]).encode())
-
-    def keep(name: str, detection: Detection, size: tuple[int, int]) -> None:
-        with one_sentence(f"cannot write {path}"), path.open("a", encoding="utf-8") as stream:
-            stream.write(_line(name, detection, size))
-        known[name] = detection
-
-    rest = [name for name in frames.names if name not in known and name not in leave_out]
-    reading = {"count": len(rest), "progress": progress, "keep": keep, "size": size, "camera": camera}
-    try:
-        detections, size = detect_all(frames.read(rest), target, **reading)  # type: ignore[arg-type]
-    except KeyboardInterrupt:
-        progress_so_far = f"interrupted; {len(known)} of {len(frames)} frames are searched and kept"
-        raise KeyboardInterrupt(progress_so_far) from None
-    finally:
-        if not known:  # nothing to go on from
-            path.unlink(missing_ok=True)
-    everything = known | detections
-<<<<<<< HEAD
-=======
-    everything |= {name: Detection(*nothing(LEFT_OUT)) for name in leave_out}
-    if frames.is_video:
-        for name in reversed(frames.names):
-            if everything[name].reason != UNREADABLE:
-                break
-            everything[name] = replace(everything[name], reason="the video ends before it")
->>>>>>> h43e
     return {name: everything[name] for name in frames.names}, size
