@@ -23,7 +23,7 @@ Found = dict[str, Detection]  # by the name of the frame
 
 
 def read_detections(
-    path: Path, head: str, leave_out: Collection[str]
+    path: Path, head: str, leave_out: Collection[str] = ()
 ) -> tuple[Found, tuple[int, int] | None]:
     """Read the detections of a file that begins with a `head`, and the frames' width and height.
 
