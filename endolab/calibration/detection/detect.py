@@ -215,10 +215,11 @@ def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
         return False
     for quarters in range(4):
         side = np.rot90(grid, quarters)
-        # The first row of squares between corners, and that of the same colours beyond the board.
-        inner, beyond = (_squares(row, grey)[0] for row in (side[:2], 3 * side[:2] - 2 * side[1:3]))
-        inner -= inner.mean()
-        if (beyond - beyond.mean()) @ inner > LEAST_CONTRAST * (inner @ inner):
+        # The first row of squares between corners, and that of the same colours beyond the board; second
+        # differences, as light may fall off along both.
+        rows = side[:2], 3 * side[:2] - 2 * side[1:3]
+        inner, beyond = (np.diff(_squares(row, grey)[0], 2) for row in rows)
+        if beyond @ inner > LEAST_CONTRAST * (inner @ inner) > 0:
             return False
     return True
 
