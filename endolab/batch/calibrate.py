@@ -57,7 +57,7 @@ def calibrate_to_files(
         need("rerun")
     folder, calibration = report_folder(out), Path(out)
     channel = options.setdefault("channel", "grey")
-    checked_names(options.get("leave_out", ()), frames.names)
+    left_out = checked_names(options.get("leave_out", ()), frames.names)
     read: list[PathLike | None] = [*inputs]
     read += [frames.path] if frames.is_video else [frames.path / name for name in frames.names]
     check_file(calibration, overwrite=overwrite or _is_calibration(calibration), inputs=read)
@@ -66,6 +66,7 @@ def calibrate_to_files(
     with staged_folder(folder, overwrite=overwrite, inputs=read) as staging:
         cache = calibration.with_name(f"{calibration.stem}_detections.jsonl")
         detecting: dict[str, Any] = {"camera": options.get("camera"), "progress": progress, "say": say}
+        detecting["leave_out"] = left_out
         detected = detect_cached(frames, target, cache, overwrite=overwrite, **detecting)
         options["detections"], options["size"] = detected
         session = calibrate(frames, target, progress=progress, **options)

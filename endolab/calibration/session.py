@@ -83,18 +83,21 @@ def detect_all(
     keep: Callable[[str, Detection, tuple[int, int]], None] | None = None,
     size: tuple[int, int] | None = None,
     camera: KannalaBrandt | None = None,
+    leave_out: Collection[str] = (),
 ) -> tuple[dict[str, Detection], tuple[int, int] | None]:
     """Find the target in named frames, (H, W) or (H, W, 3), None for one that could not be read.
 
     `progress` is told the stage, what is done and the total (`count`); `keep` every detection with the
     size of its frame as it comes, to keep it. Returns the detections by name, and width and height, px,
     which all frames must share (`size`, or that of the first), and which must be those of the `camera` that
-    is to look at them; None if none could be read.
+    is to look at them; None if none could be read. Those that `leave_out` names are not looked at.
     """
     detections: dict[str, Detection] = {}
     first = ""
     for number, (name, image) in enumerate(frames):
-        if image is None:
+        if name in leave_out:
+            detections[name] = Detection(*nothing(LEFT_OUT))
+        elif image is None:
             detections[name] = Detection(*nothing(UNREADABLE))
         else:
             here = image.shape[1], image.shape[0]
@@ -105,7 +108,8 @@ def detect_all(
             elif here != size:
                 where = f"{first} is" if first else "the others are"
                 sizes = f"{where} {size[0]}x{size[1]} px, {name} is {here[0]}x{here[1]} px"
-                raise ValueError(f"the frames differ in size: {sizes}")
+                do_without = "leave_out (--leave-out) can name those to do without"
+                raise ValueError(f"the frames differ in size: {sizes}; {do_without}")
             detections[name] = detect(image, target)
             if keep is not None:
                 keep(name, detections[name], here)
@@ -192,12 +196,17 @@ def describe_target(target: Target) -> str:
 
 def checked_names(leave_out: Collection[str], names: Collection[str]) -> list[str]:
     """Return the frames to be left out; ValueError if one of them is none of `names`."""
-    left_out = [leave_out] if isinstance(leave_out, str) else list(leave_out)
+    left_out = named(leave_out)
     for name in left_out:
         if name not in names:
             some = ", ".join(list(names)[:3])
             raise ValueError(f"leave_out must name some of the frames ({some}, …), got {name!r}")
     return left_out
+
+
+def named(leave_out: Collection[str]) -> list[str]:
+    """Return the names of the frames to be left out, of which there may be but one."""
+    return [leave_out] if isinstance(leave_out, str) else list(leave_out)
 
 
 def calibrate(
@@ -255,7 +264,8 @@ def calibrate(
     check_options(**light)
     whole("every", every, 1)
     if detections is None:
-        detections, size = detect_all(frames, target, progress=progress, size=size, camera=camera)
+        search = {"progress": progress, "size": size, "camera": camera, "leave_out": named(leave_out)}
+        detections, size = detect_all(frames, target, **search)  # type: ignore[arg-type]
     left_out = checked_names(leave_out, detections)
     kept = {name: detection for name, detection in detections.items() if name not in left_out}
     if size is None or not any(len(detection.ids) for detection in kept.values()):

@@ -1,7 +1,7 @@
 """What was detected in a video, kept in a file as it comes, so that nothing is looked for twice."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -9,23 +9,26 @@ from pathlib import Path
 import numpy as np
 
 from endolab.calibration.detection.detect import Detection
-from endolab.calibration.session import Progress, detect_all, silent
+from endolab.calibration.detection.dots import nothing
+from endolab.calibration.session import LEFT_OUT, Progress, detect_all, silent
 from endolab.calibration.targets import Target
 from endolab.io.atomic import PathLike, check_file, one_sentence, read_bytes, write_atomically
 from endolab.io.video import Frames
 from endolab.model.cameras import KannalaBrandt
 
 MARK = '{"endolab_detections": '  # which every such file begins with
-VERSION = 3  # of the file, and of the detector: another one detects anew
+VERSION = 4  # of the file, and of the detector: another one detects anew
 
 Found = dict[str, Detection]  # by the name of the frame
 
 
-def read_detections(path: Path, head: str) -> tuple[Found, tuple[int, int] | None]:
+def read_detections(
+    path: Path, head: str, leave_out: Collection[str] = ()
+) -> tuple[Found, tuple[int, int] | None]:
     """Read the detections of a file that begins with a `head`, and the frames' width and height.
 
-    A line of JSON is a frame; what is cut off or damaged is left out. Nothing, and None, if the head is
-    another.
+    A line of JSON is a frame; what is cut off or damaged, or in `leave_out`, is left out. Nothing, and None,
+    if the head is another.
     """
     known: Found = {}
     size = None
@@ -33,6 +36,8 @@ def read_detections(path: Path, head: str) -> tuple[Found, tuple[int, int] | Non
     for line in lines if first == head else ():
         with suppress(ValueError, TypeError, RecursionError):
             name, (width, height), ids, pixels, reason = json.loads(line)
+            if name in leave_out:
+                continue
             places = np.array(pixels, dtype=np.float64).reshape(len(ids), 2)
             size = int(width), int(height)
             known[str(name)] = Detection(np.array(ids, dtype=np.int64), places, str(reason))
@@ -50,6 +55,7 @@ def detect_cached(
     cache: PathLike,
     *,
     camera: KannalaBrandt | None = None,
+    leave_out: Collection[str] = (),
     overwrite: bool = False,
     progress: Progress = silent,
     say: Callable[[str], None] | None = None,
@@ -57,8 +63,9 @@ def detect_cached(
     """Find the target in the frames, going on from what a file holds of an earlier call.
 
     The file's first line says of which frames and which target it is; one that says otherwise is begun
-    anew. FileExistsError, if it is no such file, unless `overwrite`. `camera` is as for `detect_all`; `say`
-    is told, in a sentence, how many frames were searched before. An interrupt says what is kept.
+    anew. FileExistsError, if it is no such file, unless `overwrite`. `camera` and `leave_out` are as for
+    `detect_all`; `say` is told, in a sentence, how many frames were searched before. An interrupt says
+    what is kept.
     """
     path = Path(cache)
     sheet = {"kind": target.kind, **asdict(target)}
@@ -67,7 +74,7 @@ def detect_cached(
     size = None
     if path.exists():
         check_file(path, overwrite=overwrite or read_bytes(path).startswith(MARK.encode()))
-        known, size = read_detections(path, head)
+        known, size = read_detections(path, head, leave_out)
     if known and say is not None:
         say(f"{len(known)} of {len(frames)} frames were searched before; going on from there")
     # What was read is written again: a line that was cut off must not be gone on with.
@@ -79,7 +86,7 @@ def detect_cached(
             stream.write(_line(name, detection, size))
         known[name] = detection
 
-    rest = [name for name in frames.names if name not in known]
+    rest = [name for name in frames.names if name not in known and name not in leave_out]
     reading = {"count": len(rest), "progress": progress, "keep": keep, "size": size, "camera": camera}
     try:
         detections, size = detect_all(frames.read(rest), target, **reading)  # type: ignore[arg-type]
@@ -90,4 +97,5 @@ def detect_cached(
         if not known:  # nothing to go on from
             path.unlink(missing_ok=True)
     everything = known | detections
+    everything |= {name: Detection(*nothing(LEFT_OUT)) for name in leave_out}
     return {name: everything[name] for name in frames.names}, size

@@ -172,6 +172,18 @@ def test_frames_of_another_size_are_named(video):
         detect_all([other], SHEET, size=(480, 360))
 
 
+def test_frames_of_another_size_that_are_left_out_stop_nothing(video):
+    frames, _, _ = video
+    others = [("small.png", np.zeros((90, 120))), ("broken.png", None)]
+    for mixed in (others + frames[:1], frames[:1] + others):
+        found, size = detect_all(mixed, SHEET, leave_out=["small.png", "broken.png"])
+        assert size == SIZE
+        assert len(found[frames[0][0]].ids)
+        assert {found[name].reason for name, _ in others} == {session.LEFT_OUT}
+        with pytest.raises(ValueError, match=r"differ in size.*120x90.*--leave-out"):
+            detect_all(mixed, SHEET)
+
+
 def test_the_geometry_takes_the_best_of_every_few_frames():
     """A short video is not thinned, and blind frames are left out."""
     many = {str(number): seen(number % 7 * 10) for number in range(400)}

@@ -82,3 +82,16 @@ def test_the_file_of_another_is_not_replaced_unasked(search, tmp_path, content):
         search()
     assert (tmp_path / "d.jsonl").read_bytes() == content
     assert len(search(overwrite=True)[0]) == 3
+
+
+def test_what_is_left_out_is_neither_read_nor_taken_for_the_others_size(search, looked, tmp_path):
+    """A first picture of another size, which an earlier call had searched."""
+    for name in "bc":
+        write_image(tmp_path / "in" / f"{name}.png", np.zeros((6, 8)))
+    (tmp_path / "in" / "d.png").write_bytes(b"no picture")
+    with pytest.raises(ValueError, match=r"differ in size.*4x4.*8x6.*--leave-out"):
+        search()
+    found, size = search(leave_out=["a.png", "d.png"])
+    assert size == (8, 6)
+    assert [found[name].reason for name in ("a.png", "d.png")] == [session.LEFT_OUT] * 2
+    assert len(found["c.png"].ids)

@@ -39,7 +39,8 @@ def shrunk(image: Numbers) -> Numbers:
     """Average the pixels of a picture, (H, W), to one of about 360 columns."""
     height, width = image.shape
     shrink = max(1, round(width / 360))
-    return cv2.resize(image, (width // shrink, height // shrink), interpolation=cv2.INTER_AREA)
+    size = (width // shrink, max(height // shrink, 1))
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
 def white_of(small: Numbers) -> Numbers:

@@ -1,5 +1,6 @@
 """Find a target's features in a picture, and which of them they are."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from endolab.calibration.detection.blobs import LEAST_WHITE, shrunk, white_of
 from endolab.calibration.detection.dots import Found, detect_circles, detect_dots, nothing
-from endolab.calibration.detection.lattice import cross, fitting, steps
+from endolab.calibration.detection.lattice import cross, fitting, predict, steps, windows
 from endolab.calibration.targets import Charuco, Chessboard, CircleGrid, DotGrid, Target
 from endolab.numerics.arrays import FloatArray, IntArray
 
@@ -18,7 +19,11 @@ LEAST_CORNERS = 6  # of a ChArUco board
 SMALLEST = 16  # px, side of a picture
 WINDOW = 0.45  # half the side of what a corner is refined by, as a share of the way to the next one
 SPOILT = 0.8  # of the roughness of refined corners, below which those that were found are better
-FINE = 800  # px; narrower pictures are enlarged before corners are sought in them
+FINE = 600  # px of the shorter side; smaller pictures are enlarged before corners are sought in them
+MOST = 2_100_000  # px, Full HD; larger pictures are made half as large as this before anything is sought
+STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)  # of the refining of corners
+LEAST_CONTRAST = 0.4  # of corners and squares that are sought, relative to those that are known
+QUICK = 400_000  # px; OpenCV's second search for a chessboard takes too long in larger pictures
 
 
 @dataclass(frozen=True)
@@ -39,18 +44,19 @@ def detect(image: NDArray[Any], target: Target) -> Detection:
     turned by 180°; their first row then runs to the right in the picture. A picture of dots or of a ChArUco
     board in a mirror is refused.
     """
+    if type(target) not in SEARCHES:
+        raise ValueError(f"target must be of a known kind, got {type(target).__name__}")
     grey = _grey(image)
     if min(grey.shape) < SMALLEST:
-        return Detection(*nothing("the picture is too small"))
-    if isinstance(target, DotGrid):
-        return Detection(*detect_dots(grey, target))
-    if isinstance(target, CircleGrid):
-        return Detection(*detect_circles(grey, target))
-    if isinstance(target, Charuco):
-        return Detection(*_detect_charuco(grey, target))
-    if isinstance(target, Chessboard):
-        return Detection(*_detect_chessboard(grey, target))
-    raise ValueError(f"target must be of a known kind, got {type(target).__name__}")
+        return Detection(*nothing(f"the picture is too small, {SMALLEST} px are needed"))
+    picture = grey if grey.size <= MOST else _at_most(grey, MOST // 2)
+    try:
+        ids, pixels, reason = SEARCHES[type(target)](picture, target)
+    except cv2.error as error:
+        return Detection(
+            *nothing(f"OpenCV fails on this picture ({' '.join(str(error.err or error).split())})")
+        )
+    return Detection(ids, _moved(pixels, picture, grey), reason)
 
 
 def _grey(image: NDArray[Any]) -> NDArray[Any]:
@@ -70,6 +76,29 @@ def _grey(image: NDArray[Any]) -> NDArray[Any]:
     return grey
 
 
+def _at_most(picture: NDArray[Any], most: int) -> NDArray[Any]:
+    """Average the pixels of a picture, (H, W), so that about `most` are left at most."""
+    share = np.sqrt(most / picture.size)
+    if share >= 1:
+        return picture
+    height, width = (max(int(share * side), 1) for side in picture.shape)
+    return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def _enlarged(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Enlarge a picture, (H, W), that is small or narrow."""
+    scale = round(min(FINE / min(picture.shape), np.sqrt(MOST / picture.size)))
+    if scale <= 1:
+        return picture
+    size = (scale * picture.shape[1], scale * picture.shape[0])
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+
+
+def _moved(pixels: FloatArray, from_: NDArray[Any], to: NDArray[Any]) -> FloatArray:
+    """Where places (..., 2), px, of a picture are in another one of the same scene and another size."""
+    return (pixels + 0.5) * np.divide(to.shape[::-1], from_.shape[::-1]) - 0.5
+
+
 def _evened(grey: FloatArray) -> NDArray[np.uint8]:
     """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
     white = cv2.resize(white_of(shrunk(grey)), grey.shape[::-1])
@@ -78,34 +107,72 @@ def _evened(grey: FloatArray) -> NDArray[np.uint8]:
 
 
 def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
-    """Find the corners of a ChArUco board."""
+    """Find the corners of a ChArUco board: those beside markers, then those that these foretell."""
     options = cv2.aruco.CharucoParameters()
     options.minMarkers = 1  # next to a corner; a corner that is wrong for it is left out below
-    picture = cv2.convertScaleAbs(grey, alpha=255)
-    corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(picture)
-    if markers is None or len(markers) == 0:
-        return nothing("no markers")
-    if ids is None or len(ids) == 0:
-        return nothing("no corners between the markers")
-    shape = (target.rows - 1, target.columns - 1)
-    grid = np.full((*shape, 2), np.nan)
-    grid.reshape(-1, 2)[ids.ravel()] = corners.reshape(-1, 2)
-    for _ in range(2):  # what is left out hides others at first
-        fits, _cell = fitting(grid, target.panel_of(target.points).reshape(shape))
+    picture = _enlarged(_evened(grey))
+    # Small markers are read where they are sharpened; corners are measured where they are not.
+    sharp = cv2.addWeighted(picture, 2.5, cv2.GaussianBlur(picture, (0, 0), 3), -1.5, 0)
+    corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(sharp)
+    count = 0 if markers is None else len(markers)
+    grid = np.full((target.rows - 1, target.columns - 1, 2), np.nan)
+    if ids is not None:
+        grid.reshape(-1, 2)[ids.ravel()] = corners.reshape(-1, 2)
+    panel = target.panel_of(target.points).reshape(grid.shape[:2])
+    for step in range(4):  # what is left out hides others at first
+        fits, _ = fitting(grid, panel, least=4 if step < 2 else 6)
         grid[~fits] = np.nan
+        if step == 1:
+            grid = _complete(grid, picture, (1 - target.marker / target.spacing) / 2)
     kept = np.flatnonzero(fits)
     if len(kept) < LEAST_CORNERS:
-        return nothing("too few corners")
-    return kept, grid.reshape(-1, 2)[kept], ""
+        read = f"{count} of the board's {len(target.board.getIds())} markers can be read"
+        return nothing(f"{read}, {len(kept)} corners agree, {LEAST_CORNERS} are needed")
+    return kept, _moved(grid.reshape(-1, 2)[kept], picture, grey), ""
+
+
+def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> FloatArray:
+    """Refine the corners of a ChArUco board, and find others where their neighbours place them.
+
+    `grid`, (h, w, 2), px, is nan where none is known; `border` is the white around a marker, in steps.
+    """
+    row, column = np.nonzero(np.isfinite(grid[..., 0]))
+    guess, (along, down) = grid[row, column], (step[row, column] for step in steps(grid))
+    grid = np.full_like(grid, np.nan)
+    usual = -np.inf
+    for _ in range(sum(grid.shape)):
+        size = np.minimum(np.hypot(*along.T), np.hypot(*down.T))
+        inside = np.all((guess > 3) & (guess < np.array(picture.shape[::-1]) - 4), axis=1)
+        tried = np.flatnonzero(inside & np.isfinite(size))
+        corner = guess.copy()
+        for n in tried:
+            half = max(round(border * size[n]), 2)
+            place = guess[n].astype(np.float32)[None]
+            corner[n] = cv2.cornerSubPix(picture, place, (half, half), (-1, -1), STOP)[0]
+        # Of the four squares around a corner, the upper left one is black where row and column are even.
+        aside = [corner + border / 2 * (sign * along + down) for sign in (1, -1)]
+        aside += [corner - border / 2 * (sign * along + down) for sign in (1, -1)]
+        a, b, c, d = (
+            scipy.ndimage.map_coordinates(picture, place.T[::-1], float, 1, mode="nearest") for place in aside
+        )
+        contrast = (b + d - a - c) * (-1.0) ** (row + column)
+        if usual < 0:
+            usual = float(np.median(contrast[tried])) if len(tried) else 0.0
+        tried = tried[contrast[tried] > LEAST_CONTRAST * usual]
+        tried = tried[np.hypot(*(corner - guess)[tried].T) < border * size[tried]]
+        if not len(tried):
+            break
+        grid[row[tried], column[tried]] = corner[tried]
+        row, column = np.nonzero(np.isnan(grid[..., 0]))
+        if not len(row):
+            break
+        guess, along, down = predict(windows(grid, row, column))
+    return grid
 
 
 def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     """Find the inner corners of a chessboard; all of them or none."""
-    picture = _evened(grey)
-    scale = max(1, round(FINE / picture.shape[1]))
-    if scale > 1:
-        size = (scale * picture.shape[1], scale * picture.shape[0])
-        picture = cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC)  # type: ignore[assignment]
+    picture = _enlarged(_evened(grey))
     pattern = (target.columns - 1, target.rows - 1)
     # The two find about as many, but not the same; the first says no more quickly.
     flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -113,27 +180,48 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     is_there = sharp
     if not is_there:
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
-        is_there, corners = cv2.findChessboardCorners(picture, pattern, flags=flags)
+        small = _at_most(picture, QUICK)
+        is_there, corners = cv2.findChessboardCorners(small, pattern, flags=flags)
     if not is_there:
         return nothing("no chessboard of this size, or not all of it is in view")
+    if not sharp:
+        corners = _moved(np.asarray(corners, dtype=np.float64), small, picture).astype(np.float32)
     along, down = steps(corners.reshape(pattern[1], pattern[0], 2).astype(np.float64))
     shortest = min(np.hypot(step[..., 0], step[..., 1]).min() for step in (along, down))
     half = max(int(WINDOW * shortest), 2)
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)
-    refined = cv2.cornerSubPix(picture, corners.copy(), (half, half), (-1, -1), stop)
+    refined = cv2.cornerSubPix(picture, corners.copy(), (half, half), (-1, -1), STOP)
     grid, given = (
         corner.reshape(pattern[1], pattern[0], 2).astype(np.float64) for corner in (refined, corners)
     )
     # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
     if sharp and _roughness(given) < SPOILT * _roughness(grid):
         grid = given
-    grid = (grid + 0.5) / scale - 0.5
-    grid = _ordered(grid, grey)
+    grid = _ordered(_moved(grid, picture, grey), grey)
     fits, _ = fitting(grid, np.zeros(grid.shape[:2], int))
     if fits.mean() < 0.9:
         return nothing("the corners do not lie on a smooth sheet")
+    if not _alternates(grid, grey):
+        return nothing("the chessboard has other squares than the target says")
     ids = np.flatnonzero(fits)
     return ids, grid.reshape(-1, 2)[ids], ""
+
+
+def _alternates(grid: FloatArray, grey: FloatArray) -> bool:
+    """Whether the squares of a chessboard are black and white by turns, and none beyond its rim are."""
+    (left, top), (right, bottom) = (
+        pick(grid.reshape(-1, 2), axis=0).astype(int) for pick in (np.min, np.max)
+    )
+    if abs(_darkness(grid, grey)) < LEAST_CONTRAST * grey[top:bottom, left:right].std():
+        return False
+    for quarters in range(4):
+        side = np.rot90(grid, quarters)
+        # The first row of squares between corners, and that of the same colours beyond the board; second
+        # differences, as light may fall off along both.
+        rows = side[:2], 3 * side[:2] - 2 * side[1:3]
+        inner, beyond = (np.diff(_squares(row, grey)[0], 2) for row in rows)
+        if beyond @ inner > LEAST_CONTRAST * (inner @ inner) > 0:
+            return False
+    return True
 
 
 def _roughness(grid: FloatArray) -> float:
@@ -159,8 +247,21 @@ def _ordered(grid: FloatArray, grey: FloatArray) -> FloatArray:
 
 def _darkness(grid: FloatArray, grey: FloatArray) -> float:
     """How much darker the squares are that ought to be black."""
-    middle = (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1]) / 4
-    value = scipy.ndimage.map_coordinates(grey, [middle[..., 1], middle[..., 0]], order=1, mode="nearest")
+    value = _squares(grid, grey)
     row, column = np.indices(value.shape)
     black = (row + column) % 2 == 0
     return float(value[~black].mean() - value[black].mean())
+
+
+def _squares(grid: FloatArray, grey: FloatArray) -> FloatArray:
+    """Grey values in the middle of the squares between corners; 0 beside the picture."""
+    middle = (grid[1:, 1:] + grid[1:, :-1] + grid[:-1, 1:] + grid[:-1, :-1]) / 4
+    return np.asarray(scipy.ndimage.map_coordinates(grey, [middle[..., 1], middle[..., 0]], order=1))
+
+
+SEARCHES: dict[type[Target], Callable[..., Found]] = {
+    DotGrid: detect_dots,
+    CircleGrid: detect_circles,
+    Charuco: _detect_charuco,
+    Chessboard: _detect_chessboard,
+}

@@ -65,8 +65,8 @@ def grow(owner: IntArray, blobs: Blobs, cover: tuple[float, float], tolerance: f
         row, column = np.nonzero(~taken & (near_taken > 1.5))
         if not len(row):
             break
-        window = _windows(np.where(taken[..., None], centres[owner], np.nan), row, column)
-        guess, along, down = _predict(window)
+        window = windows(np.where(taken[..., None], centres[owner], np.nan), row, column)
+        guess, along, down = predict(window)
         sought = np.isfinite(guess + along + down).all(axis=-1)
         if not sought.any():
             break
@@ -95,13 +95,13 @@ SIDE = 3  # lattice steps that the surroundings of a place reach to each side
 _ROW, _COLUMN = np.indices((2 * SIDE + 1, 2 * SIDE + 1)) - SIDE
 
 
-def _windows(grid: FloatArray, row: IntArray, column: IntArray) -> FloatArray:
+def windows(grid: FloatArray, row: IntArray, column: IntArray) -> FloatArray:
     """Surroundings of some places of a lattice, (n, 7, 7, 2), px; nan where not known."""
     padded = np.pad(grid, ((SIDE, SIDE), (SIDE, SIDE), (0, 0)), constant_values=np.nan)
     return padded[row[:, None, None] + _ROW + SIDE, column[:, None, None] + _COLUMN + SIDE]
 
 
-def _predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def predict(window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where the lattice passes the middle of windows, and its steps there: three (n, 2), px."""
     i, j = np.array(_AROUND).T
     first, second, third = (window[:, SIDE - n * i, SIDE - n * j] for n in (1, 2, 3))
@@ -178,7 +178,7 @@ def find_lattices(blobs: Blobs, cover: tuple[float, float], size: int) -> list[I
 def _nearby(grid: FloatArray) -> FloatArray:
     """Return the places within two steps of each of a lattice, (h, w, c), as (h w, 25, c); nan if unknown."""
     row, column = np.indices(grid.shape[:2]).reshape(2, -1)
-    return _windows(grid, row, column)[:, 1:-1, 1:-1].reshape(len(row), 25, -1)
+    return windows(grid, row, column)[:, 1:-1, 1:-1].reshape(len(row), 25, -1)
 
 
 def _local_fit(grid: FloatArray, panel: IntArray, least: int) -> tuple[FloatArray, FloatArray]:

@@ -1,5 +1,6 @@
 """Detection of targets: rendered sheets of known pose, and published frames."""
 
+import time
 from dataclasses import replace
 
 import cv2
@@ -221,6 +222,69 @@ def test_corners_through_a_laparoscope_are_as_good_as_opencvs(data):
     assert len(found) == 6
     assert error < 0.25
     assert matrix[0, 0] == pytest.approx(1621.9, rel=0.01)
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(7, 9), (9, 7), (12, 8), (4, 6), (6, 6)])
+def test_a_board_of_other_squares_is_not_found(columns, rows):
+    """Neither one that holds the target's squares and more, nor a smaller one."""
+    squares = np.indices((rows, columns)).sum(axis=0) % 2 * 200 + 30
+    image = np.pad(np.kron(squares, np.ones((40, 40))), 60, constant_values=230).astype(np.uint8)
+    assert len(detect(image, Chessboard(columns, rows, 7.0)).ids) == (columns - 1) * (rows - 1)
+    found = detect(image, Chessboard(5, 7, 7.0))
+    assert len(found.ids) == 0
+    assert found.reason
+
+
+@pytest.mark.parametrize("name", ["chessboard", "charuco", "circles", "vicalib_small"])
+def test_a_picture_at_which_opencv_fails_shows_nothing(name, monkeypatch):
+    def fail(*_, **__):
+        raise cv2.error("too few corners")
+
+    for function in ("findChessboardCornersSB", "aruco.CharucoDetector", "connectedComponentsWithStats"):
+        monkeypatch.setattr(f"cv2.{function}", fail)
+    found = detect(picture(BOARD, [posed(BOARD, 75)]), TARGETS[name])
+    assert len(found.ids) == 0
+    assert "OpenCV" in found.reason
+
+
+@pytest.mark.parametrize("name", ["chessboard", "charuco", "circles", "vicalib_small"])
+def test_a_dark_picture_of_12_megapixels_takes_seconds(name, rng):
+    """Measured 0.3 to 4 s; a chessboard was once sought for 219 s."""
+    dark = np.clip(rng.normal(20, 5, (3000, 4000)), 0, 255).astype(np.uint8)
+    start = time.perf_counter()
+    assert len(detect(dark, TARGETS[name]).ids) == 0
+    assert time.perf_counter() - start < 30
+
+
+@pytest.mark.parametrize("name", ["chessboard", "charuco", "circles", "vicalib_small"])
+def test_a_large_picture_is_measured_as_well_as_a_small_one(name):
+    target = TARGETS[name]
+    pose = posed(target, 75, 20)
+    image = cv2.resize(picture(target, [pose]), None, fx=5, fy=5, interpolation=cv2.INTER_CUBIC)
+    found = detect(image, target)
+    assert len(found.ids) >= 0.9 * len(target.points)
+    off = (found.pixels + 0.5) / 5 - 0.5 - truth(target, [pose])[found.ids]
+    assert np.median(np.linalg.norm(off, axis=1)) < 0.2
+
+
+@pytest.mark.parametrize("focal", [0.35, 0.6, 1.2])
+@pytest.mark.parametrize(("width", "height"), [(320, 240), (485, 355), (640, 200), (200, 640)])
+def test_a_charuco_board_in_small_and_narrow_pictures(width, height, focal):
+    """Through wide lenses too; measured 86 to 100 % of the corners, 95 % of them within 0.45 px."""
+    target, size = TARGETS["charuco"], focal * max(width, height)
+    camera = el.KannalaBrandt(width, height, size, size, width / 2, height / 2, (-0.02, 0.004, 0, 0))
+    left, top, wide, high = target.sheet
+    middle, upright = np.array([left + wide / 2, top + high / 2, 0]), 90 if height > width else 0
+    for tilt, reach in ((15, 0.4), (-25, 0.4)):
+        rotation = Rotation.from_euler("YXZ", [tilt, 10, upright + 5], degrees=True).as_matrix()
+        half = np.array([high, wide] if upright else [wide, high]) / 2
+        near = np.max(half / np.tan(np.minimum(reach * np.array([width, height]) / size, 1.2)))
+        pose = Pose(rotation, [0, 0, near + 10] - rotation @ middle)
+        image = render_sheet(target, [pose], camera, LIGHT, Sensor(noise=1.0)).image
+        found = detect(image, target)
+        off = errors(found, camera.project(pose.transform(target.points)))
+        assert len(found.ids) >= 0.75 * len(target.points)
+        assert np.quantile(off, 0.95) < 0.7
 
 
 @pytest.mark.parametrize("image", [np.zeros((4, 4, 2)), np.zeros((40, 40), int), np.full((40, 40), np.nan)])
