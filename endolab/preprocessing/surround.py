@@ -26,7 +26,7 @@ SIDE = 480  # px of the longer side, of what is looked at
 REACH = 10  # px of what is looked at, within which an edge rises
 MARGIN = 2  # px of the picture that are left out along an edge at least, since lenses and codecs blur it
 CORNER = 0.03  # of the shorter side, the legs of the triangle in a corner that tells a colour
-STUB = 0.2  # of the shorter side, the width of what is no part of a field, such as text
+STUB = 0.15  # of the shorter side, the width of what is no part of a field, such as text
 SMALL = 0.1  # of the picture, below which nothing is a field
 ROUNDING = 3.0  # grey levels from the surround's colour that tell nothing
 BLACK = 8  # grey levels; a single corner as dark as this may be of a surround
@@ -35,7 +35,7 @@ GLOW = 0.0, 0.1, 0.25  # of the usual contrast, what may be stray light around t
 STEP = 5  # grey levels that an edge rises in REACH / 2
 SHADING = 1.2  # an edge rises more than so many times what shading adds from there on
 NAMED = 0.02  # of a mask that lies in what may be a surround, from which on it is worth a word
-POSSIBLE, LIKELY, SURE = 0.5, 0.6, 0.8  # of an outline that is at an edge, if it is a field's
+POSSIBLE, LIKELY, SURE = 0.48, 0.55, 0.8  # of an outline that is at an edge, if it is a field's
 
 
 class Field(NamedTuple):
