@@ -97,7 +97,7 @@ def _find_field(picture: SingleArray) -> Field | None:
         if any(field.share > SURE for field in fields):
             break
     most = max((len(field.edge) for field in fields), default=0)
-    best = [field for field in fields if len(field.edge) > max(0.97 * most, 4 * REACH)]
+    best = [field for field in fields if len(field.edge) > max(0.97 * most, 10 * REACH)]
     return max(best, key=lambda field: int(field.inside.sum()), default=None)
 
 
