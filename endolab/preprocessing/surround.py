@@ -35,7 +35,7 @@ GLOW = 0.0, 0.1, 0.25  # of the usual contrast, what may be stray light around t
 STEP = 5  # grey levels that an edge rises in REACH / 2
 SHADING = 1.2  # an edge rises more than so many times what shading adds from there on
 NAMED = 0.02  # of a mask that lies in what may be a surround, from which on it is worth a word
-POSSIBLE, LIKELY, SURE = 0.48, 0.55, 0.8  # of an outline that is at an edge, if it is a field's
+POSSIBLE, LIKELY, SURE = 0.52, 0.55, 0.8  # of an outline that is at an edge, if it is a field's
 
 
 class Field(NamedTuple):
