@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -11,10 +12,10 @@ from numpy.typing import NDArray
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
-from endolab.numerics.arrays import BoolArray, FloatArray
+from endolab.numerics.arrays import BoolArray, FloatArray, frozen
 from endolab.numerics.checks import mask_array, owned, real_array
 from endolab.numerics.side_by_side import by_rows
-from endolab.preprocessing.surround import field_of_view
+from endolab.preprocessing.surround import SURE, field_of_view
 
 DARK = 4 / 255  # below this rounding and noise say more than the surface does
 MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
@@ -97,15 +98,21 @@ class Frame:
         return self.image.shape[0]
 
     def seen(self) -> BoolArray:
-        """Pixels to use, (H, W): the mask, without a surround that it keeps."""
-        field = field_of_view(self.image)
-        beyond = self.mask & ~field
-        kept = self.mask & field
-        return (
-            kept
-            if self.mask.all() or (beyond.sum() > MISPLACED * self.mask.sum() and kept.any())
-            else self.mask
-        )
+        """Pixels to use, (H, W): the mask, without a surround that it keeps. Read-only."""
+        return self._seen
+
+    @property
+    def misplaced(self) -> float:
+        """Share of a mask that `seen` leaves out, as it surely lies beyond what the endoscope shows."""
+        return 0.0 if self.mask.all() else 1 - float(self._seen.sum() / self.mask.sum())
+
+    @cached_property
+    def _seen(self) -> BoolArray:
+        if self.mask.all():
+            return frozen(field_of_view(self.image))
+        seen = self.mask & field_of_view(self.image, SURE)
+        beyond = 1 - seen.sum() / self.mask.sum()
+        return frozen(seen) if MISPLACED < beyond < 1 else self.mask
 
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".

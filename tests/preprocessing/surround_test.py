@@ -155,15 +155,22 @@ def test_a_mask_that_keeps_a_crescent_of_the_surround_loses_it(wall, rng):
     frame = el.Frame(framed(wall, inside, 16, rng), shifted)
     assert (frame.seen() & ~inside).sum() <= 0.004 * inside.sum()
     assert frame.seen().sum() > 0.94 * (inside & shifted).sum()
+    assert frame.misplaced == pytest.approx((shifted & ~inside).sum() / shifted.sum(), abs=0.03)
+    assert el.Frame(frame.image, inside).misplaced == 0
 
 
-def test_corners_of_one_colour_without_an_edge_are_named():
-    """A wall that is saturated in the corners looks like a white surround with a very soft edge."""
+@pytest.mark.parametrize(("soft", "named"), [(0.0, False), (0.47, True), (1.0, False)])
+def test_a_surround_that_is_unsure_is_kept_and_named(soft, named):
+    """The wall fades into a surround of 16 along a share of the rim, as shading does."""
     light = datasets.load_calibration("paper", width=WIDE).photometry
     calibration = el.Calibration(el.Pinhole(240, 180, 200.0, 200.0, 119.5, 89.5), light)
     seen = el.render(el.SCENES["tube"], calibration.camera, light, bits=8)
-    for gain, named in ((1.0, False), (2.5, True)):
-        frame = el.Frame(np.minimum(gain * seen.image, 1.0), seen.mask)
-        result = el.reconstruct(frame, calibration, solver="fast_marching")
-        assert result.mask.all()
-        assert any("flat colour" in doubt for doubt in doubts(result)) == named
+    row, column = np.indices((180, 240))
+    away = 85 - np.hypot(row - 89.5, column - 119.5)
+    fades = np.abs(np.arctan2(row - 89.5, column - 119.5)) < soft * np.pi
+    share = np.where(fades, np.clip(away / 70, 0, 1) ** 2, away > 0)
+    image = 16 / 255 + (seen.image - 16 / 255) * share[..., None]
+    frame = el.Frame(np.clip(image, 0, 1), np.ones_like(seen.mask))
+    result = el.reconstruct(frame, calibration, solver="fast_marching")
+    assert frame.seen().all() == (soft > 0)
+    assert any("flat colour" in doubt for doubt in doubts(result)) == named
