@@ -26,6 +26,7 @@ class PreparationReport:
     height: int
     smooth: float  # standard deviation of the Gaussian that averaged the light first, px
     highlights: str  # what was done with them
+    misplaced: float = 0.0  # share of the mask that was given which lies beyond what the endoscope shows
     fingerprint: str = field(default="", repr=False)  # of picture, mask and endoscope: equal for equal ones
 
 

@@ -254,6 +254,9 @@ def prepare(
     if not field.any():
         raise ValueError(f"{frame.name}: the frame shows nothing but black")
     notes.append(f"The endoscope shows {100 * field.mean():.0f} % of the picture.")
+    if frame.misplaced:
+        beyond = f"{100 * frame.misplaced:.0f} % of the mask"
+        notes.append(f"{beyond} lies beyond what the endoscope shows, and is left out.")
     fields = interlaced(image, field)
     if fields:
         image = deinterlace(image)

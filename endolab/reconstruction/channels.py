@@ -171,6 +171,7 @@ def make_channels(
             height=camera.height,
             smooth=blur,
             highlights=highlights,
+            misplaced=frame.misplaced,
             fingerprint=fingerprint,
         )
         return Channel(in_units(problem), report)

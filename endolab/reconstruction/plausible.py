@@ -53,6 +53,12 @@ def _doubts(result: Result) -> Iterator[str]:
             f"The brightest pixel has {100 * brightest:.2g} % of what the file can hold: it may use fewer "
             "bits than the file, such as 12 of 16."
         )
+    prepared = result.provenance.preparation
+    if prepared is not None and prepared.misplaced:
+        yield (
+            f"{100 * prepared.misplaced:.0f} % of the mask lies beyond what the endoscope shows, and was left "
+            "out: the mask may be another camera's."
+        )
     if unclear_surround(picture, mask):
         yield (
             "Corners of the picture have one flat colour and no clear edge: if they surround what the "

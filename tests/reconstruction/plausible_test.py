@@ -59,3 +59,13 @@ def test_a_lost_decimal_point_is_doubted_and_needs_no_more_memory(wet):
     camera = el.Pinhole(320, 240, 119535.0, 119535.0, 159.5, 119.5)
     calibration = el.Calibration(camera, wet.calibration.photometry)
     assert "focal length" in " ".join(doubts_of(wet.frame.image, calibration, wet.frame.mask))
+
+
+def test_a_mask_that_reaches_beyond_the_field_is_cut_and_said(wet):
+    """As of a data set whose mask is shifted against its pictures."""
+    row, column = np.indices(wet.frame.mask.shape)
+    disc = (row - 119.5) ** 2 + (column - 159.5) ** 2 < 110**2
+    image = wet.frame.image * disc[..., None]
+    doubts = " ".join(doubts_of(image, wet.calibration, np.roll(disc, 40, axis=1)))
+    assert "of the mask lies beyond what the endoscope shows" in doubts
+    assert "of the mask" not in " ".join(doubts_of(image, wet.calibration, disc))
