@@ -20,6 +20,7 @@ from endolab.preprocessing.surround import SURE, field_of_view
 DARK = 4 / 255  # below this rounding and noise say more than the surface does
 MAX_ALPHA = 80.0  # degrees; beyond, cos^k α is so small that noise divided by it looks near
 MISPLACED = 0.05  # of a mask that lies beyond what the endoscope shows, from which on it is no rounded edge
+EDGE = 0.03  # of the shorter side, within which a mask may lie beyond the field all the same
 BRIGHT = 254.5 / 255  # from here on it is saturated
 LEVELS = 64  # of a mask, or of some other drawing, there are fewer
 REMEMBERED = 3  # sizes of a frame
@@ -110,9 +111,13 @@ class Frame:
     def _seen(self) -> BoolArray:
         if self.mask.all():
             return frozen(field_of_view(self.image))
-        seen = self.mask & field_of_view(self.image, SURE)
-        beyond = 1 - seen.sum() / self.mask.sum()
-        return frozen(seen) if MISPLACED < beyond < 1 else self.mask
+        field = field_of_view(self.image, SURE)
+        # A mask that follows the field's very edge, which is soft, is none that is misplaced.
+        reach = 2 * round(EDGE * min(field.shape)) + 1
+        around = cv2.dilate(field.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
+        beyond = (self.mask & ~around).sum() / self.mask.sum()
+        seen = self.mask & field
+        return frozen(seen) if beyond > MISPLACED and seen.any() else self.mask
 
     def channel(self, name: str | None = None) -> tuple[str, FloatArray]:
         """One channel of the picture, and its name: "red", "green", "blue" or "grey".

@@ -56,8 +56,8 @@ def _doubts(result: Result) -> Iterator[str]:
     prepared = result.provenance.preparation
     if prepared is not None and prepared.misplaced:
         yield (
-            f"{100 * prepared.misplaced:.0f} % of the mask lies beyond what the endoscope shows, and was left "
-            "out: the mask may be another camera's."
+            f"{100 * prepared.misplaced:.0f} % of the mask lies beyond what the endoscope shows, and was "
+            "left out: the mask may be another camera's."
         )
     if unclear_surround(picture, mask):
         yield (
