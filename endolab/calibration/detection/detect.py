@@ -20,6 +20,7 @@ SMALLEST = 16  # px, side of a picture
 WINDOW = 0.45  # half the side of what a corner is refined by, as a share of the way to the next one
 SPOILT = 0.8  # of the roughness of refined corners, below which those that were found are better
 FINE = 600  # px of the shorter side; smaller pictures are enlarged before corners are sought in them
+LONGEST = 2000  # px of the longer side, to which they are enlarged at most
 MOST = 2_100_000  # px, Full HD; larger pictures are made half as large as this before anything is sought
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)  # of the refining of corners
 LEAST_CONTRAST = 0.4  # of corners and squares that are sought, relative to those that are known
@@ -87,7 +88,7 @@ def _at_most(picture: NDArray[Any], most: int) -> NDArray[Any]:
 
 def _enlarged(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Enlarge a picture, (H, W), that is small or narrow."""
-    scale = round(min(FINE / min(picture.shape), np.sqrt(MOST / picture.size)))
+    scale = round(min(FINE / min(picture.shape), LONGEST / max(picture.shape)))
     if scale <= 1:
         return picture
     size = (scale * picture.shape[1], scale * picture.shape[0])
