@@ -137,7 +137,7 @@ def two_lamps(slope):
         for height in HEIGHTS:
             points = Plane(height, 0.0).distance(rays)[..., None] * rays
             light, virtual = (
-                one.intensity(points, [0, 0, -1.0]) ** one.gamma for one in (real, real.simplified())
+                one.intensity(points, [0, 0, -1.0]) ** one.gamma for one in (real, real.simplify())
             )
             rms.append(np.sqrt(np.mean((virtual / light - 1) ** 2)))
         right = np.polyfit(np.log(HEIGHTS), np.log(rms), 1)[0]
@@ -323,7 +323,7 @@ def gauss_newton_step(step):
     new = np.asarray(step(v.copy(), data, bend, cost, 0.1), dtype=float)
     share = min(0.5 ** np.arange(12), key=lambda one: np.linalg.norm(new - v - one * delta))
     yield Part("the new map", new, v + share * delta, 0.02 * share * np.abs(delta).max(), "(log d)")
-    far = problem.log_facing.ravel() + np.log(2)  # from where the whole step overshoots
+    far = problem.log_d0.ravel() + np.log(2)  # from where the whole step overshoots
     falls = cost(step(far.copy(), data, bend, cost, 0.1)) < cost(far)
     yield Part("that the energy falls from twice d₀", bool(falls), True)
 
@@ -352,7 +352,7 @@ def small_epsilon(error, costs, smoothest, family):
 def first_order_energy(data_term, regulariser):
     _, frame, known, _ = posed("tube", 160)
     problem = make_problem(frame, known, smooth=0, xi="d", regulariser="first", lam=0.03)
-    terms = energy_terms(problem, problem.log_facing)
+    terms = energy_terms(problem, problem.log_d0)
     yield Part("data term", data_term, terms["data"], 1e-3 * terms["data"])
     yield Part("regulariser", regulariser, terms["regulariser"], 1e-3 * terms["regulariser"])
 

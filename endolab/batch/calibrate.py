@@ -7,9 +7,9 @@ from typing import Any
 
 from endolab._extras import need
 from endolab.calibration.least_squares import FitIterate
-from endolab.calibration.session import Progress, Session, calibrate, checked_names, silent
+from endolab.calibration.session import Progress, Session, calibrate, check_names, silent
 from endolab.calibration.targets import Target
-from endolab.io.atomic import PathLike, as_path, check_file, read_json, staged_file, staged_folder
+from endolab.io.atomic import PathLike, as_path, check_file, read_json, stage_file, stage_folder
 from endolab.io.descriptions import make_calibration, write_calibration
 from endolab.io.detection_cache import detect_cached
 from endolab.io.video import Frames
@@ -57,13 +57,13 @@ def calibrate_to_files(
         need("rerun")
     folder, calibration = report_folder(out), Path(out)
     channel = options.setdefault("channel", "grey")
-    left_out = checked_names(options.get("leave_out", ()), frames.names)
+    left_out = check_names(options.get("leave_out", ()), frames.names)
     read: list[PathLike | None] = [*inputs]
     read += [frames.path] if frames.is_video else [frames.path / name for name in frames.names]
     check_file(calibration, overwrite=overwrite or _is_calibration(calibration), inputs=read)
     steps: list[FitIterate] = []
     options["light_observers"] = [steps.append] if record else []
-    with staged_folder(folder, overwrite=overwrite, inputs=read) as staging:
+    with stage_folder(folder, overwrite=overwrite, inputs=read) as staging:
         cache = calibration.with_name(f"{calibration.stem}_detections.jsonl")
         detecting: dict[str, Any] = {"camera": options.get("camera"), "progress": progress, "say": say}
         detecting["leave_out"] = left_out
@@ -75,6 +75,6 @@ def calibrate_to_files(
             from endolab.recording.calibration import record_calibration
 
             record_calibration(session, frames, staging / "recording.rrd", light_steps=steps)
-    with staged_file(calibration, inputs=read) as temporary:
+    with stage_file(calibration, inputs=read) as temporary:
         write_calibration(make_calibration(session, str(frames.path), channel), temporary)
     return session

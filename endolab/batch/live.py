@@ -22,7 +22,7 @@ from endolab.io.video import Stream, as_image, open_stream
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import whole
+from endolab.numerics.checks import check_int
 from endolab.preprocessing.frame import Frame, check_size, shrunk_bytes
 from endolab.reconstruction.scale import check_scale
 from endolab.reconstruction.sequence import SCALES, Step, framed, reconstruct_sequence
@@ -132,8 +132,8 @@ def reconstruct_live(
         not the calibration's size.
     """
     full = calibration.camera
-    limit = None if limit is None else whole("limit", limit, 1)
-    wide = min(LIVE_WIDTH, full.width) if width is None else whole("width", width, 1)
+    limit = None if limit is None else check_int("limit", limit, 1)
+    wide = min(LIVE_WIDTH, full.width) if width is None else check_int("width", width, 1)
     if wide > full.width:
         raise ValueError(f"width must be at most the picture's {full.width} px, got {wide}")
     # Once for all frames, as the camera's rays take longer than a frame.
@@ -142,7 +142,9 @@ def reconstruct_live(
     check_size("the mask", inside.shape[::-1], full)
     check_scale(**{name: options.get(name) for name in SCALES})
     share = np.array([camera.width / full.width, camera.height / full.height])
-    options |= {name: _moved(options[name], share) for name in SCALES[1:] if options.get(name) is not None}
+    options |= {
+        name: _move_length(options[name], share) for name in SCALES[1:] if options.get(name) is not None
+    }
     named = isinstance(source, int | str | os.PathLike)
     shots = newest(open_stream(source) if named else source)  # type: ignore[arg-type]
     taken: list[Shot] = []
@@ -180,7 +182,7 @@ def _shrunk(shot: Shot, inside: BoolArray, camera: Camera, gamma: float) -> Fram
     return frame.resize(*size, gamma) if smaller else frame
 
 
-def _moved(length: Sequence[Any], share: FloatArray) -> tuple[Any, ...]:
+def _move_length(length: Sequence[Any], share: FloatArray) -> tuple[Any, ...]:
     """Give a known length at the pixels of a picture that is this share of the whole one."""
     mm, *pixels = length
     places = [tuple(place) for place in ((np.reshape(pixels, (-1, 2)) + 0.5) * share - 0.5).tolist()]

@@ -15,15 +15,15 @@ from pathlib import Path
 from typing import Any
 
 from endolab._extras import MissingPackage
-from endolab.batch.table import MEASURED, Row, measured, read_rows, write_rows
+from endolab.batch.table import MEASURED, Row, measure_result, read_rows, write_rows
 from endolab.batch.workers import end_with
 from endolab.depth.problem import REGULARISERS
 from endolab.depth.result import Result
-from endolab.depth.solvers import DEFAULT_SOLVER, checked_solver
+from endolab.depth.solvers import DEFAULT_SOLVER, check_solver_options
 from endolab.io.atomic import PathLike, as_json
 from endolab.io.images import read_frame
 from endolab.io.surfaces import read_depth
-from endolab.metrics.depth_errors import compare, resampled_truth
+from endolab.metrics.depth_errors import compare, resample_truth
 from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
 from endolab.model.surface import check_xi
@@ -106,7 +106,7 @@ def sweep(
     >>> [(row["lam"], row["status"]) for row in rows]
     [(0.1, 'CONVERGED'), (1.0, 'CONVERGED')]
     """
-    checked_solver(solver, {})
+    check_solver_options(solver, {})
     if backend not in BACKENDS:
         raise unknown_name("backend", backend, BACKENDS)
     if n_jobs == 0:
@@ -122,7 +122,7 @@ def sweep(
     settings = list(itertools.product(*map(dict.fromkeys, (xi, regulariser, weights))))
     tasks = [
         (dict(zip(KEY, (name, *setting, *last), strict=True)), frame, known)
-        for name, frame, known in _named(list(frames), truth)
+        for name, frame, known in _name_frames(list(frames), truth)
         for setting in settings
     ]
     if not tasks:
@@ -134,11 +134,11 @@ def sweep(
     def write() -> None:
         write_rows(target, COLUMNS, (rows[key] for key in sorted(rows, key=lambda key: place.get(key, -1))))
 
-    todo = [task for task in tasks if _unfinished(rows.get(_key(task[0])), task[2] is not None)]
+    todo = [task for task in tasks if _is_unfinished(rows.get(_key(task[0])), task[2] is not None)]
     total = len(tasks)
     done = total - len(todo)
     calibration = replace(calibration, camera=replace(calibration.camera))  # its ray field stays here
-    solve = partial(_solved, calibration=calibration, options=options)
+    solve = partial(_solve_row, calibration=calibration, options=options)
     write()  # now, rather than after an hour's run
     try:
         rows_made = _by_dask(todo, solve) if backend == "dask" else _by_joblib(todo, solve, n_jobs, backend)
@@ -202,7 +202,7 @@ def _checksum(calibration: Calibration) -> str:
     return f"{zlib.crc32(as_json(replace(calibration, evidence={}).to_dict())):08x}"
 
 
-def _named(
+def _name_frames(
     frames: list[Frame | PathLike], truth: Sequence[Truth] | None
 ) -> Iterator[tuple[str, Frame | PathLike, Truth | None]]:
     """Give every frame with its name, which is its own, and its truth."""
@@ -225,13 +225,13 @@ def _key(row: Row) -> tuple[object, ...]:
     return tuple(row[name] for name in KEY)
 
 
-def _unfinished(row: Row | None, compared: bool) -> bool:
+def _is_unfinished(row: Row | None, compared: bool) -> bool:
     if row is None or row["error"] or math.isnan(row["energy"]):
         return True
     return compared and math.isnan(row["mean_percent"])
 
 
-def _solved(
+def _solve_row(
     key: Row,
     frame: Frame | PathLike,
     truth: Truth | None,
@@ -249,7 +249,7 @@ def _solved(
         errors = {} if truth is None else _errors(result, truth)
     except (ValueError, OSError, MemoryError) as error:
         return row | {"error": " ".join(str(error).split()) or "out of memory"}
-    return row | measured(result) | {"seconds": time.perf_counter() - started} | errors
+    return row | measure_result(result) | {"seconds": time.perf_counter() - started} | errors
 
 
 def _errors(result: Result, truth: Truth) -> Row:
@@ -258,8 +258,8 @@ def _errors(result: Result, truth: Truth) -> Row:
         truth = maps["distance"], maps.get("normals")
     distance, normals = truth if isinstance(truth, tuple) else (truth, None)
     shape, cos_alpha = result.mask.shape, result.problem.field.cos_alpha
-    distance = resampled_truth(distance, shape)
-    normals = None if normals is None else resampled_truth(normals, shape)
+    distance = resample_truth(distance, shape)
+    normals = None if normals is None else resample_truth(normals, shape)
     scale = "none" if result.metric else "median"
     errors = compare(
         result.distance, distance, cos_alpha, normals=result.normals, true_normals=normals, scale=scale

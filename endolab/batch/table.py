@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from endolab.depth.result import Result
-from endolab.io.atomic import PathLike, damage_named, read_bytes, write_atomically
+from endolab.io.atomic import PathLike, name_damage, read_bytes, write_atomically
 from endolab.reconstruction.contours.choice import min_steepness_of
 from endolab.reconstruction.sequence import Step
 
@@ -21,7 +21,7 @@ SURFACE = ("gain", "median_distance", "pixels")
 STEP = ("index", "frame", "status", "warm", "torn", "unit", *MEASURED, *SURFACE, "error")
 
 
-def measured(result: Result) -> Row:
+def measure_result(result: Result) -> Row:
     """What a row tells of a result: how it ended, its iterations and energies."""
     terms = result.iterate.terms
     return {
@@ -39,7 +39,7 @@ def step_row(step: Step, index: int) -> Row:
     row |= {"warm": int(step.warm), "seconds": step.seconds, "error": " ".join(step.error.split())}
     if step.result is not None:
         problem, known = step.result.problem, step.result.distance[step.result.mask]
-        row |= measured(step.result) | {"unit": problem.unit, "gain": problem.photometry.gain}
+        row |= measure_result(step.result) | {"unit": problem.unit, "gain": problem.photometry.gain}
         row |= {"torn": min_steepness_of(step.result) or 0, "pixels": known.size}
         row["median_distance"] = float(np.median(known))
     return row
@@ -51,7 +51,7 @@ def read_rows(path: PathLike, columns: Sequence[str], words: Collection[str]) ->
     ValueError or OSError in one sentence that names the file, if it is another table.
     """
     content = read_bytes(path, "table").decode(errors="surrogateescape")  # a file's name may be any bytes
-    with damage_named(path, f"a table of endolab's, whose columns are {', '.join(columns)}"):
+    with name_damage(path, f"a table of endolab's, whose columns are {', '.join(columns)}"):
         head, *lines = filter(None, csv.reader(io.StringIO(content, newline="")))
         rows = [dict(zip(columns, cells, strict=True)) for cells in (head, *lines)]
         if head != [*columns]:

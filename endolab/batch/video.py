@@ -14,14 +14,14 @@ import numpy as np
 
 from endolab._extras import lacking
 from endolab.batch.table import STEP, WORDS, Row, read_rows, step_row, write_rows
-from endolab.io.atomic import REPORT, PathLike, as_json, read_json, staged_folder, write_atomically
+from endolab.io.atomic import REPORT, PathLike, as_json, read_json, stage_folder, write_atomically
 from endolab.io.images import read_mask
 from endolab.io.surfaces import read_depth, save_depth
 from endolab.io.video import Frames, open_frames
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import whole
+from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.assumptions import meaning
@@ -96,8 +96,8 @@ def reconstruct_video(
         frame could be reconstructed, or if something cannot be read or written. After that, an
         interruption or a MemoryError, what is done stays, and the same call goes on.
     """
-    whole("every", every, 1)
-    whole("limit", 1 if limit is None else limit, 1)
+    check_int("every", every, 1)
+    check_int("limit", 1 if limit is None else limit, 1)
     inside = None if mask is None else read_mask(mask)
     frames = open_frames(source)
     wanted = list(frames.names[::every][:limit])
@@ -186,7 +186,7 @@ class _Folder:
             if not overwrite:
                 raise
         if not self.rows:
-            with staged_folder(path, overwrite=overwrite):
+            with stage_folder(path, overwrite=overwrite):
                 pass  # what speaks against it is told before a frame is solved
 
     def _resume(self) -> None:
@@ -239,7 +239,7 @@ class _Folder:
     def _begin(self, first: list[str]) -> None:
         """Make it ours, with no frame."""
         self._meaning = first
-        with staged_folder(self.path, overwrite=self._overwrite, inputs=self._inputs) as staging:
+        with stage_folder(self.path, overwrite=self._overwrite, inputs=self._inputs) as staging:
             self._write_table(staging, {})
             self._write_report(staging)
 

@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, frozen
-from endolab.numerics.checks import whole
+from endolab.numerics.checks import check_int
 from endolab.numerics.iteration import Status, drive
 from endolab.numerics.penalties import huber
 
@@ -299,7 +299,7 @@ def iterate_fit(
     σ is never taken to be below `smallest`: what the measurements are good for at best. ValueError if no
     measurement is usable, or too few are left.
     """
-    whole("max_iterations", max_iterations)
+    check_int("max_iterations", max_iterations)
     unknowns, k, status = start, 0, Status.STALLED
     lin = model.linearise(start)
     loose = lin.by_own.shape[-1] - np.count_nonzero(lin.own_stiffness)

@@ -22,7 +22,7 @@ from endolab.model.cameras import KannalaBrandt
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import whole
+from endolab.numerics.checks import check_int
 from endolab.preprocessing.frame import check_size
 
 Progress = Callable[[str, int, int], None]
@@ -180,7 +180,7 @@ def sample_all(
     return Samples.concatenate(parts)
 
 
-def _none_found(detections: Mapping[str, Detection], target: Target) -> ValueError:
+def _nothing_found_error(detections: Mapping[str, Detection], target: Target) -> ValueError:
     reasons = Counter(detection.reason for detection in detections.values()).most_common()
     expected = f"{describe_target(target)}: " + ", ".join(f"{reason} in {n}" for reason, n in reasons)
     return ValueError(f"the target was found in none of {len(detections)} frames; looked for {expected}")
@@ -194,7 +194,7 @@ def describe_target(target: Target) -> str:
     return f"{target.columns} x {target.rows} {what}, {target.spacing:g} mm apart{folded}"
 
 
-def checked_names(leave_out: Collection[str], names: Collection[str]) -> list[str]:
+def check_names(leave_out: Collection[str], names: Collection[str]) -> list[str]:
     """Return the frames to be left out; ValueError if one of them is none of `names`."""
     left_out = named(leave_out)
     for name in left_out:
@@ -262,14 +262,14 @@ def calibrate(
     if channel not in (*CHANNELS, "grey"):
         raise unknown_name("channel", channel, (*CHANNELS, "grey"))
     check_options(**light)
-    whole("every", every, 1)
+    check_int("every", every, 1)
     if detections is None:
         search = {"progress": progress, "size": size, "camera": camera, "leave_out": named(leave_out)}
         detections, size = detect_all(frames, target, **search)  # type: ignore[arg-type]
-    left_out = checked_names(leave_out, detections)
+    left_out = check_names(leave_out, detections)
     kept = {name: detection for name, detection in detections.items() if name not in left_out}
     if size is None or not any(len(detection.ids) for detection in kept.values()):
-        raise _none_found(kept, target)
+        raise _nothing_found_error(kept, target)
     geometry = None
     if camera is None:
         chosen = choose_views(kept, every)
@@ -301,6 +301,6 @@ def score(samples: Samples, **light: Any) -> HeldOut | None:
         return None
     kept = samples.frame % HOLD_OUT == HOLD_OUT // 2
     try:
-        return calibrate_light(samples[~kept], **light).held_out(samples[kept])
+        return calibrate_light(samples[~kept], **light).score_held_out(samples[kept])
     except (ValueError, ArithmeticError):  # what all frames together could just tell
         return None

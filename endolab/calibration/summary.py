@@ -12,7 +12,7 @@ from endolab.calibration.geometric.projection import NAMES, camera_vector
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.photometric.samples import Samples
 from endolab.calibration.session import Session, describe_target
-from endolab.calibration.uncertainty import fall_off_uncertainty, known_within, ray_uncertainty
+from endolab.calibration.uncertainty import fall_off_uncertainty, ray_uncertainty, values_within
 from endolab.model.brdf import TabulatedBRDF
 from endolab.model.cameras import Camera, KannalaBrandt
 from endolab.numerics.arrays import FloatArray, IntArray
@@ -32,7 +32,7 @@ def _plain(facts: dict[str, Any]) -> dict[str, Any]:
 
 def _known_to(values: FloatArray, camera: Camera, seen: float) -> dict[str, float]:
     """Median and largest of a map at `places`, of what lies within an angle off the axis, rad."""
-    inside = known_within(values, camera, seen)
+    inside = values_within(values, camera, seen)
     return {"median": float(np.median(inside)), "largest": float(inside.max())} if inside.size else {}
 
 
@@ -187,7 +187,7 @@ def _camera_lines(session: Session) -> list[str]:
         f"camera: {', '.join(rows[:4])} px",
         f"        {', '.join(rows[4:])}",
         f"reprojection: RMSE {geometry.rmse:.3f} px of {facts['points']} points "
-        f"in {counted(facts['views'], 'view')}, {counted(facts['outliers'], 'outlier')}; "
+        f"in {count_of(facts['views'], 'view')}, {count_of(facts['outliers'], 'outlier')}; "
         f"seen to {seen:.0f}° off the axis",
         _known("a ray", facts["rays_mrad"], "mrad", seen),
     ]
@@ -197,7 +197,7 @@ def _camera_lines(session: Session) -> list[str]:
         why = "the lens is of another kind, or the sheet was not flat"
         lines.append(f"  only {100 * geometry.agreement:.0f} % of the points agree with this camera: {why}")
     if geometry.dropped:
-        lines.append(f"left out of the camera: {counted(len(geometry.dropped), 'view')}")
+        lines.append(f"left out of the camera: {count_of(len(geometry.dropped), 'view')}")
         lines += [f"  {line}" for line in by_reason(geometry.dropped)]
     return lines
 
@@ -212,7 +212,7 @@ def _light_lines(session: Session) -> list[str]:
     nearest, farthest = light.distance_range
     lines = [
         f"light: {', '.join(rows)}",
-        f"residuals: {light.sigma:.2f} grey levels, of {counted(facts['samples'], 'sample')}, "
+        f"residuals: {light.sigma:.2f} grey levels, of {count_of(facts['samples'], 'sample')}, "
         f"{nearest:.0f} to {farthest:.0f} mm away; {facts['samples_left_out']} left out",
         _known("the fall-off μ′", facts["fall_off_percent"], "%", facts["alpha_range_deg"][1]),
     ]
@@ -228,7 +228,9 @@ def account(session: Session) -> list[str]:
     """Sum a calibration up, in lines to print."""
     detected = sum(len(detection.ids) > 0 for detection in session.detections.values())
     located = f"located in {len(session.poses)}; {len(session.dropped)} dropped"
-    lines = [f"{counted(len(session.detections), 'frame')}: the target was found in {detected} and {located}"]
+    lines = [
+        f"{count_of(len(session.detections), 'frame')}: the target was found in {detected} and {located}"
+    ]
     lines += [f"  {line}" for line in by_reason(session.dropped)]
     return lines + _camera_lines(session) + _light_lines(session)
 
@@ -252,7 +254,7 @@ def mean_distances(samples: Samples, frames: IntArray) -> FloatArray:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)[frames]
 
 
-def counted(number: int, what: str) -> str:
+def count_of(number: int, what: str) -> str:
     """Say how many there are of something."""
     return f"{number} {what}" + ("" if number == 1 else "s")
 

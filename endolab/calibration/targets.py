@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from endolab.model.ranges import check_range
 from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.numerics.checks import whole
+from endolab.numerics.checks import check_int
 
 VICALIB_SEED = 71
 DICTIONARY = "DICT_5X5_250"
@@ -97,13 +97,13 @@ class Target:
 
     def __post_init__(self) -> None:
         for name in ("columns", "rows"):
-            if whole(name, getattr(self, name), self.least) > 100:
+            if check_int(name, getattr(self, name), self.least) > 100:
                 raise ValueError(f"{name} must be at most 100, got {getattr(self, name)}")
         for name in ("spacing", "margin"):
             check_range(name, getattr(self, name), "length")
         if self.fold is None:
             return
-        whole("fold", self.fold)
+        check_int("fold", self.fold)
         right = self.panel_of(self.points[self.points[:, 1] == 0])
         if min(np.sum(right == 0), np.sum(right)) < 2:
             given = f"got {self.fold} of {self.columns} columns"
@@ -193,7 +193,7 @@ class DotGrid(Target):
             given = f"small {self.small}, large {self.large}, spacing {self.spacing}"
             raise ValueError(f"the radii must be 0 < small < large < spacing / 2, got {given}")
         check_range("small", self.small, "length")
-        if whole("seed", self.seed) >= 2**32:
+        if check_int("seed", self.seed) >= 2**32:
             raise ValueError(f"seed must be below 2**32, got {self.seed}")
         if self.greys is not None and not 0 < self.greys < 1:
             raise ValueError(f"greys must lie between 0 and 1, got {self.greys}")

@@ -45,7 +45,7 @@ def places(camera: Camera, columns: int = COLUMNS) -> FloatArray:
     return np.stack(np.meshgrid(u, v), axis=-1)
 
 
-def known_within(values: FloatArray, camera: Camera, angle: float) -> FloatArray:
+def values_within(values: FloatArray, camera: Camera, angle: float) -> FloatArray:
     """Return the finite values of a map at `places` that lie within an angle off the axis, rad: (n,)."""
     return values[np.isfinite(values) & (camera.unproject(places(camera))[..., 2] >= np.cos(angle))]
 

@@ -87,7 +87,7 @@ def simulate_sheet(arguments: argparse.Namespace, calibration: Any) -> None:
 
 def _calibrate(arguments: argparse.Namespace) -> None:
     from endolab.batch.calibrate import calibrate_to_files, report_folder
-    from endolab.calibration.photometric.fit import checked_gamma
+    from endolab.calibration.photometric.fit import check_gamma
     from endolab.calibration.summary import account
     from endolab.io.descriptions import read_camera, read_target
     from endolab.io.video import open_frames
@@ -104,7 +104,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     if given and len(given) != patches:
         count = f"but --reflectance says {len(given)}"
         raise ValueError(f"the target has {patches} kinds of grey patches, {count}")
-    checked_gamma(arguments.gamma)
+    check_gamma(arguments.gamma)
     names = ("every", "channel", "leave_out", "record", "overwrite", "gamma", "brdf", "gain", "light")
     options = {name: getattr(arguments, name) for name in names}
     options |= {"camera": camera, "reflectance": given or [None] * patches}
@@ -123,7 +123,7 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
     import numpy as np
 
     from endolab.datasets.known_endoscopes import CALIBRATIONS, load_calibration
-    from endolab.io.atomic import staged_file
+    from endolab.io.atomic import stage_file
     from endolab.io.descriptions import read_camera, write_calibration
     from endolab.io.video import open_frames
     from endolab.model.endoscope import Calibration
@@ -141,7 +141,7 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
         light["albedo"] = arguments.albedo
     read = (framed(name, picture) for name, picture in frames.read(names) if picture is not None)
     out = {"overwrite": arguments.overwrite, "inputs": [arguments.camera, *arguments.source]}
-    with staged_file(arguments.out, **out) as temporary, _bar() as bar:
+    with stage_file(arguments.out, **out) as temporary, _bar() as bar:
         estimate = estimate_light(read, camera, progress=lambda done, _: bar("light", done, many), **light)
         if estimate.status is Status.STOPPED:
             raise KeyboardInterrupt
@@ -158,7 +158,7 @@ def _calibrate_light(arguments: argparse.Namespace) -> None:
 
 def _convert(arguments: argparse.Namespace) -> None:
     from endolab.datasets.endomapper import find_calibrations, read_endomapper, read_vicalib
-    from endolab.io.atomic import staged_file
+    from endolab.io.atomic import stage_file
     from endolab.io.descriptions import write_calibration, write_camera
 
     geometry, photometry, out = arguments.geometry, arguments.photometry, Path(arguments.out)
@@ -168,7 +168,7 @@ def _convert(arguments: argparse.Namespace) -> None:
         if photometry is not None:
             raise ValueError(f"{geometry} is a folder, where both files are looked for; name no other")
         geometry, photometry = find_calibrations(geometry)
-    with staged_file(out, overwrite=arguments.overwrite, inputs=[geometry, photometry]) as temporary:
+    with stage_file(out, overwrite=arguments.overwrite, inputs=[geometry, photometry]) as temporary:
         if photometry is None:
             write_camera(read_vicalib(geometry), temporary)
         else:

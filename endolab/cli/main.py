@@ -21,7 +21,7 @@ from endolab.cli.calibrate import (
     add_sheet_options,
     simulate_sheet,
 )
-from endolab.cli.options import add_command, add_overwrite, number, whole, wide
+from endolab.cli.options import add_command, add_overwrite, integer, number, wide
 from endolab.cli.reconstruct import add_reconstruct_commands
 from endolab.cli.tune import add_tune_command
 from endolab.io.atomic import without_secrets
@@ -47,7 +47,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
     import numpy as np
 
     from endolab.datasets.known_endoscopes import load_calibration
-    from endolab.io.atomic import as_json, staged_folder, write_atomically
+    from endolab.io.atomic import as_json, stage_folder, write_atomically
     from endolab.io.descriptions import write_calibration
     from endolab.io.images import write_image
     from endolab.io.surfaces import save_depth
@@ -67,7 +67,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
     names = ("noise", "bits", "seed", *FRAME_OPTIONS)
     chosen = {name: value for name in names if (value := getattr(arguments, name)) is not None}
     inputs = [arguments.calibration]
-    with staged_folder(arguments.out, overwrite=arguments.overwrite, inputs=inputs) as folder:
+    with stage_folder(arguments.out, overwrite=arguments.overwrite, inputs=inputs) as folder:
         rendered = render(SCENES[arguments.scene], calibration.camera, calibration.photometry, **chosen)
         write_image(folder / "frame.png", rendered.image, arguments.bits)
         used = replace(calibration, photometry=rendered.photometry)
@@ -87,7 +87,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     from endolab.datasets.folders import true_z
     from endolab.io.surfaces import read_depth
     from endolab.metrics.coverage import coverage_of
-    from endolab.metrics.depth_errors import compare, resampled_truth
+    from endolab.metrics.depth_errors import compare, resample_truth
 
     depth = read_depth(arguments.depth)
     distance = depth["distance"].astype(np.float64)
@@ -96,11 +96,11 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     if arguments.truth.endswith(".npz"):
         maps = read_depth(arguments.truth)
         size, normals = maps["distance"].shape, maps.get("normals")
-        truth = resampled_truth(maps["distance"], shape)
-        normals = None if normals is None else resampled_truth(normals, shape)
+        truth = resample_truth(maps["distance"], shape)
+        normals = None if normals is None else resample_truth(normals, shape)
     else:
         z, normals = true_z(arguments.truth), None
-        size, truth = z.shape, resampled_truth(z, shape) / cos_alpha
+        size, truth = z.shape, resample_truth(z, shape) / cos_alpha
     if not 0 < arguments.max_angle <= 180:
         raise ValueError(f"--max-angle must be above 0 and at most 180, got {arguments.max_angle:g}")
     mask = cos_alpha >= np.cos(np.deg2rad(arguments.max_angle))
@@ -183,11 +183,11 @@ def _parser() -> argparse.ArgumentParser:
     option("--calibration", default="paper", metavar="CAL", help="endoscope.json, or a name (default paper)")
     option("--width", type=wide, default=640, metavar="PX", help="of the frame (default 640)")
     option("--noise", type=number, default=1.0, metavar="GREY", help="standard deviation (default 1 of 255)")
-    option("--bits", type=whole, default=8, choices=(8, 16), help="of each channel (default 8)")
+    option("--bits", type=integer, default=8, choices=(8, 16), help="of each channel (default 8)")
     option("--texture", type=number, metavar="S", help="sd of the albedo's logarithm")
     option("--fog", type=number, metavar="PER_MM", help="attenuation")
     option("--highlights", type=number, metavar="S", help="share of light a wet film mirrors")
-    option("--seed", type=whole, default=0, metavar="N", help="of all that is random (default 0)")
+    option("--seed", type=integer, default=0, metavar="N", help="of all that is random (default 0)")
     add_sheet_options(command)
 
     add_calibration_commands(commands)
@@ -220,7 +220,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     option = command.add_argument
     option("--notebooks", metavar="DIR", help="other notebooks than endolab's own; its parent is shown too")
-    option("--port", type=whole, default=8888, metavar="N", help="the next free one (default 8888)")
+    option("--port", type=integer, default=8888, metavar="N", help="the next free one (default 8888)")
     option("jupyter", nargs="*", metavar="OPTION", help="passed on to JupyterLab, after --")
     return parser
 

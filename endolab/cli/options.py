@@ -32,7 +32,7 @@ NOT_KEPT = "Compiling, a minute or so, in every run: NUMBA_CACHE_DIR can name a 
 
 
 # Values ---------------------------------------------------------------------------------
-def whole(text: str) -> int:
+def integer(text: str) -> int:
     """Read a whole number that an option was given."""
     try:
         value = int(text)
@@ -45,16 +45,16 @@ def whole(text: str) -> int:
 
 def count(text: str) -> int:
     """Read how many an option asks for."""
-    if whole(text) < 1:
+    if integer(text) < 1:
         raise argparse.ArgumentTypeError(f"expected at least 1, found {text!r}")
-    return whole(text)
+    return integer(text)
 
 
 def wide(text: str) -> int:
     """Read a width, px."""
-    if whole(text) < 16:
+    if integer(text) < 16:
         raise argparse.ArgumentTypeError(f"expected at least 16 px, found {text!r}")
-    return whole(text)
+    return integer(text)
 
 
 def number(text: str) -> float:

@@ -14,9 +14,9 @@ from endolab.cli.options import (
     add_threads,
     announce_compiling,
     count,
+    integer,
     progress_bar,
     solving,
-    whole,
 )
 
 SNAPSHOTS = 12  # of a march, in its recording
@@ -71,7 +71,7 @@ def _where(arguments: argparse.Namespace) -> dict[str, Any]:
 def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     from endolab.datasets.folders import depth_layout
     from endolab.depth.solvers import DEFAULT_SOLVER
-    from endolab.io.atomic import staged_folder
+    from endolab.io.atomic import stage_folder
     from endolab.io.images import read_frame
     from endolab.preprocessing.frame import looks_like_depth
     from endolab.preprocessing.prepare import prepare
@@ -92,7 +92,7 @@ def _reconstruct_frame(arguments: argparse.Namespace) -> None:
     unrecorded = lacking("rerun")
     if not unrecorded:
         from endolab.recording.recorder import record
-    with announce_compiling(), staged_folder(arguments.out, **_where(arguments)) as folder:
+    with announce_compiling(), stage_folder(arguments.out, **_where(arguments)) as folder:
         prepared = prepare(frame, calibration, highlights="keep") if arguments.prepare else None
         with (
             nullcontext() if unrecorded else record(folder / "recording.rrd") as recorder,
@@ -144,8 +144,8 @@ def _tell(result: Any, solver: str, prepared: Any, uncertainty: Any) -> None:
     import numpy as np
 
     from endolab.reconstruction.assumptions import notes, of_evidence
-    from endolab.reconstruction.plausible import doubts
-    from endolab.reports.result import trusted
+    from endolab.reconstruction.plausible import warnings
+    from endolab.reports.result import summarise_uncertainty
 
     nearest, median, farthest = np.percentile(result.distance[result.mask], [1, 50, 99])
     steps = f"{result.iterations} iteration" + "s" * (result.iterations != 1)
@@ -158,17 +158,19 @@ def _tell(result: Any, solver: str, prepared: Any, uncertainty: Any) -> None:
         ways = "--median-distance, --known-distance or --known-diameter fixes the scale."
         print(f"The gain is unknown, so distances have no unit; {ways}")
     preparation = () if prepared is None else prepared.notes
-    for note in (*preparation, *notes(result), *of_evidence(result), *doubts(result)):
+    for note in (*preparation, *notes(result), *of_evidence(result), *warnings(result)):
         print(note)
     if uncertainty is not None:
-        numbers = trusted(result, uncertainty)
+        numbers = summarise_uncertainty(result, uncertainty)
         sigma, scale = numbers["sigma_percent"], numbers["sigma_scale_percent"]
         shared = f" An error of the scale, common to all, makes {scale:.2g} %." if result.metric else ""
         print(
             f"σ of the distance: {sigma['median']:.2g} % for the median pixel, {sigma['10th']:.2g} to "
             f"{sigma['90th']:.2g} % for four in five.{shared}"
         )
-        shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in numbers["decided_by"].items())
+        shares = ", ".join(
+            f"{name} {100 * share:.0f} %" for name, share in numbers["dominant_source"].items()
+        )
         print("\n".join([f"Pixels decided by: {shares}.", *numbers["notes"]]))
         if numbers["status"] == "STOPPED":
             print(f"σ was stopped after {numbers['draws']} draws.")
@@ -226,7 +228,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
     """Follow a camera until it ends, or the user ends it, which is how a live view ends."""
     from endolab.batch.live import COLUMNS, LIVE_WIDTH, live_row, live_summary, reconstruct_live, shown
     from endolab.batch.table import write_rows
-    from endolab.io.atomic import as_json, staged_folder, write_atomically
+    from endolab.io.atomic import as_json, stage_folder, write_atomically
     from endolab.io.surfaces import save_depth
 
     calibration, keywords = solving(arguments)
@@ -238,7 +240,7 @@ def _reconstruct_live(arguments: argparse.Namespace) -> None:
     with ExitStack() as ending:
         sinks: list[Any] = []
         if arguments.out is not None:
-            folder = ending.enter_context(staged_folder(arguments.out, **_where(arguments)))
+            folder = ending.enter_context(stage_folder(arguments.out, **_where(arguments)))
         if not lacking("rerun"):
             from endolab.recording.stream import Sink
 
@@ -348,7 +350,7 @@ def add_reconstruct_commands(commands: Any) -> None:
     text = "leave out text and dark lumen, undo interlacing, and draw it all: preparation.png"
     option("--prepare", action="store_true", help=text)
     text = f"of fast_marching in the recording (default {SNAPSHOTS})"
-    option("--snapshots", type=whole, metavar="N", help=text)
+    option("--snapshots", type=integer, metavar="N", help=text)
     add_threads(option)
     option = command.add_argument_group("a video or a camera").add_argument
     option("--every", type=count, metavar="N", help="every N-th frame only")
@@ -371,7 +373,7 @@ def add_reconstruct_commands(commands: Any) -> None:
     add_solving_options(command, most_used, swept=True)
     option = command.add_argument_group("output").add_argument
     option("--truth", nargs="+", metavar="T.npz", help="truth.npz of each frame")
-    option("--jobs", type=whole, default=1, metavar="N", help="at once; -1: as many as cores")
+    option("--jobs", type=integer, default=1, metavar="N", help="at once; -1: as many as cores")
     text = "loky (processes, the default), threading or dask"
     option("--backend", choices=("loky", "threading", "dask"), default="loky", metavar="NAME", help=text)
     add_threads(option)

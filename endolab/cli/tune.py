@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from endolab._extras import need
-from endolab.cli.options import add_command, whole, wide
+from endolab.cli.options import add_command, integer, wide
 
 if TYPE_CHECKING:
     from endolab.model.endoscope import Calibration
@@ -120,7 +120,7 @@ def add_tune_command(commands: Any) -> None:
     option("--calibration", required=True, metavar="CAL", help=text)
     option("--truth", metavar="T", help="truth.npz of the frame, or its depth map of a published data set")
     option("--width", type=wide, default=320, metavar="PX", help="to begin with (default 320)")
-    option("--port", type=whole, default=PORT, metavar="N", help=f"the next free one (default {PORT})")
+    option("--port", type=integer, default=PORT, metavar="N", help=f"the next free one (default {PORT})")
     text = "of a proxy in front of it, such as https://lab.example.org, whose pages may come too"
     option("--origin", metavar="URL", help=text)
     text = "print the link, and open no browser"

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from endolab.datasets.known_endoscopes import CALIBRATIONS
-from endolab.datasets.sample import Sample, load_sample, stored_depth
+from endolab.datasets.sample import Sample, load_sample, read_stored_depth
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import BoolArray, FloatArray
 
@@ -47,7 +47,7 @@ def read_c3vd_depth(path: PathLike) -> tuple[FloatArray, BoolArray, BoolArray]:
     seen : (H, W) bool array
         The octagon that the endoscope shows.
     """
-    stored = stored_depth(path, "uint16", 1 / 655.35)
+    stored = read_stored_depth(path, "uint16", 1 / 655.35)
     return stored / 655.35, (stored > 0) & (stored < 65535), stored > 0
 
 

@@ -29,7 +29,7 @@ from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
 from endolab.model.endoscope import Calibration
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from endolab.model.schema import shortened
+from endolab.model.schema import shorten
 
 MAX_BYTES = 1_000_000  # of an XML file; real ones have 1 kB
 FIELD = math.radians(60.0)  # off the light's direction: where sheets are seen well, so the light is known
@@ -57,7 +57,7 @@ def read_xml(path: PathLike, root: str) -> ElementTree.Element:
     except (ElementTree.ParseError, ValueError) as error:
         raise ValueError(f"{source}: not valid XML: {error}") from error
     if top.tag != root:
-        raise ValueError(f"{source}: expected <{root}>, found <{shortened(str(top.tag))}>")
+        raise ValueError(f"{source}: expected <{root}>, found <{shorten(str(top.tag))}>")
     return top
 
 
@@ -89,7 +89,7 @@ class _Part:
         """Return the attribute `type`, which must be one of a few."""
         kind = self.element.get("type")
         if kind not in choices:
-            raise self.error("", f"expected the type {' or '.join(choices)}, found {shortened(str(kind))}")
+            raise self.error("", f"expected the type {' or '.join(choices)}, found {shorten(str(kind))}")
         return str(kind)
 
     def numbers(self, name: str, count: int) -> tuple[float, ...]:
@@ -103,7 +103,7 @@ class _Part:
             values = ()
         if len(values) != count or not all(map(math.isfinite, values)):
             wanted = "a finite number" if count == 1 else f"{count} finite numbers [ a; b; … ]"
-            raise self.error(name, f"expected {wanted}, found {shortened(text) or 'nothing'}")
+            raise self.error(name, f"expected {wanted}, found {shorten(text) or 'nothing'}")
         return values
 
     def number(self, name: str) -> float:
@@ -125,9 +125,9 @@ def read_vicalib(path: PathLike) -> Camera:
     count = _CAMERA_TYPES[model.kind(tuple(_CAMERA_TYPES))]
     width, height = (model.number(name) for name in ("width", "height"))
     fu, fv, u0, v0, *distortion = model.numbers("params", count)
-    whole: dict[str, Any] = {"width": width, "height": height, "fx": fu, "fy": fv, "cx": u0, "cy": v0}
+    integer: dict[str, Any] = {"width": width, "height": height, "fx": fu, "fy": fv, "cx": u0, "cy": v0}
     try:
-        return KannalaBrandt(**whole | {"k": distortion}) if distortion else Pinhole(**whole)
+        return KannalaBrandt(**integer | {"k": distortion}) if distortion else Pinhole(**integer)
     except ValueError as error:
         raise model.error("", str(error)) from error
 

@@ -38,7 +38,7 @@ def data_folder() -> Path | None:
 
 
 # Layouts -------------------------------------------------------------------------------------
-def stored_depth(path: PathLike, dtype: str, step: float) -> np.ndarray:
+def read_stored_depth(path: PathLike, dtype: str, step: float) -> np.ndarray:
     """Read a depth map's numbers, and refuse what cannot be one in steps of `step` mm.
 
     That is one of another bit depth or of several channels, a black one, or one that shows nothing beyond

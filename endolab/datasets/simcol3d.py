@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from endolab.datasets.known_endoscopes import CALIBRATIONS
-from endolab.datasets.sample import Sample, load_sample, stored_depth
+from endolab.datasets.sample import Sample, load_sample, read_stored_depth
 from endolab.io.atomic import PathLike
 from endolab.numerics.arrays import BoolArray, FloatArray
 
@@ -25,7 +25,7 @@ def read_simcol3d_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
     known : (H, W) bool array
         Where it is above 0.
     """
-    stored = stored_depth(path, "uint16", 200 / 65280)
+    stored = read_stored_depth(path, "uint16", 200 / 65280)
     if stored.max() > 65280:
         raise ValueError(f"{path}: expected values up to 65280, which is 200 mm, found {stored.max()}")
     return stored / 256 / 255 * 200, stored > 0

@@ -39,7 +39,7 @@ TRACED = ("matt", "diffuse-1", "diffuse-2", "diffuse-3", "wet-1", "wet-2", "fogg
 class TracedSample(Sample):
     """A path-traced frame with its truth.
 
-    Its calibration is what the light was made with, gain and all its lights; `photometry.simplified()` is the
+    Its calibration is what the light was made with, gain and all its lights; `photometry.simplify()` is the
     one light that stands for three. Distances are true to 0.002 mm.
     """
 

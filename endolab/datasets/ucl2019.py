@@ -11,7 +11,7 @@ along the axis, and so it is taken here. The camera is documented nowhere that w
    depth prediction in endoscopy", IJCARS 14, 2019.
 """
 
-from endolab.datasets.sample import Sample, load_sample, stored_depth
+from endolab.datasets.sample import Sample, load_sample, read_stored_depth
 from endolab.io.atomic import PathLike
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration
@@ -37,7 +37,7 @@ def read_ucl2019_depth(path: PathLike) -> tuple[FloatArray, BoolArray]:
     known : (256, 256) bool array
         Where the value is neither 0 nor 255, 200 mm or more.
     """
-    stored = stored_depth(path, "uint8", STEP)
+    stored = read_stored_depth(path, "uint8", STEP)
     if stored.shape != (SIZE, SIZE):
         raise ValueError(f"{path}: expected {SIZE}x{SIZE} px, found {stored.shape[1]}x{stored.shape[0]} px")
     return stored * STEP, (stored > 0) & (stored < 255)

@@ -17,7 +17,7 @@ import numpy as np
 
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
-from endolab.numerics.derivatives import gradient, hessian, hessian_stencils, links, shifted
+from endolab.numerics.derivatives import gradient, hessian, hessian_stencils, links, shift
 
 # What bending both ways costs, beside all bending. Tubes are 0.5 % off with 10, 0.9 % with 4, 3 % with 0; the
 # more, the less smooth is along a tube what is smooth across.
@@ -29,54 +29,50 @@ CREASE = 3.0  # times ε: where a curvature is charged its size, not its square;
 SLIGHT = 5e-5
 
 
-def _derivatives(
-    f: FloatArray, mask: BoolArray, discontinuities: BoolArray | None
-) -> tuple[FloatArray, FloatArray]:
+def _derivatives(f: FloatArray, mask: BoolArray, cuts: BoolArray | None) -> tuple[FloatArray, FloatArray]:
     """First (2, H, W) and second differences (3, H, W) of a map: u, v; uu, uv, vv."""
-    first = np.stack(gradient(f, mask, discontinuities, edge_order=1))
-    uu, vv, *mixed = hessian(f, mask, discontinuities)
-    uv = np.sqrt(2) * np.sum(mixed, axis=0) / np.maximum(_squares(links(mask, discontinuities)), 1)
+    first = np.stack(gradient(f, mask, cuts, edge_order=1))
+    uu, vv, *mixed = hessian(f, mask, cuts)
+    uv = np.sqrt(2) * np.sum(mixed, axis=0) / np.maximum(_squares(links(mask, cuts)), 1)
     return np.nan_to_num(first), np.stack([uu, uv, vv])
 
 
 def _squares(link: BoolArray) -> IntArray:
     """How many squares of four joined pixels a pixel is in, (H, W)."""
     pairs = hessian_stencils(link)[1].astype(np.int64)
-    pairs = pairs + shifted(pairs, -1, 1, 0)
-    return np.asarray(pairs + shifted(pairs, -1, 0, 0))
+    pairs = pairs + shift(pairs, -1, 1, 0)
+    return np.asarray(pairs + shift(pairs, -1, 0, 0))
 
 
-def whole(mask: BoolArray, discontinuities: BoolArray | None = None) -> BoolArray:
+def valid_stencil(mask: BoolArray, cuts: BoolArray | None = None) -> BoolArray:
     """Where a second difference is known, (3, H, W): all its steps are there, and one on the other axis.
 
     The mixed one is the mean of those of the squares around the pixel, one at least.
     """
-    link = links(mask, discontinuities)
-    beside_u, beside_v = (link[i] | shifted(link[i], -1, axis, False) for i, axis in ((0, 1), (1, 0)))
+    link = links(mask, cuts)
+    beside_u, beside_v = (link[i] | shift(link[i], -1, axis, False) for i, axis in ((0, 1), (1, 0)))
     uu, _, vv = hessian_stencils(link)
     return np.stack([uu & beside_v, _squares(link) > 0, vv & beside_u])
 
 
-def plane_shares(field: RayField, mask: BoolArray, discontinuities: BoolArray | None = None) -> FloatArray:
+def plane_shares(field: RayField, mask: BoolArray, cuts: BoolArray | None = None) -> FloatArray:
     """a, b and c of each second difference of the rays, (uu, uv, vv; a, b, c; H, W); 0 where not known."""
     rays = np.where(mask[..., None], field.rays, 0.0)
-    each = [_derivatives(rays[..., i], mask, discontinuities) for i in range(3)]
+    each = [_derivatives(rays[..., i], mask, cuts) for i in range(3)]
     (ray_u, ray_v), second = (np.stack(parts, axis=-1) for parts in zip(*each, strict=True))
-    known = whole(mask, discontinuities)
+    known = valid_stencil(mask, cuts)
     basis = np.stack([ray_u, ray_v, rays], axis=-1)
     basis[~known.any(axis=0)] = np.eye(3)
     shares = [np.linalg.solve(basis, parts[..., None])[..., 0] for parts in second]
     return np.moveaxis(np.where(known[..., None], shares, 0.0), -1, 1)
 
 
-def second_form(
-    w: FloatArray, field: RayField, mask: BoolArray, discontinuities: BoolArray | None = None
-) -> FloatArray:
+def second_form(w: FloatArray, field: RayField, mask: BoolArray, cuts: BoolArray | None = None) -> FloatArray:
     """Second differences uu, uv, vv of w = 1/d that are 0 on planes, (3, H, W), and where not known."""
     w = np.where(mask, w, 0.0)
-    first, second = _derivatives(w, mask, discontinuities)
-    a, b, c = np.moveaxis(plane_shares(field, mask, discontinuities), 1, 0)
-    return np.where(whole(mask, discontinuities), second - a * first[0] - b * first[1] - c * w, 0.0)
+    first, second = _derivatives(w, mask, cuts)
+    a, b, c = np.moveaxis(plane_shares(field, mask, cuts), 1, 0)
+    return np.where(valid_stencil(mask, cuts), second - a * first[0] - b * first[1] - c * w, 0.0)
 
 
 def size_and_twofold(form: FloatArray, inverse_metric: FloatArray, known: BoolArray) -> FloatArray:

@@ -34,7 +34,7 @@ def _squares_row(link: ByteArray, i: int, shares: FloatArray) -> None:
 
 
 @kernel
-def _mixed_row(x: FloatArray, squares: FloatArray, i: int, out: FloatArray) -> None:
+def _mixed_of_row(x: FloatArray, squares: FloatArray, i: int, out: FloatArray) -> None:
     """uv of a map on a row: the mean of those of the squares that there are."""
     up, row, down = x[i - 1], x[i], x[i + 1]
     for j in range(out.size):
@@ -70,7 +70,7 @@ def fill_shares(rows: Span, rays: FloatArray, link: ByteArray, out: FloatArray) 
                 along[k, j] = ahead * (1 - 0.5 * (float(south) * north))
                 second[0, k, j] = row[j + 3] - 2 * here + row[j + 1]
                 second[2, k, j] = down[j + 2] - 2 * here + up[j + 2]
-            _mixed_row(rays[k], squares, i, second[1, k])
+            _mixed_of_row(rays[k], squares, i, second[1, k])
         # Cramer's rule for a r_u + b r_v + c r
         for j in range(count):
             x, y, z = rays[0, i, PAD + j], rays[1, i, PAD + j], rays[2, i, PAD + j]
@@ -126,7 +126,7 @@ def bend_row(x: FloatArray, link: ByteArray, shares: FloatArray, i: int, form: F
     _know_row(link, i, known)
     _squares_row(link, i, squares)
     uu, uv, vv = form[0], form[1], form[2]
-    _mixed_row(x, squares, i, uv)
+    _mixed_of_row(x, squares, i, uv)
     for j in range(uu.size):
         here = row[j + 2]
         uu[j] = known[0, j] * (row[j + 3] - 2 * here + row[j + 1])

@@ -25,7 +25,7 @@ from endolab.depth.normal_equations import (
     SMOOTHNESS,
     WEIGHT,
 )
-from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, FIRST
+from endolab.depth.problem import CURVATURE, EXACT, FIRST, LOWER_BOUND
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import ByteArray, FloatArray, Span
 from endolab.numerics.compiled import PAD, clear_row, copy_row, kernel
@@ -176,7 +176,7 @@ def _predict_row(v: FloatArray, picture: Picture, wall: Wall, i: int, rows: Floa
     if evidence.size > 0:
         kinds = evidence[i]
         for j in range(model.size):
-            one_sided = kinds[j + 2] == AT_LEAST and residual[j] < 0
+            one_sided = kinds[j + 2] == LOWER_BOUND and residual[j] < 0
             counts[j] = counts[j] if kinds[j + 2] == EXACT or one_sided else 0.0
 
 
@@ -425,7 +425,7 @@ def be_cautious(
     link: ByteArray,
     slants: FloatArray,
 ) -> None:
-    """Write what slopes of a step are charged for beforehand, see `grid.Grid.linearised`."""
+    """Write what slopes of a step are charged for beforehand, see `grid.Grid.equations_at`."""
     first, last = rows_within(rows, PAD, v.shape[0] - PAD)
     count = v.shape[1] - 2 * PAD
     raised_u, raised_w, slant = np.empty(count), np.empty(count), np.empty(count)

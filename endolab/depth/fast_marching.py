@@ -17,7 +17,7 @@ pixel out is accepted and lower, else of first. Other BRDFs change the right-han
 
 Where the march enters the picture from its border, or from behind an occluding contour, the
 true value is not in the picture: `inflow` gives it where it is known. Over a contour the surface
-is torn, so that a march across it is wrong on the far side: a problem's `discontinuities` forbid it, and the
+is torn, so that a march across it is wrong on the far side: a problem's `cuts` forbid it, and the
 far side starts from its own local minima of y₀.
 """
 
@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
 from endolab.numerics.compiled import kernel
-from endolab.numerics.derivatives import links, shifted
+from endolab.numerics.derivatives import links, shift
 
 # Neighbours in turn around a pixel (row, column): consecutive ones make the eight triangles.
 _AROUND = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)])
@@ -238,7 +238,7 @@ def _advance(count: int, size: int, front: Front, y0: FloatArray, metric: FloatA
     return size
 
 
-def _ways(mask: BoolArray, discontinuities: BoolArray | None) -> BitArray:
+def _ways(mask: BoolArray, cuts: BoolArray | None) -> BitArray:
     """Bit k of a pixel, (H, W) uint8: whether it and its k-th neighbour (`_AROUND`) may see each other.
 
     A diagonal step cuts the corner of two steps: where there are cuts, one of the two ways around
@@ -247,23 +247,18 @@ def _ways(mask: BoolArray, discontinuities: BoolArray | None) -> BitArray:
     or staircase. Diagonals within a part, and around the end of a contour, stay open. Holes of the
     mask alone set nothing apart: behind a highlight the surface goes on.
     """
-    right, lower = links(mask, discontinuities)
-    left, upper = shifted(right, -1, 1, False), shifted(lower, -1, 0, False)
-    beside = (shifted(mask, 1, 1, False), shifted(mask, -1, 1, False))
-    to_right, to_left = (mask & shifted(side, 1, 0, False) for side in beside)
-    if discontinuities is not None:
-        torn = (
-            discontinuities[0]
-            | shifted(discontinuities[0], 1, 0, False)
-            | discontinuities[1]
-            | shifted(discontinuities[1], 1, 1, False)
-        )
-        around = right & shifted(lower, 1, 1, False) | lower & shifted(right, 1, 0, False)
+    right, lower = links(mask, cuts)
+    left, upper = shift(right, -1, 1, False), shift(lower, -1, 0, False)
+    beside = (shift(mask, 1, 1, False), shift(mask, -1, 1, False))
+    to_right, to_left = (mask & shift(side, 1, 0, False) for side in beside)
+    if cuts is not None:
+        torn = cuts[0] | shift(cuts[0], 1, 0, False) | cuts[1] | shift(cuts[1], 1, 1, False)
+        around = right & shift(lower, 1, 1, False) | lower & shift(right, 1, 0, False)
         to_right &= around | ~torn
-        around = left & shifted(lower, -1, 1, False) | lower & shifted(left, 1, 0, False)
-        to_left &= around | ~shifted(torn, -1, 1, False)
-    from_right, from_left = shifted(to_right, -1, 0, False), shifted(to_left, -1, 0, False)
-    up_left, up_right = shifted(from_right, -1, 1, False), shifted(from_left, 1, 1, False)
+        around = left & shift(lower, -1, 1, False) | lower & shift(left, 1, 0, False)
+        to_left &= around | ~shift(torn, -1, 1, False)
+    from_right, from_left = shift(to_right, -1, 0, False), shift(to_left, -1, 0, False)
+    up_left, up_right = shift(from_right, -1, 1, False), shift(from_left, 1, 1, False)
     turns = (right, to_right, lower, to_left, left, up_left, upper, up_right)
     return np.packbits(np.stack(turns), axis=0, bitorder="little")[0]
 
@@ -295,19 +290,19 @@ class March:
     @classmethod
     def seeded(
         cls,
-        log_facing: FloatArray,
+        log_d0: FloatArray,
         mask: BoolArray,
         metric: FloatArray,
         table: Table | None,
         inflow: FloatArray | None = None,
-        discontinuities: BoolArray | None = None,
+        cuts: BoolArray | None = None,
     ) -> March:
         """Start from the local minima of d₀ and from the pixels whose value is given.
 
         `metric` is that of `RayField.inverse_metric`, `table` that of `Photometry.slant_table`.
         """
-        y0 = np.where(mask, np.exp(2 * log_facing), 1.0)
-        ways = _ways(mask, discontinuities)
+        y0 = np.where(mask, np.exp(2 * log_d0), 1.0)
+        ways = _ways(mask, cuts)
         value = np.where(_is_lowest_around(y0, mask, ways), y0, np.inf).ravel()
         fixed = np.zeros(value.shape, dtype=bool)
         if inflow is not None:

@@ -7,7 +7,7 @@ is halved until the energy falls no further, so the energies of the iterates fal
 
 Where a wall faces the camera, a linearised model says nothing of its slope: a step may tilt it as it
 likes, and is good only for a small share of its length. So what a slope like that of the last steps would
-darken there is charged for, beforehand (`Grid.linearised`); as steps become short, this vanishes.
+darken there is charged for, beforehand (`Grid.equations_at`); as steps become short, this vanishes.
 
 A fast march explains the frame, but takes the surface to face the camera where it enters the
 picture, at the border and behind contours. The true values there are whatever makes the surface
@@ -37,8 +37,8 @@ from endolab.depth.normal_equations import Coefficients
 from endolab.depth.problem import Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import number, whole
-from endolab.numerics.compiled import inner, padded
+from endolab.numerics.checks import check_int, number
+from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.iteration import Status
 
 LONGEST_STEP = 0.5  # of a step, in log d: a factor of 1.65 in distance
@@ -79,7 +79,7 @@ class _State:
 
     @classmethod
     def at(cls, grid: Grid, v: FloatArray, lam: float) -> _State:
-        v = np.minimum(v, grid.ceiling) if grid.is_torn else v
+        v = np.minimum(v, grid.ceiling) if grid.is_cut else v
         return cls(grid, v, lam, grid.terms(v, lam))
 
     @property
@@ -99,7 +99,7 @@ class _State:
     def has_converged(self, tolerance: float) -> bool:
         return self.left <= tolerance * self.energy + ROUNDING
 
-    def stepped(self) -> _State:
+    def take_step(self) -> _State:
         """Take one Gauss-Newton step, halved until the energy falls no further.
 
         What is left is what the quadratic promised, with what its solver left of that; or what further falls
@@ -107,7 +107,7 @@ class _State:
         tells of that rate too: the quadratic bends more than the energy then, as Huber's parabolas do, so
         that a share q of the error remains, and q² of the fall.
         """
-        coefficients, descent = self.grid.linearised(self.v, self.lam, self.slants, self.coefficients)
+        coefficients, descent = self.grid.equations_at(self.v, self.lam, self.slants, self.coefficients)
         multigrid = self.multigrid
         for damping in (self.next_damping, max(10 * self.next_damping, HELD)):
             multigrid = Multigrid(coefficients, damping, multigrid)
@@ -155,17 +155,17 @@ class _State:
             share /= 2
         return lowest
 
-    def descended(self, tolerance: float) -> _State:
+    def descend(self, tolerance: float) -> _State:
         """Take up to `COARSE_STEPS` steps."""
         state = self
         for _ in range(COARSE_STEPS):
-            state = state.stepped()
+            state = state.take_step()
             if state.share == 0 or state.has_converged(tolerance):
                 break
         return state
 
 
-def _begun(grid: Grid, guess: FloatArray | None, lam: float, march: bool) -> tuple[_State, bool]:
+def _begin_march(grid: Grid, guess: FloatArray | None, lam: float, march: bool) -> tuple[_State, bool]:
     """March with the guess's values where it enters, or the guess itself if its energy is less.
 
     The march is sharper, and right on smooth walls; over folds that hide something it is rough, and
@@ -174,7 +174,7 @@ def _begun(grid: Grid, guess: FloatArray | None, lam: float, march: bool) -> tup
     energy wants, while regions that are held by little would stay where a torn march puts them.
     """
     if guess is None:
-        return _State.at(grid, replace(grid, link=grid.whole).march(), lam), True
+        return _State.at(grid, replace(grid, link=grid.uncut_links).march(), lam), True
     given = _State.at(grid, guess, lam)
     if march:
         marched = _State.at(grid, grid.march(guess), lam)
@@ -187,17 +187,17 @@ def _guesses(grids: list[Grid], tolerance: float) -> Generator[tuple[FloatArray,
     """Maps at full size, as found on ever finer grids but the finest, and whether to march there."""
     lam, guess, march = grids[0].problem.lam, None, True
     for level in range(len(grids) - 1, 0, -1):
-        state, march = _begun(grids[level], guess, lam, march)
+        state, march = _begin_march(grids[level], guess, lam, march)
         v = state.v
         for factor in CONTINUATION if guess is None else (1.0,):
-            v = _State.at(grids[level], v, factor * lam).descended(tolerance).v
+            v = _State.at(grids[level], v, factor * lam).descend(tolerance).v
         shown = guess = grids[level].finer(v, grids[level - 1])
         for coarse in range(level - 1, 0, -1):
             shown = grids[coarse].finer(shown, grids[coarse - 1])
         yield shown, march
 
 
-def _coarsened(grid: Grid, most: float = np.inf) -> list[Grid]:
+def _coarsen(grid: Grid, most: float = np.inf) -> list[Grid]:
     """Return the grid and those of fewer pixels, at most so many."""
     grids = [grid]
     while len(grids) <= most and min(grids[-1].mask.shape) >= 2 * COARSEST:
@@ -205,27 +205,27 @@ def _coarsened(grid: Grid, most: float = np.inf) -> list[Grid]:
     return grids
 
 
-def _adapted(finest: Grid, start: FloatArray, tolerance: float) -> FloatArray:
+def _adapt_start(finest: Grid, start: FloatArray, tolerance: float) -> FloatArray:
     """Return the start if it is near, or what ever finer grids make of it."""
-    lam, grids, starts = finest.problem.lam, _coarsened(finest, LOOK), [start]
+    lam, grids, starts = finest.problem.lam, _coarsen(finest, LOOK), [start]
     if len(grids) == 1:
         return start
     for grid in grids[:-1]:
         starts.append(grid.restrict(starts[-1]))
     begun = _State.at(grids[-1], starts[-1], lam)
-    state = begun.stepped()
+    state = begun.take_step()
     if begun.energy <= NEARLY_BEST * state.energy:
         return start
-    state = state.descended(tolerance)
+    state = state.descend(tolerance)
     for level in range(len(grids) - 2, -1, -1):
         coarse, fine = grids[level + 1], grids[level]
         change = coarse.finer(state.v - starts[level + 1], fine)
         maps = coarse.finer(state.v, fine), starts[level] + change
         state = min((_State.at(fine, v, lam) for v in maps), key=lambda state: state.energy)
         if level > 0:
-            state = state.descended(tolerance)
-    given = padded(np.nan_to_num(finest.inflow))
-    return np.where(padded(np.isnan(finest.inflow)), state.v, given)
+            state = state.descend(tolerance)
+    given = pad_maps(np.nan_to_num(finest.inflow))
+    return np.where(pad_maps(np.isnan(finest.inflow)), state.v, given)
 
 
 def gauss_newton(
@@ -260,10 +260,10 @@ def gauss_newton(
     check_maps(mask, start, inflow)
     number("tolerance", tolerance, 0)
     number("settled", settled, 0)
-    whole("max_iterations", max_iterations)
+    check_int("max_iterations", max_iterations)
     finest = Grid.of(problem, inflow)
     if start is not None:
-        v = padded(
+        v = pad_maps(
             np.where(mask, start if inflow is None else np.where(np.isnan(inflow), start, inflow), 0.0)
         )
         state = _State.at(finest, v, problem.lam)
@@ -271,34 +271,34 @@ def gauss_newton(
         yield iterate
         again = abs(state.energy - converged_at) <= SAME_ENERGY * state.energy
         if max_iterations > 0 and again:
-            tried = state.stepped()
+            tried = state.take_step()
             moved = Iterate.of(problem, inner(tried.v), iterate, terms=tried.terms).change
             if tried.has_converged(tolerance) or moved < settled:
                 return Status.CONVERGED
         if max_iterations > 0:
-            adapted = _State.at(finest, _adapted(finest, v, tolerance), problem.lam)
+            adapted = _State.at(finest, _adapt_start(finest, v, tolerance), problem.lam)
             if adapted.energy < state.energy:
                 state = adapted
                 iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms)
                 yield iterate
     else:
-        v = padded(np.where(mask, problem.log_facing, 0.0))
+        v = pad_maps(np.where(mask, problem.log_d0, 0.0))
         iterate = Iterate.of(problem, inner(v), terms=finest.terms(v, problem.lam))
         yield iterate
         guess, march = None, True
-        for guess, again in _guesses(_coarsened(finest), tolerance):
+        for guess, again in _guesses(_coarsen(finest), tolerance):
             march = again
             terms = finest.terms(guess, problem.lam)
             if iterate.k < max_iterations and sum(terms.values()) < iterate.energy:
                 iterate = Iterate.of(problem, inner(guess), iterate, terms=terms)
                 yield iterate
-        state, _ = _begun(finest, guess, problem.lam, march)
+        state, _ = _begin_march(finest, guess, problem.lam, march)
         if iterate.k < max_iterations and state.energy < iterate.energy:
             iterate = Iterate.of(problem, inner(state.v), iterate, terms=state.terms)
             yield iterate
     moved = np.inf
     while iterate.k < max_iterations:
-        state = state.stepped()
+        state = state.take_step()
         if state.share == 0:
             return Status.CONVERGED if state.has_converged(tolerance) else Status.STALLED
         if state.energy < iterate.energy:

@@ -36,10 +36,10 @@ from endolab.depth.normal_equations import (
     Structure,
     shares_of,
 )
-from endolab.depth.problem import AT_LEAST, CURVATURE, EXACT, NONE, REGULARISERS, Problem
-from endolab.depth.tears import Cells, coarser_links, main_parts
+from endolab.depth.problem import CURVATURE, EXACT, LOWER_BOUND, NONE, REGULARISERS, Problem
+from endolab.depth.tears import Cells, coarser_links, largest_fragments
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray
-from endolab.numerics.compiled import PAD, block_sums, halved, inner, kernel, leads, padded
+from endolab.numerics.compiled import PAD, block_sums, halved, inner, kernel, leads, pad_maps
 from endolab.numerics.derivatives import links
 
 ABOVE = 0.7  # of log d₀: a factor of two, more than noise and mottles put a wall above what is an upper bound
@@ -48,7 +48,12 @@ NEARLY = 0.008  # of log d below that ceiling, where a pixel is held that is dra
 
 @kernel
 def _enters(
-    v: FloatArray, metric: FloatArray, active: ByteArray, link: ByteArray, whole: ByteArray, out: BoolArray
+    v: FloatArray,
+    metric: FloatArray,
+    active: ByteArray,
+    link: ByteArray,
+    uncut_links: ByteArray,
+    out: BoolArray,
 ) -> None:
     """Mark the pixels that a march down to v enters over the mask's border or a cut; out is not padded."""
     count = out.shape[1]
@@ -58,10 +63,10 @@ def _enters(
         for column in range(out.shape[1]):
             i, j = PAD + row, PAD + column
             up, wp = raised_u[column], raised_w[column]
-            right = not active[i, j + 1] or link[0, i, j] < whole[0, i, j]
-            left = not active[i, j - 1] or link[0, i, j - 1] < whole[0, i, j - 1]
-            below = not active[i + 1, j] or link[1, i, j] < whole[1, i, j]
-            above = not active[i - 1, j] or link[1, i - 1, j] < whole[1, i - 1, j]
+            right = not active[i, j + 1] or link[0, i, j] < uncut_links[0, i, j]
+            left = not active[i, j - 1] or link[0, i, j - 1] < uncut_links[0, i, j - 1]
+            below = not active[i + 1, j] or link[1, i, j] < uncut_links[1, i, j]
+            above = not active[i - 1, j] or link[1, i - 1, j] < uncut_links[1, i - 1, j]
             from_sides = (up < 0 and right) or (up > 0 and left)
             from_ends = (wp < 0 and below) or (wp > 0 and above)
             out[row, column] = active[i, j] and (from_sides or from_ends)
@@ -79,7 +84,7 @@ class Grid:
     edge: FloatArray  # edge weight g
     active: ByteArray  # the mask
     link: ByteArray  # (2, ...): steps that derivatives take, see `numerics.derivatives.links`
-    whole: ByteArray  # those that there would be without cuts: the same array where nothing is torn
+    uncut_links: ByteArray  # those that there would be without cuts: the same array where nothing is torn
     evidence: ByteArray  # see `Problem`; (0, 0) for exact pixels
     rays: FloatArray  # (3, ...), of which second differences make planes free; (3, 0, 0) where none does
     inflow: FloatArray  # (H, W), not padded: log d where it is given and no unknown, else nan
@@ -92,20 +97,20 @@ class Grid:
         """Grid of a problem's own pixels."""
         mask, field = problem.mask, problem.field
         cos_alpha = np.where(mask, field.cos_alpha, 1.0)
-        whole = padded(links(mask).astype(np.int8))
-        torn = problem.discontinuities is not None and bool((problem.discontinuities & links(mask)).any())
+        uncut_links = pad_maps(links(mask).astype(np.int8))
+        torn = problem.cuts is not None and bool((problem.cuts & links(mask)).any())
         return cls(
             problem,
-            padded(np.where(mask, problem.image, 0.0)),
-            padded(np.log(problem.photometry.shade(0.0, 0.0, cos_alpha)[0])),
-            padded(np.where(mask, np.moveaxis(field.inverse_metric, -1, 0), 0.0)),
-            padded((1 / cos_alpha if problem.xi == "1/z" else np.ones(mask.shape)) / problem.xi_median),
-            padded(problem.edge_weight),
-            padded(mask.astype(np.int8)),
-            padded(links(mask, problem.discontinuities).astype(np.int8)) if torn else whole,
-            whole,
-            np.empty((0, 0), np.int8) if problem.evidence is None else padded(problem.evidence),
-            padded(np.where(mask, np.moveaxis(field.rays, -1, 0), 0.0))
+            pad_maps(np.where(mask, problem.image, 0.0)),
+            pad_maps(np.log(problem.photometry.shade(0.0, 0.0, cos_alpha)[0])),
+            pad_maps(np.where(mask, np.moveaxis(field.inverse_metric, -1, 0), 0.0)),
+            pad_maps((1 / cos_alpha if problem.xi == "1/z" else np.ones(mask.shape)) / problem.xi_median),
+            pad_maps(problem.edge_weight),
+            pad_maps(mask.astype(np.int8)),
+            pad_maps(links(mask, problem.cuts).astype(np.int8)) if torn else uncut_links,
+            uncut_links,
+            np.empty((0, 0), np.int8) if problem.evidence is None else pad_maps(problem.evidence),
+            pad_maps(np.where(mask, np.moveaxis(field.rays, -1, 0), 0.0))
             if problem.regulariser == "curvature"
             else np.empty((3, 0, 0)),
             np.full(mask.shape, np.nan) if inflow is None else np.where(mask, inflow, np.nan),
@@ -115,9 +120,9 @@ class Grid:
 
     def coarser(self) -> Grid:
         """Grid of half the rows and columns."""
-        given = padded(np.isfinite(self.inflow).astype(np.int8))
-        inflow = inner(_block_means(padded(np.nan_to_num(self.inflow)), given))
-        link, whole = coarser_links(self.main, self.link, self.whole)
+        given = pad_maps(np.isfinite(self.inflow).astype(np.int8))
+        inflow = inner(_block_means(pad_maps(np.nan_to_num(self.inflow)), given))
+        link, uncut_links = coarser_links(self.main, self.link, self.uncut_links)
         image, evidence = self._coarser_evidence()
         return replace(
             self,
@@ -128,7 +133,7 @@ class Grid:
             edge=self.restrict(self.edge),
             active=halved(self.active),
             link=link,
-            whole=whole,
+            uncut_links=uncut_links,
             evidence=evidence,
             # A plane's 1/d is linear in the ray, so that block means of both stay a plane.
             rays=np.stack([self.restrict(component) for component in self.rays])
@@ -148,8 +153,8 @@ class Grid:
         if self.evidence.size == 0:
             return image, self.evidence
         speaks = self.main * (self.evidence != NONE)
-        count, bounds = block_sums(speaks), block_sums(speaks * (self.evidence == AT_LEAST))
-        evidence = np.where(count == 0, NONE, np.where(2 * bounds > count, AT_LEAST, EXACT))
+        count, bounds = block_sums(speaks), block_sums(speaks * (self.evidence == LOWER_BOUND))
+        evidence = np.where(count == 0, NONE, np.where(2 * bounds > count, LOWER_BOUND, EXACT))
         return np.where(count > 0, _block_means(self.image, speaks), image), evidence.astype(np.int8)
 
     def restrict(self, a: FloatArray) -> FloatArray:
@@ -158,18 +163,18 @@ class Grid:
 
     def finer(self, v: FloatArray, fine: Grid) -> FloatArray:
         """A map of this grid on the finer one that it came from."""
-        blocks = Cells(self.active, self.link, self.whole)
-        way = Interpolation.to(Cells(fine.active, fine.link, fine.whole), fine.main, blocks)
+        blocks = Cells(self.active, self.link, self.uncut_links)
+        way = Interpolation.to(Cells(fine.active, fine.link, fine.uncut_links), fine.main, blocks)
         out = np.zeros(fine.active.shape)
         way.add(v, out)
-        if self.is_torn:
+        if self.is_cut:
             missed = (fine.active > 0) & (way.share == 0) & ~way.at_rims
             i, j = np.nonzero(missed)
             down, across = leads(out)
             out[i, j] = v[PAD + (i - PAD + down) // 2, PAD + (j - PAD + across) // 2]
             left_out = (fine.active > 0) & (fine.main == 0)
-            out[left_out] = np.minimum(out, padded(fine.log_facing))[left_out]
-        return np.where(padded(np.isfinite(fine.inflow)), padded(np.nan_to_num(fine.inflow)), out)
+            out[left_out] = np.minimum(out, pad_maps(fine.log_d0))[left_out]
+        return np.where(pad_maps(np.isfinite(fine.inflow)), pad_maps(np.nan_to_num(fine.inflow)), out)
 
     @property
     def mask(self) -> BoolArray:
@@ -177,26 +182,26 @@ class Grid:
         return inner(self.active) > 0
 
     @property
-    def is_torn(self) -> bool:
+    def is_cut(self) -> bool:
         """Whether any step is cut."""
-        return self.link is not self.whole
+        return self.link is not self.uncut_links
 
     @property
-    def discontinuities(self) -> BoolArray | None:
+    def cuts(self) -> BoolArray | None:
         """Steps that are cut, (2, H, W), see `Problem`."""
-        return inner(self.link) < inner(self.whole) if self.is_torn else None
+        return inner(self.link) < inner(self.uncut_links) if self.is_cut else None
 
     @cached_property
     def main(self) -> ByteArray:
         """Pixels for which the coarser grid's blocks stand, see `tears`; the mask, where nothing is torn."""
-        return main_parts(self.active, self.link, self.whole)
+        return largest_fragments(self.active, self.link, self.uncut_links)
 
     @property
     def _kind(self) -> int:
         return REGULARISERS.index(self.problem.regulariser)
 
     @cached_property
-    def log_facing(self) -> FloatArray:
+    def log_d0(self) -> FloatArray:
         """log d₀, (H, W), see `Problem`; 0 outside the mask."""
         dark = np.log(np.where(self.mask, inner(self.image), 1.0))
         gamma = self.problem.photometry.gamma
@@ -205,15 +210,15 @@ class Grid:
     @cached_property
     def ceiling(self) -> FloatArray:
         """What a map may not exceed, padded: d₀ and a little where cuts leave islands; (0, 0) if none are."""
-        if not self.is_torn:
+        if not self.is_cut:
             return np.empty((0, 0))
         silent = inner(self.evidence) == NONE if self.evidence.size else ~self.mask
-        return padded(np.where(silent, np.inf, self.log_facing + ABOVE))
+        return pad_maps(np.where(silent, np.inf, self.log_d0 + ABOVE))
 
-    def entered(self, v: FloatArray) -> BoolArray:
+    def inflow_pixels(self, v: FloatArray) -> BoolArray:
         """Pixels, (H, W), that a march down to the map v enters over the mask's border or a cut."""
         out = np.empty(self.mask.shape, dtype=np.bool_)
-        _enters(v, self.metric, self.active, self.link, self.whole, out)
+        _enters(v, self.metric, self.active, self.link, self.uncut_links, out)
         return out
 
     def march(self, guess: FloatArray | None = None) -> FloatArray:
@@ -222,11 +227,11 @@ class Grid:
         Values are taken from the guess where the march enters the picture and where the picture is
         not exact, and from `inflow` where that is given.
         """
-        mask, log_facing, inflow = self.mask, self.log_facing, self.inflow
+        mask, log_d0, inflow = self.mask, self.log_d0, self.inflow
         if guess is not None:
-            enters = self.entered(guess)
+            enters = self.inflow_pixels(guess)
             # The facing distance is an upper bound; a guess beyond it would explain nothing.
-            bounded = np.minimum(inner(guess), log_facing)
+            bounded = np.minimum(inner(guess), log_d0)
             if self.evidence.size:
                 evidence = inner(self.evidence)
                 enters |= mask & (evidence != EXACT)
@@ -234,13 +239,13 @@ class Grid:
             inflow = np.where(np.isnan(inflow) & enters, bounded, inflow)
         metric = np.moveaxis(inner(self.metric), 0, -1)
         table = self.problem.photometry.slant_table()
-        march = March.seeded(log_facing, mask, metric, table, inflow, self.discontinuities)
+        march = March.seeded(log_d0, mask, metric, table, inflow, self.cuts)
         march.advance(mask.size)
-        return padded(np.where(mask, march.log_distance, 0.0))
+        return pad_maps(np.where(mask, march.log_distance, 0.0))
 
     @cached_property
     def _room(self) -> FloatArray:
-        """Memory for ξ and two maps of `linearised`: fresh pages take longer than what is written there."""
+        """Memory for ξ and two maps of `equations_at`: fresh pages take longer than what is written there."""
         return np.empty((3, *self.image.shape))
 
     def _xi(self, v: FloatArray) -> FloatArray:
@@ -285,9 +290,9 @@ class Grid:
         """That of equations for pixels that are free: the old one, if it is of the same."""
         if old is not None and old.link is self.link and np.array_equal(old.active, free):
             return old
-        return Structure(free, self.link, self.whole, self.rays, self._kind)
+        return Structure(free, self.link, self.uncut_links, self.rays, self._kind)
 
-    def linearised(
+    def equations_at(
         self, v: FloatArray, lam: float, slants: FloatArray | None = None, old: Coefficients | None = None
     ) -> tuple[Coefficients, FloatArray]:
         """Normal equations of a Gauss-Newton step, as of the sum over pixels: matrix, right-hand side.
@@ -304,7 +309,7 @@ class Grid:
         sign = 1.0 if self.problem.xi == "d" else -1.0
         linearise(v, xi, *self._energy(lam), (parts, descent, smooth))
         free = self.free
-        if self.is_torn:
+        if self.is_cut:
             slope = sign * xi
             free = free * ~((v > self.ceiling - NEARLY) & (descent > slope * smooth))
         finish(descent, smooth, xi, sign, free, parts)
@@ -317,7 +322,7 @@ class Grid:
     @cached_property
     def free(self) -> ByteArray:
         """Pixels that are unknown, int8."""
-        return self.active * padded(np.isnan(self.inflow).astype(np.int8))
+        return self.active * pad_maps(np.isnan(self.inflow).astype(np.int8))
 
 
 def _block_means(a: FloatArray, inside: ByteArray) -> FloatArray:

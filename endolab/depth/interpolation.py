@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from endolab.depth.tears import Cells, nearest, reached
+from endolab.depth.tears import Cells, nearest, same_side
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, Span
 from endolab.numerics.compiled import PAD, kernel, lead
 from endolab.numerics.threads import on_cores, rows_within
@@ -102,7 +102,7 @@ def _fill_shares(active: ByteArray, main: ByteArray, blocks: Cells, share: Float
 @kernel
 def _fill_strands(pixels: Cells, main: ByteArray, blocks: Cells, share: FloatArray, strands: Strands) -> int:
     """Write the strands to active pixels that have no share, or their shares; return how many strands."""
-    active, link, whole = pixels
+    active, link, uncut_links = pixels
     known, across, _ = blocks
     pixel, block, weight = strands
     count, wide = 0, known.shape[1]
@@ -111,7 +111,7 @@ def _fill_strands(pixels: Cells, main: ByteArray, blocks: Cells, share: FloatArr
         for j in range(PAD, active.shape[1] - PAD):
             if not active[i, j] or share[i, j] > 0:
                 continue
-            of_side = reached(main, link, whole, blocks, i, j)
+            of_side = same_side(main, link, uncut_links, blocks, i, j)
             if of_side[0] and of_side[1] and of_side[2] and of_side[3]:
                 share[i, j] = 1 / 16
                 continue

@@ -220,7 +220,7 @@ def _invert_sums(rows: Span, out: FloatArray, m: FloatArray, active: ByteArray) 
             out[i, j + 2] = 1 / row[j] if active[i, j + 2] and row[j] > 0 else 0.0
 
 
-def _inverted(m: FloatArray, active: ByteArray) -> FloatArray:
+def _invert(m: FloatArray, active: ByteArray) -> FloatArray:
     """Inverse of the matrix of a small grid's active pixels."""
     i, j = np.nonzero(active)
     number, dense = np.full(active.shape, -1), np.zeros((i.size, i.size))
@@ -260,7 +260,7 @@ class _Level:
         _begin(self.x, self.r, self.b, self.inverse, self.steps)
         _smooth(self.x, self.r, self.matrix, self.inverse, self.steps, 1)
 
-    def corrected(self, coarse: FloatArray) -> None:
+    def correct(self, coarse: FloatArray) -> None:
         """Add a coarser grid's correction, and smooth x."""
         self.steps[0] = 0.0
         self.structure.way.add(coarse, self.steps[0])
@@ -287,7 +287,7 @@ class Multigrid:
             level = self.levels[depth]
             coefficients.matrix(damping, level.matrix)
             if coefficients.structure.pixels <= COARSEST:
-                self.solution = _inverted(level.matrix, coefficients.active)
+                self.solution = _invert(level.matrix, coefficients.active)
                 break
             _invert_sums(level.inverse, level.matrix, coefficients.active)
             if depth == len(self.coarse):
@@ -308,7 +308,7 @@ class Multigrid:
         below = self.levels[depth + 1]
         at.structure.way.adjoint(at.r, below.structure.active, below.b)
         self._cycle(depth + 1)
-        at.corrected(below.x)
+        at.correct(below.x)
 
     def solve(self, b: FloatArray, tolerance: float, most: int) -> tuple[FloatArray, int, float]:
         """Conjugate gradients on M x = b, until the preconditioned residual is `tolerance` of what it was.

@@ -17,7 +17,7 @@ import numpy as np
 from endolab.depth.curvature_kernels import DOWN, RIGHT, fill_shares, stencils_row
 from endolab.depth.interpolation import Interpolation
 from endolab.depth.problem import CURVATURE, FIRST
-from endolab.depth.tears import Cells, coarser_links, held, main_parts
+from endolab.depth.tears import Cells, coarser_links, held_pixels, largest_fragments
 from endolab.numerics.arrays import ByteArray, FloatArray, IntArray, Span
 from endolab.numerics.compiled import PAD, block_sums, clear_row, halved, kernel, lead
 from endolab.numerics.threads import ROWS, on_cores, rows_within
@@ -266,7 +266,7 @@ class Structure:
 
     active: ByteArray
     link: ByteArray
-    whole: ByteArray  # the links that there would be without cuts: the same array where nothing is torn
+    uncut_links: ByteArray  # the links that there would be without cuts: the same array where nothing is torn
     rays: FloatArray  # see `grid.Grid`
     kind: int  # which of `problem.REGULARISERS`
 
@@ -283,7 +283,7 @@ class Structure:
     @cached_property
     def main(self) -> ByteArray:
         """Pixels for which the coarser grid's blocks stand, see `tears`; all, where nothing is torn."""
-        return main_parts(self.active, self.link, self.whole)
+        return largest_fragments(self.active, self.link, self.uncut_links)
 
     @cached_property
     def shares(self) -> FloatArray:
@@ -293,10 +293,10 @@ class Structure:
     @cached_property
     def coarser(self) -> Structure:
         """The same on half the pixels."""
-        link, whole = coarser_links(self.main, self.link, self.whole)
+        link, uncut_links = coarser_links(self.main, self.link, self.uncut_links)
         active = halved(self.main)
-        if link is not whole:
-            active = active & held(link, self.kind != FIRST)
+        if link is not uncut_links:
+            active = active & held_pixels(link, self.kind != FIRST)
         rays = self.rays
         if rays.size:
             # Blocks of pixels that are given have rays, too: their neighbours' second differences need them.
@@ -304,14 +304,14 @@ class Structure:
             count = np.maximum(np.where(inside > 0, inside, known), 1)
             sums = (np.where(inside > 0, block_sums(ray * self.main), block_sums(ray)) for ray in rays)
             rays = np.stack([ray / count for ray in sums])
-        return Structure(active, link, whole, rays, self.kind)
+        return Structure(active, link, uncut_links, rays, self.kind)
 
     @cached_property
     def way(self) -> Interpolation:
         """Linear interpolation from the coarser grid."""
         below = self.coarser
-        blocks = Cells(below.active, below.link, below.whole)
-        return Interpolation.to(Cells(self.active, self.link, self.whole), self.main, blocks)
+        blocks = Cells(below.active, below.link, below.uncut_links)
+        return Interpolation.to(Cells(self.active, self.link, self.uncut_links), self.main, blocks)
 
 
 def shares_of(rays: FloatArray, link: ByteArray) -> FloatArray:

@@ -38,14 +38,14 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.depth.grid import Grid
-from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem, check_maps
+from endolab.depth.problem import EXACT, LOWER_BOUND, NONE, Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.model.photometry import Photometry
 from endolab.model.surface import from_xi, to_xi
 from endolab.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray, SingleArray, Span
-from endolab.numerics.checks import number, whole
-from endolab.numerics.compiled import framed, kernel, padded
-from endolab.numerics.derivatives import fineness, gradient, hessian_stencils, links
+from endolab.numerics.checks import check_int, number
+from endolab.numerics.compiled import framed, kernel, pad_maps
+from endolab.numerics.derivatives import gradient, hessian_stencils, links, px_per_reference
 from endolab.numerics.iteration import Status
 from endolab.numerics.threads import ROWS, on_cores, rows_within
 
@@ -85,10 +85,10 @@ class Slopes(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """The dual's steps; `whole` is where a difference has all its steps."""
+    """The dual's steps; `valid_stencil` is where a difference has all its steps."""
 
     sigma: SingleArray
-    whole: ByteArray
+    valid_stencil: ByteArray
     shrink: SingleArray
     bound: SingleArray
     scale: np.float32
@@ -258,21 +258,21 @@ def _down_columns(
 @kernel
 def _dual_first(q: SingleArray, x: SingleArray, rule: Rule, i: int) -> None:
     """Dual ascent on a row, of the differences to the right and the lower neighbour."""
-    sigma, whole, shrink, bound, _, _ = rule
+    sigma, valid_stencil, shrink, bound, _, _ = rule
     for j in range(x.shape[1] - 2):
         here, rate, less = x[i, j + 1], sigma[i, j + 1], shrink[i, j + 1]
-        q0 = less * (q[0, i, j + 1] + rate * SINGLE(whole[0, i, j + 1]) * (x[i, j + 2] - here))
-        q1 = less * (q[1, i, j + 1] + rate * SINGLE(whole[1, i, j + 1]) * (x[i + 1, j + 1] - here))
+        q0 = less * (q[0, i, j + 1] + rate * SINGLE(valid_stencil[0, i, j + 1]) * (x[i, j + 2] - here))
+        q1 = less * (q[1, i, j + 1] + rate * SINGLE(valid_stencil[1, i, j + 1]) * (x[i + 1, j + 1] - here))
         factor = min(ONE, bound[i, j + 1] / max(np.sqrt(q0 * q0 + q1 * q1), TINY))
         q[0, i, j + 1], q[1, i, j + 1] = factor * q0, factor * q1
 
 
 @kernel
-def _mixed(x: SingleArray, whole: ByteArray, i: int, out: SingleArray) -> None:
+def _mixed_differences(x: SingleArray, valid_stencil: ByteArray, i: int, out: SingleArray) -> None:
     """f_uv/√2 of the squares to the lower right of a row's pixels."""
     for j in range(x.shape[1] - 1):
         part = (x[i + 1, j + 1] - x[i + 1, j]) - (x[i, j + 1] - x[i, j])
-        out[j] = ROOT_HALF * SINGLE(whole[1, i, j]) * part
+        out[j] = ROOT_HALF * SINGLE(valid_stencil[1, i, j]) * part
 
 
 @kernel
@@ -280,15 +280,15 @@ def _dual_second(
     q: SingleArray, x: SingleArray, rule: Rule, i: int, above: SingleArray, below: SingleArray
 ) -> None:
     """Dual ascent on a row, of the second differences as `hessian` gives them."""
-    sigma, whole, shrink, bound, _, _ = rule
-    _mixed(x, whole, i - 1, above)
-    _mixed(x, whole, i, below)
+    sigma, valid_stencil, shrink, bound, _, _ = rule
+    _mixed_differences(x, valid_stencil, i - 1, above)
+    _mixed_differences(x, valid_stencil, i, below)
     for j in range(x.shape[1] - 2):
         here, rate, less = x[i, j + 1], sigma[i, j + 1], shrink[i, j + 1]
         uu = (x[i, j + 2] - here) - (here - x[i, j])
         vv = (x[i + 1, j + 1] - here) - (here - x[i - 1, j + 1])
-        q0 = less * (q[0, i, j + 1] + rate * SINGLE(whole[0, i, j + 1]) * uu)
-        q1 = less * (q[1, i, j + 1] + rate * SINGLE(whole[2, i, j + 1]) * vv)
+        q0 = less * (q[0, i, j + 1] + rate * SINGLE(valid_stencil[0, i, j + 1]) * uu)
+        q1 = less * (q[1, i, j + 1] + rate * SINGLE(valid_stencil[2, i, j + 1]) * vv)
         q2, q3 = less * (q[2, i, j + 1] + rate * below[j + 1]), less * (q[3, i, j + 1] + rate * below[j])
         q4, q5 = less * (q[4, i, j + 1] + rate * above[j + 1]), less * (q[5, i, j + 1] + rate * above[j])
         size = np.sqrt((q0 * q0 + q1 * q1) + (q2 * q2 + q3 * q3) + (q4 * q4 + q5 * q5))
@@ -308,7 +308,7 @@ def _pull_first(pull: SingleArray, q: SingleArray, rule: Rule, i: int) -> None:
 
 
 @kernel
-def _pulled_squares(q: SingleArray, i: int, out: SingleArray) -> None:
+def _pull_squares(q: SingleArray, i: int, out: SingleArray) -> None:
     """What the four pixels of each square to the lower right of a row's make of it."""
     for j in range(out.size - 1):
         out[j] = ROOT_HALF * ((q[2, i, j] + q[3, i, j + 1]) + (q[4, i + 1, j] + q[5, i + 1, j + 1]))
@@ -320,8 +320,8 @@ def _pull_second(
 ) -> None:
     """Kᵀq on a row; q is 0 where a difference has not all its steps."""
     scale = rule[4]
-    _pulled_squares(q, i - 1, above)
-    _pulled_squares(q, i, below)
+    _pull_squares(q, i - 1, above)
+    _pull_squares(q, i, below)
     for j in range(pull.size - 2):
         along = q[0, i, j] - TWO * q[0, i, j + 1] + q[0, i, j + 2]
         down = q[1, i - 1, j + 1] - TWO * q[1, i, j + 1] + q[1, i + 1, j + 1]
@@ -374,7 +374,7 @@ def _primal(
         e = (even + odd) / (even - odd)
         model = wanted * (e * e) * (e * e)
         # What the picture wants is the model's own value where no residual counts.
-        silent = (evidence[i, j] == NONE) | ((evidence[i, j] == AT_LEAST) & (model > wanted))
+        silent = (evidence[i, j] == NONE) | ((evidence[i, j] == LOWER_BOUND) & (model > wanted))
         wanted = model if silent else wanted
         least = FREE if silent else least
         limit[i, j] = least
@@ -479,23 +479,21 @@ class _Path:
         mask, cosine, scale = problem.mask, problem.field.cos_alpha, problem.derivative_scale
         first, away = problem.regulariser == "first", problem.xi == "d"
 
-        def framed_xi(v: FloatArray) -> FloatArray:
+        def frame_xi(v: FloatArray) -> FloatArray:
             xi = to_xi(np.where(mask, v, 0.0), problem.xi, cosine) / problem.xi_median
             return framed(np.where(mask, xi, 1.0), 1.0)
 
-        joined = links(mask, problem.discontinuities)
+        joined = links(mask, problem.cuts)
         steps, inside = np.pad(joined, ((0, 0), (1, 1), (1, 1))), np.pad(mask, 1)
         along, (share, *down) = _windows(steps[0], inside, radius), _windows(steps[1].T, inside.T, radius)
         (shares,) = _single(np.stack([along[0], share.T]))
         offsets = np.empty((2, 0, 0))
         if problem.xi == "1/z":
             beside = -np.log(np.where(mask, cosine, 1.0))
-            offsets = np.nan_to_num(
-                framed(np.stack(gradient(beside, mask, problem.discontinuities, edge_order=1)))
-            )
+            offsets = np.nan_to_num(framed(np.stack(gradient(beside, mask, problem.cuts, edge_order=1))))
         metric = framed(np.where(mask, np.moveaxis(problem.field.inverse_metric, -1, 0), 0.0))
 
-        x, image = framed_xi(start), framed(np.where(mask, problem.image, 1.0), 1.0)
+        x, image = frame_xi(start), framed(np.where(mask, problem.image, 1.0), 1.0)
         tau_p = BALANCE * (0.5 * problem.photometry.gamma * x / image) ** 2
         # τ_d τ_p ‖K‖² ≤ 1 for every pair of pixels that K joins
         widest = framed(np.where(mask, tau_p[1:-1, 1:-1], 0.0))
@@ -504,7 +502,7 @@ class _Path:
         sigma = 1 / (NORMS[problem.regulariser] * scale**2 * np.where(widest > 0, widest, 1.0))
         bound = framed(np.where(mask, problem.lam * problem.edge_weight, 0.0))
         shrink = np.where(bound > 0, bound / (bound + sigma * problem.epsilon), 0.0)
-        whole = joined if first else np.stack(hessian_stencils(joined))
+        valid_stencil = joined if first else np.stack(hessian_stencils(joined))
         evidence = np.full(mask.shape, EXACT, np.int8) if problem.evidence is None else problem.evidence
 
         height, width = x.shape
@@ -516,14 +514,14 @@ class _Path:
         )
         start_xi, lost = x.astype(SINGLE), (x - x.astype(SINGLE)).astype(SINGLE)
         rate, reluctance, most = _single(sigma * scale, shrink, bound)
-        picture, unit, pace = _single(image, 1 / framed_xi(problem.log_facing), 1 / tau_p)
+        picture, unit, pace = _single(image, 1 / frame_xi(problem.log_d0), 1 / tau_p)
         given = Given(
             Slopes(SINGLE(1 if away else -1), steps.astype(np.int8), *_single(offsets, metric)),
             Patches(radius, shares, *along[1:]),
             Patches(radius, shares, *down),
             Rule(
                 rate,
-                np.pad(whole, ((0, 0), (1, 1), (1, 1))).astype(np.int8),
+                np.pad(valid_stencil, ((0, 0), (1, 1), (1, 1))).astype(np.int8),
                 reluctance,
                 most,
                 SINGLE(scale),
@@ -605,11 +603,11 @@ def primal_dual(
         raise ValueError("primal_dual takes regulariser='first' or 'second', got 'curvature'")
     number("patch", patch, 0, 32)
     number("tolerance", tolerance, 0)
-    whole("every", every, 1)
-    whole("max_iterations", max_iterations)
+    check_int("every", every, 1)
+    check_int("max_iterations", max_iterations)
     check_maps(problem.mask, start)
-    v = problem.log_facing if start is None else start
-    radius = round(patch * fineness(problem.mask.shape))
+    v = problem.log_d0 if start is None else start
+    radius = round(patch * px_per_reference(problem.mask.shape))
     path, steps, grid = _Path.at(problem, v, radius, SAFETY), 0, Grid.of(problem)
     iterate = Iterate.of(problem, v)
     yield iterate
@@ -618,7 +616,7 @@ def primal_dual(
         path.advance(count)
         steps += count
         shown = {"steps": steps, "tau": path.share}
-        terms = grid.terms(padded(path.log_distance), problem.lam)
+        terms = grid.terms(pad_maps(path.log_distance), problem.lam)
         after = Iterate.of(problem, path.log_distance, iterate, terms=terms, scalars=shown)
         iterate = replace(after, k=steps)
         yield iterate

@@ -12,13 +12,13 @@ from endolab.model.ranges import check_range
 from endolab.model.schema import unknown_name
 from endolab.model.surface import check_xi, to_xi
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import excerpt, mask_array, number, owned, real_array
-from endolab.numerics.derivatives import differences, fineness
+from endolab.numerics.checks import excerpt, mask_array, number, readonly_copy, real_array
+from endolab.numerics.derivatives import differences, px_per_reference
 
 REGULARISERS = ("first", "second", "curvature")
 FIRST, SECOND, CURVATURE = range(3)  # their places, for compiled loops
 EDGE_SCALE = 0.05  # image gradient, per 1/320 of the longer side, at which g falls to 1/e
-EXACT, AT_LEAST, NONE = 0, 1, 2  # what a pixel's value says of the surface's: see `Problem`
+EXACT, LOWER_BOUND, NONE = 0, 1, 2  # what a pixel's value says of the surface's: see `Problem`
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class Problem:
     metric: bool = True  # whether distances are in mm; else in relative units
     # (2, H, W): steps from a pixel to its right and its lower neighbour over which the surface is torn, as
     # at an occluding contour: no derivative and no march takes them.
-    discontinuities: BoolArray | None = None
+    cuts: BoolArray | None = None
     # (H, W): what the image says of each pixel; by default, EXACT everywhere. EXACT (0): it is as bright as
-    # this. AT_LEAST (1), saturated: it is this bright or brighter. NONE (2), a highlight or an overlay:
+    # this. LOWER_BOUND (1), saturated: it is this bright or brighter. NONE (2), a highlight or an overlay:
     # nothing; the image holds some plausible value there, of the surroundings say, for a march to begin with.
     evidence: NDArray[np.int8] | None = None
     picture: FloatArray | None = None  # (H, W) or (H, W, 3), the frame as it looked, for people
@@ -60,21 +60,21 @@ class Problem:
             object.__setattr__(self, name, number(name, getattr(self, name)))
             check_range(name, getattr(self, name))
         shape = (self.camera.height, self.camera.width)
-        object.__setattr__(self, "image", owned(real_array("image", self.image)))
-        object.__setattr__(self, "mask", owned(mask_array("mask", self.mask)))
+        object.__setattr__(self, "image", readonly_copy(real_array("image", self.image)))
+        object.__setattr__(self, "mask", readonly_copy(mask_array("mask", self.mask)))
         if self.picture is not None:
-            object.__setattr__(self, "picture", owned(real_array("picture", self.picture)))
+            object.__setattr__(self, "picture", readonly_copy(real_array("picture", self.picture)))
         for name in ("image", "mask"):
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, the camera {shape}")
-        for name, kind, wanted in (("discontinuities", bool, (2, *shape)), ("evidence", np.int8, shape)):
+        for name, kind, wanted in (("cuts", bool, (2, *shape)), ("evidence", np.int8, shape)):
             given = getattr(self, name)
             fits = isinstance(given, np.ndarray) and (given.dtype, given.shape) == (kind, wanted)
             if given is not None and not fits:
                 expected = f"an array of {np.dtype(kind)} of shape {wanted}"
                 raise ValueError(f"{name} must be {expected}, got {excerpt(given)}")
         if self.evidence is not None:
-            unknown = np.setdiff1d(self.evidence[self.mask], (EXACT, AT_LEAST, NONE))
+            unknown = np.setdiff1d(self.evidence[self.mask], (EXACT, LOWER_BOUND, NONE))
             if unknown.size:
                 raise ValueError(f"evidence must be 0 (exact), 1 (at least) or 2 (none), found {unknown[0]}")
 
@@ -94,7 +94,7 @@ class Problem:
         return "mm" if self.metric else "relative units"
 
     @cached_property
-    def log_facing(self) -> FloatArray:
+    def log_d0(self) -> FloatArray:
         """log d₀ = -½ log I_c, (H, W): the distance if all the surface faced the camera."""
         canonical = self.photometry.canonical(self.image, self.field.cos_alpha)
         return -0.5 * np.log(np.where(self.mask, canonical, np.nan))
@@ -105,7 +105,7 @@ class Problem:
 
         Steps to and from pixels that say nothing are no edges: a highlight is none of the surface's.
         """
-        scale = fineness(self.mask.shape)
+        scale = px_per_reference(self.mask.shape)
         informative = self.mask if self.evidence is None else self.mask & (self.evidence != NONE)
         size = np.linalg.norm(differences(self.image, informative), axis=0) * scale
         return np.exp(-size / EDGE_SCALE)
@@ -113,13 +113,13 @@ class Problem:
     @property
     def derivative_scale(self) -> float:
         """What a derivative of ξ per pixel is multiplied by: (longer side/320)^order."""
-        return fineness(self.mask.shape) ** (1 if self.regulariser == "first" else 2)
+        return px_per_reference(self.mask.shape) ** (1 if self.regulariser == "first" else 2)
 
     @cached_property
     def xi_median(self) -> float:
         """ξ̃, the median of ξ at the start d₀."""
         inside = self.mask
-        return float(np.median(to_xi(self.log_facing[inside], self.xi, self.field.cos_alpha[inside])))
+        return float(np.median(to_xi(self.log_d0[inside], self.xi, self.field.cos_alpha[inside])))
 
 
 def check_maps(mask: BoolArray, start: FloatArray | None = None, inflow: FloatArray | None = None) -> None:

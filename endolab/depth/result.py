@@ -21,8 +21,8 @@ from endolab.depth.provenance import Provenance
 from endolab.model.ranges import RANGES
 from endolab.model.surface import normals, points
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
-from endolab.numerics.checks import whole
-from endolab.numerics.iteration import Status, checked_observers, closing, drive
+from endolab.numerics.checks import check_int
+from endolab.numerics.iteration import Status, check_observers, closing, drive
 
 SOLUTION, SCALED = "solution", "scaled"  # the stage whose answer counts, and the same in a known unit
 NOTHING = "the solver produced no depth map that is finite"
@@ -270,7 +270,7 @@ def run(
         Also after a keyboard interrupt, if there is an iterate to return.
     """
     if max_iterations is not None:
-        whole("max_iterations", max_iterations)
+        check_int("max_iterations", max_iterations)
     kept: list[_Kept] = []
     stages: list[Stage] = []
 
@@ -279,7 +279,7 @@ def run(
             kept.append(_Kept(iterate))
         kept[-1].add(iterate, seconds)
 
-    watching = checked_observers(observers)
+    watching = check_observers(observers)
     with closing(watching):
         status = drive(limit_steps(iterates, max_iterations), watching, keep)
         if not kept:

@@ -14,8 +14,8 @@ from endolab.depth.problem import Problem, check_maps
 from endolab.depth.result import Iterate, Solver
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import whole
-from endolab.numerics.compiled import padded
+from endolab.numerics.checks import check_int
+from endolab.numerics.compiled import pad_maps
 from endolab.numerics.iteration import Status
 
 
@@ -25,7 +25,7 @@ def facing(problem: Problem) -> Solver:
     One iterate: d₀ is an upper bound of the distance, reached where the surface faces the camera.
     """
     grid = Grid.of(problem)
-    yield Iterate.of(problem, grid.log_facing, terms=grid.terms(padded(grid.log_facing), problem.lam))
+    yield Iterate.of(problem, grid.log_d0, terms=grid.terms(pad_maps(grid.log_d0), problem.lam))
     return Status.CONVERGED
 
 
@@ -39,14 +39,14 @@ def fast_marching(problem: Problem, inflow: FloatArray | None = None, snapshots:
     the pixel on smooth surfaces. ValueError if the BRDF cannot be inverted or `inflow` cannot be used.
     """
     check_maps(problem.mask, inflow=inflow)
-    whole("snapshots", snapshots, 1)
+    check_int("snapshots", snapshots, 1)
     mask, metric, grid = problem.mask, problem.field.inverse_metric, Grid.of(problem)
     table = problem.photometry.slant_table()
-    march = March.seeded(problem.log_facing, mask, metric, table, inflow, problem.discontinuities)
+    march = March.seeded(problem.log_d0, mask, metric, table, inflow, problem.cuts)
 
     def shown(previous: Iterate | None) -> Iterate:
         v = march.log_distance
-        terms = grid.terms(padded(np.where(mask, v, 0.0)), problem.lam)
+        terms = grid.terms(pad_maps(np.where(mask, v, 0.0)), problem.lam)
         return Iterate.of(problem, v, previous, terms, maps={"arrived": march.arrived})
 
     iterate = shown(None)
@@ -73,7 +73,7 @@ def knows_curvature(solver: str, xi: str) -> bool:
     return xi == "1/d" and solver == DEFAULT_SOLVER
 
 
-def checked_solver(name: str, options: Mapping[str, Any]) -> Callable[..., Solver]:
+def check_solver_options(name: str, options: Mapping[str, Any]) -> Callable[..., Solver]:
     """Return the solver of that name, if there is one and it has these options."""
     known = options_of(name)
     for option in options:
@@ -92,4 +92,4 @@ def options_of(solver: str) -> list[str]:
 
 def solve(problem: Problem, solver: str = DEFAULT_SOLVER, **options: Any) -> Solver:
     """Iterates of one solver on a problem; the options are the solver's own."""
-    return checked_solver(solver, options)(problem, **options)
+    return check_solver_options(solver, options)(problem, **options)

@@ -3,7 +3,7 @@
 A block that cuts divide stands for its largest part alone, of equals that nearer the picture's middle, so
 that a turned picture's blocks are the turned ones. The pixels left out follow a neighbouring block of their
 own side, if there is one. So a line of cuts is a line of cuts on every coarser grid. `link` holds the steps
-that there are and `whole` those that there would be without cuts, padded both (see `numerics.compiled`);
+that there are and `uncut_links` those that there would be without cuts, padded both (see `numerics.compiled`);
 where nothing is torn they are one array.
 """
 
@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from endolab.numerics.arrays import BoolArray, ByteArray
-from endolab.numerics.compiled import PAD, halved_links, kernel, lead, leads
-from endolab.numerics.derivatives import shifted
+from endolab.numerics.compiled import PAD, halve_links, kernel, lead, leads
+from endolab.numerics.derivatives import shift
 
 
 @kernel
-def _main_parts(
-    active: ByteArray, link: ByteArray, whole: ByteArray, leads: tuple[int, int], out: ByteArray
+def _largest_fragments(
+    active: ByteArray, link: ByteArray, uncut_links: ByteArray, leads: tuple[int, int], out: ByteArray
 ) -> None:
     """Mark the active pixels of each block that are of its largest part."""
     pixels, part = np.zeros((4, 2), np.int64), np.zeros(4, np.int64)
@@ -31,8 +31,10 @@ def _main_parts(
             pixels[:, 1] = first, first + 1, first + 1, first
             # Around the block from pixel to pixel: 0 to 1, 1 to 2, 2 to 3, 3 to 0.
             steps = link[0, top, first], link[1, top, first + 1], link[0, top + 1, first], link[1, top, first]
-            would = whole[0, top, first] + whole[1, top, first + 1] + whole[0, top + 1, first]
-            is_torn = steps[0] + steps[1] + steps[2] + steps[3] < would + whole[1, top, first]
+            would = (
+                uncut_links[0, top, first] + uncut_links[1, top, first + 1] + uncut_links[0, top + 1, first]
+            )
+            is_torn = steps[0] + steps[1] + steps[2] + steps[3] < would + uncut_links[1, top, first]
             part[:] = 0
             if is_torn:
                 part[:] = 0, 1, 2, 3
@@ -54,33 +56,33 @@ def _main_parts(
                 out[i, j] = active[i, j] if part[k] == largest else 0
 
 
-def main_parts(active: ByteArray, link: ByteArray, whole: ByteArray) -> ByteArray:
+def largest_fragments(active: ByteArray, link: ByteArray, uncut_links: ByteArray) -> ByteArray:
     """Active pixels for which the block that they are in stands."""
-    if link is whole:
+    if link is uncut_links:
         return active
     out = np.zeros_like(active)
-    _main_parts(active, link, whole, leads(active), out)
+    _largest_fragments(active, link, uncut_links, leads(active), out)
     return out
 
 
-def coarser_links(main: ByteArray, link: ByteArray, whole: ByteArray) -> tuple[ByteArray, ByteArray]:
+def coarser_links(main: ByteArray, link: ByteArray, uncut_links: ByteArray) -> tuple[ByteArray, ByteArray]:
     """Links between the main parts of blocks, and those that there would be without cuts."""
-    coarse = halved_links(whole)
-    if link is whole:
+    coarse = halve_links(uncut_links)
+    if link is uncut_links:
         return coarse, coarse
-    there = np.stack([shifted(main, 1, axis, 0) for axis in (1, 0)])
-    return halved_links(link & main & there), coarse
+    there = np.stack([shift(main, 1, axis, 0) for axis in (1, 0)])
+    return halve_links(link & main & there), coarse
 
 
-def held(link: ByteArray, second: bool) -> BoolArray:
+def held_pixels(link: ByteArray, second: bool) -> BoolArray:
     """Pixels that a difference of ξ along a row or a column takes, first or second, int8.
 
     Where a region is too thin for any, a picture alone says too little of the way it may move as a whole.
     """
     out = np.zeros_like(link[0])
     for step, axis in ((link[0], 1), (link[1], 0)):
-        taken = step & shifted(step, -1, axis, 0) if second else step
-        out |= taken | shifted(taken, -1, axis, 0) | (shifted(taken, 1, axis, 0) if second else 0)
+        taken = step & shift(step, -1, axis, 0) if second else step
+        out |= taken | shift(taken, -1, axis, 0) | (shift(taken, 1, axis, 0) if second else 0)
     return out
 
 
@@ -89,21 +91,21 @@ class Cells(NamedTuple):
 
     active: ByteArray
     link: ByteArray
-    whole: ByteArray
+    uncut_links: ByteArray
 
 
 @kernel
-def _is_torn(link: ByteArray, whole: ByteArray, i: int, j: int, down: int, right: int) -> bool:
+def _is_cut(link: ByteArray, uncut_links: ByteArray, i: int, j: int, down: int, right: int) -> bool:
     """Whether the step from (i, j), down or right by ±1, is cut."""
     axis, i, j = abs(down), i + min(down, 0), j + min(right, 0)
-    return whole[axis, i, j] and not link[axis, i, j]
+    return uncut_links[axis, i, j] and not link[axis, i, j]
 
 
 @kernel
-def reached(
+def same_side(
     main: ByteArray,
     link: ByteArray,
-    whole: ByteArray,
+    uncut_links: ByteArray,
     blocks: Cells,
     i: int,
     j: int,
@@ -118,13 +120,13 @@ def reached(
     down, right = 2 * (down_from % 2) - 1, 2 * (right_from % 2) - 1
     ci, cj = PAD + down_from // 2, PAD + right_from // 2
     if main[i, j]:
-        beside = not _is_torn(across, uncut, ci, cj, 0, right)
-        below = not _is_torn(across, uncut, ci, cj, down, 0)
+        beside = not _is_cut(across, uncut, ci, cj, 0, right)
+        below = not _is_cut(across, uncut, ci, cj, down, 0)
     else:
         beside = link[0, i, j + min(right, 0)] > 0 and main[i, j + right] > 0
         below = link[1, i + min(down, 0), j] > 0 and main[i + down, j] > 0
-    diagonal = beside and not _is_torn(across, uncut, ci, cj + right, down, 0)
-    diagonal = diagonal or (below and not _is_torn(across, uncut, ci + down, cj, 0, right))
+    diagonal = beside and not _is_cut(across, uncut, ci, cj + right, down, 0)
+    diagonal = diagonal or (below and not _is_cut(across, uncut, ci + down, cj, 0, right))
     return (
         main[i, j] > 0 and active[ci, cj] > 0,
         beside and active[ci, cj + right] > 0,

@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from endolab.io.atomic import PathLike, damage_named, read_bytes
+from endolab.io.atomic import PathLike, name_damage, read_bytes
 from endolab.numerics.memory import check_memory
 
 MOST_BYTES = 2_000_000_000  # bytes of arrays; the maps of a frame of 10 megapixels take a sixth
@@ -19,12 +19,12 @@ def read_arrays(path: PathLike, what: str, names: Collection[str]) -> dict[str, 
     if it is something else; that, or a MemoryError, before anything is inflated, if it is too large.
     """
     content = read_bytes(path)
-    with damage_named(path, what), zipfile.ZipFile(io.BytesIO(content)) as archive:
+    with name_damage(path, what), zipfile.ZipFile(io.BytesIO(content)) as archive:
         sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
     needed = sum(sizes.get(name, 0) for name in names)
     if needed > MOST_BYTES:
         raise ValueError(f"{path}: not {what}: it would take {needed / 1e9:.1f} GB")
     check_memory(2 * needed, f"{path}: what it holds")
-    with damage_named(path, what), np.load(io.BytesIO(content), allow_pickle=False) as archive:
+    with name_damage(path, what), np.load(io.BytesIO(content), allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in names if name in sizes}
         return {name: np.asarray(array, order="C") for name, array in arrays.items()}

@@ -56,7 +56,7 @@ def one_sentence(what: str) -> Iterator[None]:
 
 
 @contextmanager
-def damage_named(path: PathLike, what: str) -> Iterator[None]:
+def name_damage(path: PathLike, what: str) -> Iterator[None]:
     """Say in one sentence that a file is not `what` it should be, whatever its reader raises."""
     try:
         yield
@@ -99,7 +99,7 @@ def _own_report(folder: Path, name: str = REPORT) -> dict[str, Any]:
     return {}
 
 
-def written_before(folder: Path, report: str = REPORT) -> list[Path]:
+def files_of_report(folder: Path, report: str = REPORT) -> list[Path]:
     """Find the files that an earlier run wrote into a folder, by its report; all others are the user's."""
     names = _own_report(folder, report).get(LISTED)
     files: list[Path] = []
@@ -121,7 +121,7 @@ def check_folder(folder: Path) -> None:
 
 
 @contextmanager
-def staged_folder(
+def stage_folder(
     folder: PathLike,
     *,
     overwrite: bool = False,
@@ -171,7 +171,7 @@ def _move_in(staging: Path, target: Path, inputs: Collection[PathLike | None], r
     read = {Path(path).resolve() for path in inputs if path is not None}
     for path, place in zip(files, places, strict=True):
         if path.name == report:  # the one before stays until all that it lists has gone
-            for old in {*written_before(target, report)}.difference(places):
+            for old in {*files_of_report(target, report)}.difference(places):
                 if old.resolve() not in read:
                     _remove(old)
         path.replace(place)
@@ -192,7 +192,7 @@ def _sync(path: Path) -> None:
 
 
 def check_file(path: PathLike, *, overwrite: bool = True, inputs: Collection[PathLike | None] = ()) -> None:
-    """Raise OSError in one sentence, if a file must not be written; parameters as of `staged_file`."""
+    """Raise OSError in one sentence, if a file must not be written; parameters as of `stage_file`."""
     target = as_path(path)
     with one_sentence(f"cannot write {target}"):
         if target.exists() and not target.is_file():
@@ -205,7 +205,7 @@ def check_file(path: PathLike, *, overwrite: bool = True, inputs: Collection[Pat
 
 
 @contextmanager
-def staged_file(
+def stage_file(
     path: PathLike, *, overwrite: bool = True, inputs: Collection[PathLike | None] = ()
 ) -> Iterator[Path]:
     """Give a temporary file of the same suffix, which becomes `path` only if the block succeeds.
@@ -231,7 +231,7 @@ def staged_file(
 
 def write_atomically(path: PathLike, content: bytes) -> None:
     """Write a file so that it is either whole or not there."""
-    with staged_file(path) as temporary:
+    with stage_file(path) as temporary:
         temporary.write_bytes(content)
 
 

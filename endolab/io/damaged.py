@@ -18,13 +18,13 @@ LAST_SCAN = rb"(?s)\x00\x08\x01\x01..\x3f[\x00\x10]"  # how that of a progressiv
 FILLED = b"\x55" * 64  # enough to be seen in place of what is cut off
 
 
-def mended(content: bytes) -> tuple[bytes, int, int]:
+def mend(content: bytes) -> tuple[bytes, int, int]:
     """Make a whole file of a damaged one; return it, how many of its rows are so, and how many it has.
 
     Raises any exception if the picture itself is damaged, or there is less than its head. Not to be read,
     if fewer than `ENOUGH` are whole.
     """
-    return _mended_png(content) if content.startswith(PNG) else _mended_jpeg(content)
+    return _mend_png(content) if content.startswith(PNG) else _mend_jpeg(content)
 
 
 def bare_png(content: bytes) -> bytes:
@@ -60,7 +60,7 @@ def _as_png(chunks: dict[bytes, bytearray]) -> bytes:
     return PNG + b"".join(parts)
 
 
-def _mended_png(content: bytes) -> tuple[bytes, int, int]:
+def _mend_png(content: bytes) -> tuple[bytes, int, int]:
     chunks = _chunks(content)
     columns, rows, bits, kind, interlaced = struct.unpack(">IIBBxxB", chunks[b"IHDR"])
     stride = 1 + (columns * bits * CHANNELS[kind] + 7) // 8  # bytes of a row
@@ -76,7 +76,7 @@ def _mended_png(content: bytes) -> tuple[bytes, int, int]:
     return _as_png(chunks), whole, rows
 
 
-def _mended_jpeg(content: bytes) -> tuple[bytes, int, int]:
+def _mend_jpeg(content: bytes) -> tuple[bytes, int, int]:
     """End the file where it is cut off; what is missing would depend on what were filled in."""
     from PIL import Image
 

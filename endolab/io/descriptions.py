@@ -12,7 +12,7 @@ from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.cameras import Camera
 from endolab.model.endoscope import Calibration, camera_from_dict, camera_to_dict
 from endolab.model.photometry import Photometry
-from endolab.model.schema import Section, quoted, unknown_name
+from endolab.model.schema import Section, quote, unknown_name
 
 if TYPE_CHECKING:
     from endolab.calibration.session import Session
@@ -90,7 +90,7 @@ def read_target(name_or_path: PathLike) -> Target:
     top = Section(read_json(name, "target file"), "", name)
     version = top.take("endolab_target")
     if version != 1 or isinstance(version, bool):
-        raise top.error("endolab_target", f"expected version 1, found {quoted(version)}")
+        raise top.error("endolab_target", f"expected version 1, found {quote(version)}")
     kind = top.choice("kind", tuple(KINDS))
     values: dict[str, Any] = {}
     for part in fields(KINDS[kind]):
@@ -99,7 +99,7 @@ def read_target(name_or_path: PathLike) -> Target:
         elif part.name == "dictionary":
             values[part.name] = str(top.take(part.name))
         else:
-            read = top.whole if part.name in WHOLE else top.positive
+            read = top.integer if part.name in WHOLE else top.positive
             values[part.name] = read(part.name)
     return top.build(KINDS[kind], **values)
 

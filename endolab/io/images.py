@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from endolab.io.atomic import PathLike, damage_named, read_bytes, write_atomically
-from endolab.io.damaged import END, ENOUGH, JPEG, LAST, PNG, SCAN, bare_png, mended
+from endolab.io.atomic import PathLike, name_damage, read_bytes, write_atomically
+from endolab.io.damaged import END, ENOUGH, JPEG, LAST, PNG, SCAN, bare_png, mend
 from endolab.io.quiet import quiet
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.numerics.memory import check_memory
@@ -101,8 +101,8 @@ def decode(content: bytes, name: PathLike) -> tuple[np.ndarray, FloatArray]:
         stored, alpha = _decode(content, name)
         whole = len(stored)
     except ValueError:
-        with damage_named(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
-            content, whole, rows = mended(content)
+        with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
+            content, whole, rows = mend(content)
         lack = f"only {whole} of its {rows} rows are whole"
         if whole < ENOUGH * rows:
             raise ValueError(f"{name} is damaged: {lack}") from None
@@ -121,13 +121,13 @@ def _decode(content: bytes, name: PathLike) -> tuple[np.ndarray, np.ndarray]:
     from PIL import Image
 
     # Pillow refuses what is cut off, and sizes that no picture has, where OpenCV does not.
-    with damage_named(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
+    with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
         picture = Image.open(io.BytesIO(content), formats=FORMATS)
         at_hand = picture.format != "PNG" or "exif" in picture.info  # else all of it would be decoded
         turned = picture.getexif().get(ORIENTATION, 1) if at_hand else 1
     columns, rows = picture.size
     check_memory(columns * rows * DECODED, f"{name}: a picture of {columns}x{rows} px")
-    with damage_named(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
+    with name_damage(name, PICTURE), quiet, warnings.catch_warnings(action="ignore"):
         if content.startswith(JPEG):  # of which OpenCV prints what is wrong
             if END not in content[content.rfind(SCAN) :]:
                 raise ValueError

@@ -14,7 +14,7 @@ from typing import Any
 from endolab.io.atomic import PathLike, as_json, read_json, write_atomically
 from endolab.model.brdf import Lambertian
 from endolab.model.endoscope import Calibration
-from endolab.model.schema import Section, quoted
+from endolab.model.schema import Section, quote
 from endolab.reconstruction.settings import (
     COUNT,
     DIAMETER,
@@ -65,7 +65,7 @@ def read_settings(path: PathLike) -> SolvingSettings:
     top = Section(read_json(path, "settings file"), "", str(path))
     version = top.take(FORMAT)
     if version != VERSION or isinstance(version, bool):
-        raise top.error(FORMAT, f"expected version {VERSION}, found {quoted(version)}")
+        raise top.error(FORMAT, f"expected version {VERSION}, found {quote(version)}")
     light: dict[str, Any] = {}
     if "photometry" in top.content:
         light = _read(top.section("photometry"), LIGHT)
@@ -85,19 +85,19 @@ def _read(part: Section, known: Mapping[str, Callable[[Section, str], Any]]) -> 
 def _word(part: Section, name: str) -> str:
     value = part.take(name)
     if not isinstance(value, str):
-        raise part.error(name, f"expected a word in quotes, found {quoted(value)}")
+        raise part.error(name, f"expected a word in quotes, found {quote(value)}")
     return value
 
 
 def _switch(part: Section, name: str) -> bool:
     value = part.take(name)
     if not isinstance(value, bool):
-        raise part.error(name, f"expected true or false, found {quoted(value)}")
+        raise part.error(name, f"expected true or false, found {quote(value)}")
     return value
 
 
 def _count(part: Section, name: str) -> int:
-    return part.whole(name, low=1)
+    return part.integer(name, low=1)
 
 
 def _distance(part: Section, name: str) -> tuple[float, ...]:
@@ -107,7 +107,7 @@ def _distance(part: Section, name: str) -> tuple[float, ...]:
 def _diameter(part: Section, name: str) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
     value = part.take(name)
     if not (isinstance(value, list) and len(value) == 3 and all(isinstance(at, list) for at in value[1:])):
-        raise part.error(name, f"expected [mm, [column, row], [column, row]], found {quoted(value)}")
+        raise part.error(name, f"expected [mm, [column, row], [column, row]], found {quote(value)}")
     flat = [value[0], *value[1], *value[2]]
     length, *places = Section({name: flat}, part.where, part.file).numbers(name, 5)
     return length, tuple(places[:2]), tuple(places[2:])

@@ -10,7 +10,7 @@ import numpy as np
 from endolab.calibration.session import Progress, silent
 from endolab.calibration.simulation.trajectory import MOVEMENT
 from endolab.calibration.simulation.video import PAPER_SHEET, simulate_video
-from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically, written_before
+from endolab.io.atomic import PathLike, as_json, files_of_report, stage_folder, write_atomically
 from endolab.io.descriptions import read_target
 from endolab.io.images import write_image
 from endolab.io.video import PICTURES, write_video
@@ -37,7 +37,7 @@ def save_sheet_video(
     """Write a simulated calibration video, as pictures or as `sheet.mkv`, and `truth.json`.
 
     `target` is as for `read_target`. The paper is that of `PAPER_SHEET`; movement, sensor and seed are as for
-    `simulate_video`. What is there already is replaced as by `staged_folder`. ValueError, if other pictures
+    `simulate_video`. What is there already is replaced as by `stage_folder`. ValueError, if other pictures
     are there than an earlier call's: they would be taken for more of these frames.
     """
     if not 1 <= count <= MOST_FRAMES:
@@ -45,7 +45,7 @@ def save_sheet_video(
     files = ["sheet.mkv"] if video else [f"{number:06d}.png" for number in range(count)]
     out = Path(folder)
     there = [] if video else [path for path in out.glob("[!.]*") if path.suffix in PICTURES]
-    others = {*there}.difference(written_before(out, TRUTH), [out / name for name in files])
+    others = {*there}.difference(files_of_report(out, TRUTH), [out / name for name in files])
     if others:
         raise ValueError(f"{min(others)} would be taken for one of the {count} frames; choose another folder")
     sheet = read_target(target)
@@ -59,7 +59,7 @@ def save_sheet_video(
             progress("rendering", len(truth), count)
             yield frame.image
 
-    with staged_folder(folder, overwrite=overwrite, inputs=inputs, report=TRUTH) as staging:
+    with stage_folder(folder, overwrite=overwrite, inputs=inputs, report=TRUTH) as staging:
         if video:
             write_video(staging / files[0], images())
         else:

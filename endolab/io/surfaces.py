@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 FRAME = "camera frame: x right, y down, z forward"
 NEAREST, FARTHEST = RANGES["distance"]
 MAPS = {"distance": (), "z": (), "normals": (3,)}  # what a depth.npz holds for each pixel
-TRUSTED = ("sigma", "sigma_shape")  # and, if it is known, how far that can be trusted, with `decided_by`
+TRUSTED = ("sigma", "sigma_shape")  # and, if it is known, how far that can be trusted, with `dominant_source`
 
 
 # Depth maps -----------------------------------------------------------------------------
@@ -33,14 +33,14 @@ def save_depth(
 ) -> None:
     """Write `depth.npz`: distance and z (H, W), normals (H, W, 3), mask, metric.
 
-    With `uncertainty` also sigma and sigma_shape (H, W), and decided_by, uint8: 0 outside, 1 data, 2 border
+    With `uncertainty` also sigma and sigma_shape (H, W), and dominant_source, uint8: 0 outside, 1 data, 2 border
     or contour, 3 prior.
     """
     maps = {name: getattr(surface, name).astype(np.float32) for name in MAPS}
     flags: dict[str, Any] = {"mask": surface.mask, "metric": np.array(metric)}
     if uncertainty is not None:
         maps |= {name: getattr(uncertainty, name).astype(np.float32) for name in TRUSTED}
-        flags["decided_by"] = uncertainty.decided_by
+        flags["dominant_source"] = uncertainty.dominant_source
     content = io.BytesIO()
     np.savez_compressed(content, **maps, **flags)
     write_atomically(path, content.getvalue())
@@ -51,7 +51,7 @@ def read_depth(path: PathLike, needed: Sequence[str] = ("distance", "z")) -> dic
 
     ValueError or OSError in one sentence, if it is something else, or holds what no surface has.
     """
-    known = (*MAPS, *TRUSTED, "decided_by", "mask", "metric")
+    known = (*MAPS, *TRUSTED, "dominant_source", "mask", "metric")
     maps = read_arrays(path, "a depth.npz that endolab wrote", known)
     for name in needed:
         if name not in maps:

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from endolab.io.atomic import PathLike, as_path, is_url, one_sentence, staged_file, without_secrets
+from endolab.io.atomic import PathLike, as_path, is_url, one_sentence, stage_file, without_secrets
 from endolab.io.images import DECODED, is_picture, read_image, say_turned
 from endolab.io.quiet import quiet
 from endolab.numerics.arrays import FloatArray
@@ -163,7 +163,7 @@ def is_sequence(path: PathLike) -> bool:
     return suffix in VIDEOS or os.path.isdir(source) or (os.path.isfile(source) and not is_picture(source))
 
 
-def _listed(paths: Iterable[PathLike]) -> Frames:
+def _list_pictures(paths: Iterable[PathLike]) -> Frames:
     """Take pictures, in one folder or not, as frames; their names are paths from the folder they share."""
     for path in paths:
         if not os.path.isfile(path) or is_sequence(path):
@@ -197,7 +197,7 @@ def open_frames(*paths: PathLike) -> Frames:
         raise ValueError("give a folder, a video, or pictures")
     source = as_path(paths[0])
     if len(paths) > 1 or (os.path.isfile(source) and not is_sequence(source)):
-        return _listed(paths)
+        return _list_pictures(paths)
     with one_sentence(f"{source}: cannot be read"):
         if not source.exists():
             raise FileNotFoundError(f"{source}: there is no such folder or video")
@@ -319,7 +319,7 @@ def write_video(path: PathLike, images: Iterable[FloatArray], rate: float = 30.0
     target = as_path(path)
     if target.suffix != ".mkv":
         raise ValueError(f"a video's name ends in .mkv, got {target.name}")
-    with staged_file(target) as temporary:
+    with stage_file(target) as temporary:
         sums = _encode(temporary, images, rate)
         kept = cv2.VideoCapture(str(temporary))  # for OpenCV does not say if the disk is full
         if not sums or any(_sum(_next(kept)) != known for known in sums):

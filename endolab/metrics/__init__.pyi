@@ -3,8 +3,8 @@ from .coverage import coverage_of as coverage_of
 from .depth_errors import Errors as Errors
 from .depth_errors import angle_between as angle_between
 from .depth_errors import compare as compare
-from .depth_errors import depth_discontinuities as depth_discontinuities
-from .depth_errors import resampled_truth as resampled_truth
+from .depth_errors import depth_cuts as depth_cuts
+from .depth_errors import resample_truth as resample_truth
 from .mesh_distance import SurfaceDistance as SurfaceDistance
 from .mesh_distance import distance_to as distance_to
 from .mesh_distance import to_open3d as to_open3d

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 from scipy.stats import spearmanr
 
-from endolab.metrics.depth_errors import known_in_all, scale_to
+from endolab.metrics.depth_errors import scale_to, valid_in_all
 from endolab.numerics.arrays import BoolArray, FloatArray
 
 
@@ -68,7 +68,7 @@ def coverage_of(
     ValueError
         If the sizes differ, if no pixel is known in all three, or if `scale` is neither.
     """
-    (distance, sigma, truth), known = known_in_all(mask, distance=distance, sigma=sigma, truth=truth)
+    (distance, sigma, truth), known = valid_in_all(mask, distance=distance, sigma=sigma, truth=truth)
     if not known.any():
         raise ValueError("no pixel has an estimate, a σ and a true distance")
     factor = scale_to(truth[known], distance[known], scale)

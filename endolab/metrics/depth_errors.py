@@ -32,7 +32,7 @@ def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.rad2deg(2 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1)))
 
 
-def depth_discontinuities(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
+def depth_cuts(distance: FloatArray, threshold: float = 0.08) -> BoolArray:
     """Steps between neighbouring pixels over which a true depth map jumps: occluding contours.
 
     Parameters
@@ -46,7 +46,7 @@ def depth_discontinuities(distance: FloatArray, threshold: float = 0.08) -> Bool
     -------
     (2, H, W) bool array
         Whether the step from a pixel to its right (first) and lower (second) neighbour is such a
-        jump, as `Problem.discontinuities` takes it; False where either distance is unknown.
+        jump, as `Problem.cuts` takes it; False where either distance is unknown.
     """
     if not threshold > 0:
         raise ValueError(f"threshold must be positive, got {threshold}")
@@ -55,7 +55,7 @@ def depth_discontinuities(distance: FloatArray, threshold: float = 0.08) -> Bool
     return links(known) & (np.abs(forward_gradient(log_distance)) > threshold)
 
 
-def resampled_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
+def resample_truth(truth: FloatArray, shape: tuple[int, int]) -> FloatArray:
     """Resample a true map to the grid of a result, whose frame may have been shrunk.
 
     Parameters
@@ -105,7 +105,7 @@ def of_shape(shape: tuple[int, ...], **maps: FloatArray) -> list[FloatArray]:
     return [*arrays.values()]
 
 
-def known_in_all(mask: BoolArray | None, **maps: FloatArray) -> tuple[list[FloatArray], BoolArray]:
+def valid_in_all(mask: BoolArray | None, **maps: FloatArray) -> tuple[list[FloatArray], BoolArray]:
     """Maps of distances, (H, W), and which pixels of a mask are positive and finite in all of them."""
     shape = np.shape(next(iter(maps.values())))
     arrays = of_shape(shape, **maps)
@@ -164,7 +164,7 @@ def compare(
     >>> errors.median_percent < 5
     True
     """
-    (distance, truth), known = known_in_all(mask, distance=distance, truth=truth)
+    (distance, truth), known = valid_in_all(mask, distance=distance, truth=truth)
     cos_alpha = of_shape(distance.shape, cos_alpha=cos_alpha)[0]
     if not known.any():
         raise ValueError("no pixel has both an estimate and a true distance")

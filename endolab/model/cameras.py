@@ -86,7 +86,7 @@ class Camera:
         """Return ϑ(h) and dϑ/dh for radii within the range."""
         raise NotImplementedError
 
-    def _transformed(self, scale: FloatArray, offset: FloatArray, width: int, height: int) -> Self:
+    def _transform(self, scale: FloatArray, offset: FloatArray, width: int, height: int) -> Self:
         """Return the camera whose pixel is ``scale * old pixel + offset``."""
         scaled = {name: getattr(self, name) * scale[axis] for name, axis in self._in_pixels.items()}
         for name, shift in zip(("cx", "cy"), offset, strict=True):
@@ -176,7 +176,7 @@ class Camera:
             if (camera.width, camera.height) == (width, height):
                 return camera
         scale = np.array([width / self.width, height / self.height])
-        camera = self._transformed(scale, 0.5 * scale - 0.5, width, height)
+        camera = self._transform(scale, 0.5 * scale - 0.5, width, height)
         vars(self)["_resized"] = (camera, *resized[: KEPT - 1])
         return camera
 
@@ -190,7 +190,7 @@ class Camera:
                 f"the window {width}x{height} at column {left}, row {top} reaches outside "
                 f"the {self.width}x{self.height} picture"
             )
-        return self._transformed(np.ones(2), np.array([-left, -top], dtype=np.float64), width, height)
+        return self._transform(np.ones(2), np.array([-left, -top], dtype=np.float64), width, height)
 
 
 @dataclass(frozen=True)

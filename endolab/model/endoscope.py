@@ -7,7 +7,7 @@ from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
 from endolab.model.cameras import Camera, KannalaBrandt, Pinhole, Scaramuzza
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
-from endolab.model.schema import Section, quoted
+from endolab.model.schema import Section, quote
 
 _CAMERAS: dict[
     str, tuple[type[Camera], dict[str, int]]
@@ -20,7 +20,7 @@ _CAMERAS: dict[
 
 def _camera(section: Section) -> Camera:
     make, lengths = _CAMERAS[section.choice("model", tuple(_CAMERAS))]
-    values: dict[str, Any] = {key: section.whole(key, low=1) for key in ("width", "height")}
+    values: dict[str, Any] = {key: section.integer(key, low=1) for key in ("width", "height")}
     for key, count in lengths.items():
         values[key] = section.numbers(key, count) if count else section.number(key)
     if make is Scaramuzza:
@@ -49,7 +49,7 @@ def _photometry(section: Section) -> Photometry:
     values["brdf"] = _brdf(section.section("brdf"))
     listed = section.take("lights", [])
     if not isinstance(listed, list):
-        raise section.error("lights", f"expected a list, found {quoted(listed)}")
+        raise section.error("lights", f"expected a list, found {quote(listed)}")
     lights = []
     for index, item in enumerate(listed):
         light = Section(item, f"{section.where}.lights[{index}]", section.file)
@@ -60,16 +60,16 @@ def _photometry(section: Section) -> Photometry:
     return made
 
 
-def _checked_version(top: Section) -> None:
+def _check_version(top: Section) -> None:
     version = top.take("endolab")
     if version != 1 or isinstance(version, bool):
-        raise top.error("endolab", f"expected version 1, found {quoted(version)}")
+        raise top.error("endolab", f"expected version 1, found {quote(version)}")
 
 
 def camera_from_dict(content: Any, name: str = "camera") -> Camera:
     """Check an `endoscope.json` that holds the camera, and perhaps nothing else."""
     top = Section(content, "", name)
-    _checked_version(top)
+    _check_version(top)
     return _camera(top.section("camera"))
 
 
@@ -101,11 +101,11 @@ class Calibration:
     def from_dict(cls, content: dict[str, Any], name: str = "calibration") -> Self:
         """Check the content of an `endoscope.json`; errors name the file (or `name`) and the key."""
         top = Section(content, "", name)
-        _checked_version(top)
+        _check_version(top)
         camera, photometry = _camera(top.section("camera")), _photometry(top.section("photometry"))
         evidence = top.take("evidence", {})
         if not isinstance(evidence, dict):
-            raise top.error("evidence", f"expected an object {{…}}, found {quoted(evidence)}")
+            raise top.error("evidence", f"expected an object {{…}}, found {quote(evidence)}")
         top.end()
         return cls(camera, photometry, evidence)
 
@@ -124,8 +124,8 @@ class Calibration:
         photometry["brdf"] = surface
         if self.photometry.lights:
             photometry["lights"] = [asdict(light) for light in self.photometry.lights]
-        whole = {"endolab": 1, "camera": camera_to_dict(self.camera), "photometry": photometry}
-        return whole | ({"evidence": self.evidence} if self.evidence else {})
+        integer = {"endolab": 1, "camera": camera_to_dict(self.camera), "photometry": photometry}
+        return integer | ({"evidence": self.evidence} if self.evidence else {})
 
     def resize(self, width: int, height: int) -> Self:
         """Return the same for pictures of another size, px."""

@@ -88,7 +88,7 @@ class Photometry:
             own = albedo[CHANNELS.index(name)]
         return replace(self, brdf=Lambertian(own))
 
-    def simplified(self) -> Photometry:
+    def simplify(self) -> Photometry:
         """Replace the lights by one virtual light at the optical centre (Section III-C).
 
         Its strength is the sum of theirs along the axis and its exponent their mean, weighted by that
@@ -193,7 +193,7 @@ class Photometry:
         slant = np.asarray(slant, dtype=np.float64)
         cosine = 1 / np.sqrt(1 + slant)
         f, slope = self.brdf.value(cosine, cosine), sum(self.brdf.derivative(cosine, cosine))
-        intensity = self._stored(log_distance, cosine, f, self.attenuation(cos_alpha))
+        intensity = self._to_stored(log_distance, cosine, f, self.attenuation(cos_alpha))
         # d cos θ / dP = -cos³θ / 2
         by_slant = -intensity / self.gamma * (1 + cosine * slope / f) * cosine**2 / 2
         return intensity, -2 * intensity / self.gamma, by_slant
@@ -201,9 +201,9 @@ class Photometry:
     def brightness(self, log_distance: ArrayLike, slant: ArrayLike, attenuation: FloatArray) -> FloatArray:
         """Stored value alone, see `shade`, of pixels whose `attenuation` is known already."""
         cosine = 1 / np.sqrt(1 + np.asarray(slant, dtype=np.float64))
-        return self._stored(log_distance, cosine, self.brdf.value(cosine, cosine), attenuation)
+        return self._to_stored(log_distance, cosine, self.brdf.value(cosine, cosine), attenuation)
 
-    def _stored(
+    def _to_stored(
         self, log_distance: ArrayLike, cosine: FloatArray, f: FloatArray, attenuation: FloatArray
     ) -> FloatArray:
         falloff = np.exp(-2 * np.asarray(log_distance, dtype=np.float64))

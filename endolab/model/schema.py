@@ -29,15 +29,15 @@ def unknown_name(what: str, given: object, choices: Iterable[str], other: str = 
     meant = nearest(given, names)
     *most, last = [*names, other] if other else names
     hint = f"; did you mean {meant}?" if meant else ""
-    return ValueError(f"unknown {what} {shortened(repr(given))}; choose {', '.join(most)} or {last}{hint}")
+    return ValueError(f"unknown {what} {shorten(repr(given))}; choose {', '.join(most)} or {last}{hint}")
 
 
-def quoted(value: object) -> str:
+def quote(value: object) -> str:
     """Say a value of a file as JSON does, as far as a sentence bears it."""
-    return shortened(json.dumps(value))
+    return shorten(json.dumps(value))
 
 
-def shortened(text: str, most: int = LONGEST_VALUE) -> str:
+def shorten(text: str, most: int = LONGEST_VALUE) -> str:
     """Leave out the middle of what is too long, and what cannot be printed in one line."""
     if len(text) > most:
         text = f"{text[: most // 2]} … {text[-most // 2 :]}"
@@ -60,14 +60,14 @@ class Section:
     def __init__(self, content: Any, where: str, file: str) -> None:
         self.where, self.file = where, file
         if not isinstance(content, dict):
-            raise self.error("", f"expected an object {{…}}, found {quoted(content)}")
+            raise self.error("", f"expected an object {{…}}, found {quote(content)}")
         self.content = dict(content)
         self.asked: dict[str, None] = {}  # the keys that this part may have, in order
 
     def error(self, key: str, what: str) -> ValueError:
         """Make the error that says what is wrong with a key; "" means this part as a whole."""
-        name = shortened(".".join(part for part in (self.where, key) if part))
-        return ValueError(f"{self.file}: {name or 'the file'}: {shortened(what, 5 * LONGEST_VALUE)}")
+        name = shorten(".".join(part for part in (self.where, key) if part))
+        return ValueError(f"{self.file}: {name or 'the file'}: {shorten(what, 5 * LONGEST_VALUE)}")
 
     def take(self, key: str, default: Any = ...) -> Any:
         """Take out a value of any kind; it must be there unless a default is given."""
@@ -85,7 +85,7 @@ class Section:
         """Take out a finite number of at least `low`."""
         value = self.take(key, default)
         if not _is_finite(value):
-            raise self.error(key, f"expected a finite number, found {quoted(value)}")
+            raise self.error(key, f"expected a finite number, found {quote(value)}")
         if value < low:
             raise self.error(key, f"expected at least {low:g}, found {value:g}")
         return float(value)
@@ -97,7 +97,7 @@ class Section:
             raise self.error(key, f"expected a positive number, found {value:g}")
         return value
 
-    def whole(self, key: str, default: Any = ..., low: int = 0) -> int:
+    def integer(self, key: str, default: Any = ..., low: int = 0) -> int:
         """Take out a whole number of at least `low`."""
         value = self.number(key, default, low)
         if value != int(value) or value > LARGEST_WHOLE:
@@ -110,7 +110,7 @@ class Section:
         good = isinstance(value, list | tuple) and (count is None or len(value) == count)
         if not good or not all(_is_finite(x) for x in value):
             wanted = f"{count} finite numbers" if count else "a list of finite numbers"
-            raise self.error(key, f"expected {wanted}, found {quoted(value)}")
+            raise self.error(key, f"expected {wanted}, found {quote(value)}")
         return tuple(float(x) for x in value)
 
     def choice(self, key: str, choices: tuple[str, ...]) -> str:
@@ -119,7 +119,7 @@ class Section:
         if value not in choices:
             like = nearest(value, choices)
             hint = f"; did you mean {like}?" if like else ""
-            raise self.error(key, f"expected one of {', '.join(choices)}, found {quoted(value)}{hint}")
+            raise self.error(key, f"expected one of {', '.join(choices)}, found {quote(value)}{hint}")
         return str(value)
 
     def end(self) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from endolab.model.cameras import RayField
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.compiled import PAD, kernel, padded
+from endolab.numerics.compiled import PAD, kernel, pad_maps
 from endolab.numerics.derivatives import links
 
 
@@ -75,13 +75,11 @@ class ThinnedMaps:
     Maps of v = log d, (H, W), in; (h, w, ...) out, nan outside the mask.
     """
 
-    def __init__(
-        self, field: RayField, mask: BoolArray, discontinuities: BoolArray | None, step: int
-    ) -> None:
+    def __init__(self, field: RayField, mask: BoolArray, cuts: BoolArray | None, step: int) -> None:
         self._field, self._step, self._every = field, step, np.s_[::step, ::step]
         self._facing, self._slanted = field.valid & mask, mask
-        self._links_of_normals = padded(links(self._facing, None))
-        self._links_of_slant = padded(links(mask, discontinuities))
+        self._links_of_normals = pad_maps(links(self._facing, None))
+        self._links_of_slant = pad_maps(links(mask, cuts))
 
     def normals(self, log_distance: FloatArray) -> FloatArray:
         """Unit normals in the camera frame, (h, w, 3); see `surface.normals`."""
@@ -103,12 +101,12 @@ class ThinnedMaps:
         """Derivatives along columns and rows; nan outside the mask."""
         seen, (right, below) = inside[self._every], joined
         f_u, f_v = np.empty(seen.shape), np.empty(seen.shape)
-        whole = padded(np.asarray(log_distance, np.float64))
+        whole = pad_maps(np.asarray(log_distance, np.float64))
         _fill_slopes(whole, right, below, self._step, edge_order, f_u, f_v)
         f_u[~seen] = f_v[~seen] = np.nan
         return f_u, f_v
 
 
-def thinned_normals(log_distance: FloatArray, field: RayField, mask: BoolArray, step: int) -> FloatArray:
+def thin_normals(log_distance: FloatArray, field: RayField, mask: BoolArray, step: int) -> FloatArray:
     """Unit normals of every `step`-th pixel of one surface, (h, w, 3); see `ThinnedMaps.normals`."""
     return ThinnedMaps(field, mask, None, step).normals(log_distance)

@@ -35,7 +35,7 @@ def number(name: str, value: Any, least: float = -math.inf, most: float = math.i
     return plain_number
 
 
-def whole(name: str, value: Any, least: int = 0) -> int:
+def check_int(name: str, value: Any, least: int = 0) -> int:
     """Return a whole number that is not less than another; else ValueError."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ValueError(f"{name} must be a whole number of at least {least}, got {excerpt(value)}")
@@ -68,7 +68,7 @@ def mask_array(name: str, value: Any) -> BoolArray:
     return array != 0
 
 
-def owned(array: np.ndarray) -> np.ndarray:
+def readonly_copy(array: np.ndarray) -> np.ndarray:
     """Return an array that nobody can write into: the same one if it is so already, else a copy."""
     base: Any = array
     while isinstance(base, np.ndarray):

@@ -16,16 +16,21 @@ from endolab.numerics.arrays import ByteArray, FloatArray
 from endolab.numerics.iteration import CLOCK
 
 
-def _kept() -> bool:
+def _cache_is_kept() -> bool:
     """Whether there is a place where what is compiled can be kept for the next run."""
     try:
-        njit(cache=True)(_kept)  # which is not compiled by that
+        njit(cache=True)(_cache_is_kept)  # which is not compiled by that
     except RuntimeError:
         return False
     return True
 
 
-COMPILED: dict[str, Any] = {"cache": _kept(), "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+COMPILED: dict[str, Any] = {
+    "cache": _cache_is_kept(),
+    "nogil": True,
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,
+}
 kernel: Callable[..., Any] = njit(**COMPILED)
 PAD = 2
 
@@ -63,7 +68,7 @@ def clear_row(row: FloatArray) -> None:
         row[j] = 0.0
 
 
-def padded(a: Any) -> Any:
+def pad_maps(a: Any) -> Any:
     """Return maps (..., H, W) with `PAD` zeros around each."""
     out = np.zeros((*a.shape[:-2], a.shape[-2] + 2 * PAD, a.shape[-1] + 2 * PAD), dtype=a.dtype)
     inner(out)[...] = a
@@ -126,7 +131,7 @@ def halved(active: Any) -> Any:
     return (block_sums(active) > 0).astype(np.int8)
 
 
-def halved_links(link: Any) -> Any:
+def halve_links(link: Any) -> Any:
     """Links between 2×2 blocks: where at least one pair of their pixels is linked."""
     outer = link.copy()  # of the steps from pixel to pixel, those that lead out of a block
     down, across = leads(link[0])

@@ -2,7 +2,7 @@
 
 A map is an array of shape (H, W) whose values outside the mask are never read: a hole, whatever
 it holds, does not reach its neighbours; the mask is everywhere by default. A cut is a step between
-neighbouring pixels that no derivative takes, as at an occluding contour: `discontinuities`, (2, H, W),
+neighbouring pixels that no derivative takes, as at an occluding contour: `cuts`, (2, H, W),
 holds those from each pixel to its right (first) and lower (second) neighbour. Both come down to
 `links`: which steps there are.
 """
@@ -15,12 +15,12 @@ from endolab.numerics.arrays import BoolArray, FloatArray
 REFERENCE = 320  # px of a picture's longer side: what thresholds and weights are told for
 
 
-def fineness(shape: tuple[int, ...]) -> float:
+def px_per_reference(shape: tuple[int, ...]) -> float:
     """How many pixels of a picture (H, W, ...) are one of those that thresholds are told for."""
     return max(shape[:2]) / REFERENCE
 
 
-def shifted(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
+def shift(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
     """Return the array whose element at i is ``a`` at i + step, `fill` beyond the border."""
     out = np.full_like(a, fill)
     length = a.shape[axis]
@@ -32,31 +32,29 @@ def shifted(a: NDArray, step: int, axis: int, fill: float | bool) -> NDArray:
     return out
 
 
-def links(mask: BoolArray, discontinuities: BoolArray | None = None) -> BoolArray:
+def links(mask: BoolArray, cuts: BoolArray | None = None) -> BoolArray:
     """Steps that derivatives may take, (2, H, W): between neighbours in the mask that are not cut apart."""
-    joined = np.stack([mask & shifted(mask, 1, axis, False) for axis in (1, 0)])
-    return joined if discontinuities is None else joined & ~discontinuities
+    joined = np.stack([mask & shift(mask, 1, axis, False) for axis in (1, 0)])
+    return joined if cuts is None else joined & ~cuts
 
 
-def _links_of(
-    f: FloatArray, mask: BoolArray | None, discontinuities: BoolArray | None
-) -> tuple[BoolArray, BoolArray]:
+def _links_of(f: FloatArray, mask: BoolArray | None, cuts: BoolArray | None) -> tuple[BoolArray, BoolArray]:
     inside = np.ones(np.shape(f), dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
-    return inside, links(inside, discontinuities)
+    return inside, links(inside, cuts)
 
 
 def _derivative(f: FloatArray, inside: BoolArray, link: BoolArray, axis: int, edge_order: int) -> FloatArray:
-    before = shifted(link, -1, axis, False)
-    forward = shifted(f, 1, axis, 0.0) - f
-    backward = shifted(forward, -1, axis, 0.0)
+    before = shift(link, -1, axis, False)
+    forward = shift(f, 1, axis, 0.0) - f
+    backward = shift(forward, -1, axis, 0.0)
     one_sided = np.select([link, before], [forward, backward], 0.0)
     if edge_order == 2:
         # A border pixel takes the three-point formula, as accurate as the central one.
-        far = link & shifted(link, 1, axis, False)
-        both = before & shifted(before, -1, axis, False)
+        far = link & shift(link, 1, axis, False)
+        both = before & shift(before, -1, axis, False)
         bend = np.select(
             [far, both],
-            [forward - shifted(forward, 1, axis, 0.0), backward - shifted(backward, -1, axis, 0.0)],
+            [forward - shift(forward, 1, axis, 0.0), backward - shift(backward, -1, axis, 0.0)],
             0.0,
         )
         one_sided = one_sided + 0.5 * bend
@@ -66,7 +64,7 @@ def _derivative(f: FloatArray, inside: BoolArray, link: BoolArray, axis: int, ed
 def gradient(
     f: FloatArray,
     mask: BoolArray | None = None,
-    discontinuities: BoolArray | None = None,
+    cuts: BoolArray | None = None,
     edge_order: int = 2,
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient of a map (H, W): central differences, one-sided where a step is missing.
@@ -75,30 +73,28 @@ def gradient(
     derivatives along columns (u, to the right) and rows (v, downwards), per pixel: nan outside the mask; 0
     along an axis on which a pixel has no neighbour.
     """
-    inside, link = _links_of(f, mask, discontinuities)
+    inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, np.asarray(f, dtype=np.float64), 0.0)
     f_u, f_v = (_derivative(f, inside, link[i], axis, edge_order) for i, axis in ((0, 1), (1, 0)))
     return f_u, f_v
 
 
 def forward_gradient(
-    f: FloatArray, mask: BoolArray | None = None, discontinuities: BoolArray | None = None
+    f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None
 ) -> FloatArray:
     """Differences to the right and lower neighbour, (2, H, W), per pixel; 0 where there is no such step."""
-    inside, link = _links_of(f, mask, discontinuities)
+    inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, f, 0.0)
-    return np.stack([(shifted(f, 1, axis, 0.0) - f) * link[i] for i, axis in ((0, 1), (1, 0))])
+    return np.stack([(shift(f, 1, axis, 0.0) - f) * link[i] for i, axis in ((0, 1), (1, 0))])
 
 
-def differences(
-    f: FloatArray, mask: BoolArray | None = None, discontinuities: BoolArray | None = None
-) -> FloatArray:
+def differences(f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None) -> FloatArray:
     """Differences to the right, the lower, the left and the upper neighbour, (4, H, W), over √2.
 
     Their norm is the gradient's, whichever way the map is turned; 0 where there is no such step.
     """
-    ahead = forward_gradient(f, mask, discontinuities)
-    behind = [shifted(part, -1, axis, 0.0) for part, axis in zip(ahead, (1, 0), strict=True)]
+    ahead = forward_gradient(f, mask, cuts)
+    behind = [shift(part, -1, axis, 0.0) for part, axis in zip(ahead, (1, 0), strict=True)]
     return np.concatenate([ahead, behind]) / np.sqrt(2)
 
 
@@ -106,31 +102,29 @@ def hessian_stencils(link: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
     """Where f_uu, f_uv and f_vv have all the steps that they need."""
     along_u, along_v = link
     return (
-        along_u & shifted(along_u, -1, 1, False),
-        along_u & shifted(along_u, 1, 0, False) & along_v & shifted(along_v, 1, 1, False),
-        along_v & shifted(along_v, -1, 0, False),
+        along_u & shift(along_u, -1, 1, False),
+        along_u & shift(along_u, 1, 0, False) & along_v & shift(along_v, 1, 1, False),
+        along_v & shift(along_v, -1, 0, False),
     )
 
 
-def hessian(
-    f: FloatArray, mask: BoolArray | None = None, discontinuities: BoolArray | None = None
-) -> FloatArray:
+def hessian(f: FloatArray, mask: BoolArray | None = None, cuts: BoolArray | None = None) -> FloatArray:
     """Second differences (6, H, W), such that their norm is the Hessian's Frobenius norm.
 
     f_uu, f_vv, and f_uv/√2 of the squares to the lower right, lower left, upper right and upper left, per
     pixel squared; 0 where the stencil (three in a row, or a square of four) is not whole.
     """
-    inside, link = _links_of(f, mask, discontinuities)
+    inside, link = _links_of(f, mask, cuts)
     f = np.where(inside, f, 0.0)
     whole_uu, whole_uv, whole_vv = hessian_stencils(link)
-    along_u, along_v = (shifted(f, 1, axis, 0.0) - f for axis in (1, 0))
-    mixed = whole_uv * (shifted(along_u, 1, 0, 0.0) - along_u) / np.sqrt(2)
-    above = shifted(mixed, -1, 0, 0.0)
+    along_u, along_v = (shift(f, 1, axis, 0.0) - f for axis in (1, 0))
+    mixed = whole_uv * (shift(along_u, 1, 0, 0.0) - along_u) / np.sqrt(2)
+    above = shift(mixed, -1, 0, 0.0)
     return np.stack(
         [
-            whole_uu * (along_u - shifted(along_u, -1, 1, 0.0)),
-            whole_vv * (along_v - shifted(along_v, -1, 0, 0.0)),
-            *(mixed, shifted(mixed, -1, 1, 0.0)),
-            *(above, shifted(above, -1, 1, 0.0)),
+            whole_uu * (along_u - shift(along_u, -1, 1, 0.0)),
+            whole_vv * (along_v - shift(along_v, -1, 0, 0.0)),
+            *(mixed, shift(mixed, -1, 1, 0.0)),
+            *(above, shift(above, -1, 1, 0.0)),
         ]
     )

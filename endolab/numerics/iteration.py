@@ -89,7 +89,7 @@ def finish(steps: Generator[object, None, Value]) -> Value:
             return value
 
 
-def checked_observers(observers: Any) -> list[Any]:
+def check_observers(observers: Any) -> list[Any]:
     """Return the observers, if all can be called; else ValueError."""
     given = list(observers) if isinstance(observers, Iterable) else [observers]
     if not isinstance(observers, Iterable) or not all(map(callable, given)):

@@ -5,7 +5,7 @@ import numpy as np
 from endolab.numerics.arrays import FloatArray
 
 
-def resized(maps: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+def resample(maps: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Resample maps (h, w, ...) to (H, W, ...), linearly between the pixels' centres.
 
     OpenCV does so with weights of single precision, which are not the same from the left and from the right.

@@ -4,7 +4,7 @@ A loop of `on_cores` does the rows that it is told to, and what it writes does n
 others. So its results are the same, bit for bit, on any number of threads.
 
 As many threads as this process has cores are used, or as `ENDOLAB_THREADS` says, or fewer inside
-`limited_threads`. Joblib tells its workers their share of the cores by `NUMBA_NUM_THREADS`. Where two
+`limit_threads`. Joblib tells its workers their share of the cores by `NUMBA_NUM_THREADS`. Where two
 threads of one process solve at once, one has the cores and the other goes on by itself.
 """
 
@@ -22,7 +22,7 @@ from typing import Any
 import numba
 
 from endolab.numerics.arrays import Span
-from endolab.numerics.checks import whole
+from endolab.numerics.checks import check_int
 from endolab.numerics.compiled import kernel
 
 VARIABLE = "ENDOLAB_THREADS"
@@ -54,9 +54,9 @@ def threads() -> int:
 
 
 @contextmanager
-def limited_threads(count: int | None) -> Iterator[None]:
+def limit_threads(count: int | None) -> Iterator[None]:
     """Take at most so many threads inside; None changes nothing. ValueError if it is no positive number."""
-    token = _limit.set(_limit.get() if count is None else whole("threads", count, 1))
+    token = _limit.set(_limit.get() if count is None else check_int("threads", count, 1))
     try:
         yield
     finally:

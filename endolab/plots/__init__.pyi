@@ -13,8 +13,8 @@ from .light import show_ridge as show_ridge
 from .light import show_sampling as show_sampling
 from .light import show_scores as show_scores
 from .maps import overview as overview
-from .maps import show_decided as show_decided
 from .maps import show_depth as show_depth
+from .maps import show_dominant_source as show_dominant_source
 from .maps import show_error as show_error
 from .maps import show_history as show_history
 from .maps import show_normals as show_normals

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from endolab.calibration.detection.detect import Detection
 from endolab.calibration.geometric.fit import GeometricFit
 from endolab.calibration.session import Session
-from endolab.calibration.summary import counted, light_errors, mean_distances
+from endolab.calibration.summary import count_of, light_errors, mean_distances
 from endolab.calibration.targets import Target
 from endolab.model.cameras import KannalaBrandt
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -98,7 +98,7 @@ def show_reprojection(geometry: GeometricFit, ax: Axes | None = None) -> Axes:
     ax = _picture_axes(ax, f"Reprojection, arrows × {magnify:g}", camera)
     for which, colour, what, order in ((inliers, BLUE, "inlier", 3), (~inliers, VERMILION, "outlier", 2)):
         drawn = np.random.default_rng(0).permutation(np.flatnonzero(which))[:MOST_ARROWS]
-        look = {"color": colour, "label": counted(int(which.sum()), what), "zorder": order}
+        look = {"color": colour, "label": count_of(int(which.sum()), what), "zorder": order}
         _arrows(ax, pixels[drawn], residuals[drawn], magnify, LONGEST_ARROW * sigma, **look)
     ax.legend(loc="upper right", ncols=2, frameon=True)
     return ax
@@ -110,7 +110,7 @@ def show_reprojection_histogram(geometry: GeometricFit, ax: Axes | None = None) 
     ax = new_axes(ax)
     _, residuals, inliers = _points_of(geometry)
     values = residuals[inliers].ravel()
-    label = f"{counted(int(inliers.sum()), 'point')}, u and v"
+    label = f"{count_of(int(inliers.sum()), 'point')}, u and v"
     plots_of_light.histogram(ax, values, 0.0, float(np.std(values)), label)
     title = f"Reprojection: RMSE {geometry.rmse:.3f} px"
     return decorate(ax, title, "measured - predicted [px]", "density [1/px]")
@@ -183,7 +183,7 @@ def show_frame_errors(
 
 
 @house()
-def show_found(image: FloatArray, session: Session, name: str, ax: Axes | None = None) -> Axes:
+def show_features(image: FloatArray, session: Session, name: str, ax: Axes | None = None) -> Axes:
     """Show the part of a located frame with its features: where they are expected and where they were found.
 
     Parameters
@@ -228,7 +228,7 @@ def frames_figure(session: Session, pictures: Mapping[str, FloatArray]) -> Figur
         for unit, errors in rows.items():
             show_frame_errors(errors, pictures, axes[unit], unit=unit)
         for name, picture in pictures.items():
-            show_found(picture, session, name, axes[name])
+            show_features(picture, session, name, axes[name])
     return figure
 
 

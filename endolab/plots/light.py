@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from endolab.calibration.photometric.result import HeldOut, PhotometricFit
 from endolab.calibration.photometric.samples import Samples
-from endolab.calibration.summary import LEAST_SCORED, brdf_of, counted
+from endolab.calibration.summary import LEAST_SCORED, brdf_of, count_of
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
 from endolab.plots.maps import show_picture
@@ -81,7 +81,7 @@ def show_light_residuals(light: PhotometricFit, ax: Axes | None = None) -> Axes:
     """Show how the residuals of the samples that counted are spread, with a Gaussian."""
     ax = new_axes(ax)
     values, left_out = light.residuals[light.used], np.count_nonzero(~light.used)
-    histogram(ax, values, light.mean, light.sigma, counted(len(values), "sample"))
+    histogram(ax, values, light.mean, light.sigma, count_of(len(values), "sample"))
     title = f"Residuals: ± {light.sigma:.2f} grey levels; {left_out} left out"
     return decorate(ax, title, "measured - predicted [grey levels of 255]", "density [1/grey level]")
 

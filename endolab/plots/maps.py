@@ -152,20 +152,22 @@ def show_sigma(
 
 
 @style.house()
-def show_decided(decided_by: np.ndarray, ax: Axes | None = None, *, title: str = "Who decided") -> Axes:
+def show_dominant_source(
+    dominant_source: np.ndarray, ax: Axes | None = None, *, title: str = "Who decided"
+) -> Axes:
     """Show who decided each pixel, with how many of them each decided.
 
     Parameters
     ----------
-    decided_by : (H, W) array of 0 outside, 1 data, 2 border or contour, 3 prior
+    dominant_source : (H, W) array of 0 outside, 1 data, 2 border or contour, 3 prior
     """
     colours = np.array([(0, 0, 0), *DECIDERS.values()]) / 255
-    picture = np.where((decided_by > 0)[..., None], colours[decided_by], style.LEFT_OUT)
+    picture = np.where((dominant_source > 0)[..., None], colours[dominant_source], style.LEFT_OUT)
     ax = _draw(picture, ax, title)[0]
-    inside = max(int((decided_by > 0).sum()), 1)
+    inside = max(int((dominant_source > 0).sum()), 1)
     patches = []
     for k, name in enumerate(DECIDERS, 1):
-        share = 100 * float((decided_by == k).sum()) / inside
+        share = 100 * float((dominant_source == k).sum()) / inside
         lines = f"{name.replace(' or ', NEW_LINE + 'or ')}{NEW_LINE}{share:.0f} %"
         patches.append(Patch(color=colours[k], label=lines))
     # Where colour bars are: on the map it would hide what it names.
@@ -279,7 +281,7 @@ def overview(
     picture = problem.shown if picture is None else picture
     residual = model_image(problem, iterate.log_distance) - problem.image
     middle = problem.mask.shape[1] // 2
-    curves = {"start": np.exp(np.where(problem.mask, problem.log_facing, np.nan))}
+    curves = {"start": np.exp(np.where(problem.mask, problem.log_d0, np.nan))}
     curves["estimate"] = iterate.distance
     if truth is not None:
         scale = 1.0 if problem.metric else np.nanmedian((iterate.distance / truth)[problem.mask])
@@ -306,7 +308,7 @@ def overview(
         _diverging(255 * residual, panels[1, 2], "Model - frame", "grey levels of 255", None)
         if uncertainty is not None:
             show_sigma(100 * uncertainty.sigma / iterate.distance, panels[0, 3])
-            show_decided(uncertainty.decided_by, panels[1, 3])
+            show_dominant_source(uncertainty.dominant_source, panels[1, 3])
         figure.suptitle("  ·  ".join(words), fontsize=15)
         figure.supxlabel(meaning(shown)[0], fontsize=13)
     return figure

@@ -24,7 +24,7 @@ def blue_white_red(values: FloatArray) -> NDArray[np.uint8]:
     return np.round(np.stack(channels, axis=-1)).astype(np.uint8)
 
 
-def _known(maps: Iterable[FloatArray]) -> FloatArray:
+def _known_values(maps: Iterable[FloatArray]) -> FloatArray:
     return np.concatenate([np.empty(0), *(values[np.isfinite(values)] for values in maps)])
 
 
@@ -35,7 +35,7 @@ def common_limits(maps: Iterable[FloatArray]) -> tuple[float, float]:
     ----------
     maps : iterable of arrays of one unit; nan where unknown
     """
-    seen = _known(maps)
+    seen = _known_values(maps)
     return (float(np.percentile(seen, 1)), float(np.percentile(seen, 99))) if seen.size else (0.0, 1.0)
 
 
@@ -46,7 +46,7 @@ def common_limit(errors: Iterable[FloatArray]) -> float:
     ----------
     errors : iterable of arrays of one unit; nan where unknown
     """
-    seen = np.abs(_known(errors))
+    seen = np.abs(_known_values(errors))
     limit = float(np.percentile(seen, 98)) if seen.size else 1.0
     return limit if limit > 0 else 1.0
 
@@ -67,6 +67,6 @@ def tallness(shape: tuple[int, ...]) -> float:
     return min(shape[0] / shape[1], TALLEST)
 
 
-def lifted(picture: FloatArray) -> FloatArray:
+def brighten(picture: FloatArray) -> FloatArray:
     """Brighten a frame, in [0, 1], that is seen from the side: the far end of a lumen is dark in any."""
     return np.asarray((picture / max(float(np.percentile(picture, 99)), 1e-6)).clip(0, 1) ** 0.6)

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from endolab.numerics.arrays import FloatArray
-from endolab.plots.scales import VIEW_WIDTH, in_colour, lifted
+from endolab.plots.scales import VIEW_WIDTH, brighten, in_colour
 from endolab.plots.style import BACKDROP, house, new_axes, scale_bar
 
 JUMP = 1.25  # neighbours whose distances differ by more are not joined
@@ -85,7 +85,7 @@ def _show_patches(
         return
     order = np.argsort(-patches[..., 2].mean(axis=-1))
     light = 0.4 + 0.6 * np.clip(away @ LAMP, 0, 1)
-    faces = ((lifted(colours) if lift else colours) * light[:, None])[order]
+    faces = ((brighten(colours) if lift else colours) * light[:, None])[order]
     flat = patches[order, :, :2]  # an array: Matplotlib takes several times as long over a list
     look = {"facecolors": faces, "edgecolors": faces, "linewidths": 0.4, "rasterized": True}
     drawn = PolyCollection(flat, **look)  # type: ignore[arg-type]

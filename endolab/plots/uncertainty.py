@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from endolab.calibration.geometric.fit import GeometricFit
 from endolab.calibration.photometric.result import PhotometricFit
 from endolab.calibration.session import Session
-from endolab.calibration.uncertainty import fall_off_uncertainty, known_within, ray_uncertainty
+from endolab.calibration.uncertainty import fall_off_uncertainty, ray_uncertainty, values_within
 from endolab.model.cameras import Camera
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
@@ -43,7 +43,7 @@ def _show(
 ) -> Axes:
     """Show a map at `places` with the ring of the largest angle seen."""
     ax = new_axes(ax)
-    inside = known_within(values, camera, seen)
+    inside = values_within(values, camera, seen)
     most = (
         (float(np.percentile(inside, COLOUR_PERCENTILE)) if inside.size else 0.0) if limit is None else limit
     )

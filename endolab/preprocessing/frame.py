@@ -13,7 +13,7 @@ from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, GREY_WEIGHTS
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
-from endolab.numerics.checks import mask_array, owned, real_array
+from endolab.numerics.checks import mask_array, readonly_copy, real_array
 from endolab.numerics.side_by_side import by_rows
 from endolab.preprocessing.surround import SURE, field_of_view
 
@@ -77,7 +77,9 @@ class Frame:
             if mask.shape != image.shape[:2]:
                 sizes = ("x".join(map(str, shape[::-1])) for shape in (mask.shape, image.shape[:2]))
                 raise ValueError("{}: the {} is {} px, the frame {} px".format(self.name, what, *sizes))
-            object.__setattr__(self, what, owned(mask))  # the caller's buffer may be the next frame's soon
+            object.__setattr__(
+                self, what, readonly_copy(mask)
+            )  # the caller's buffer may be the next frame's soon
         if not self.mask.any():
             raise ValueError(f"{self.name}: the mask is empty, no pixel is left to use")
         used = image if self.mask.all() else image[self.mask]
@@ -86,7 +88,7 @@ class Frame:
             span = f"found {low:.4g} to {high:.4g}"
             remedy = "; divide bytes by 255" if np.asarray(self.image).dtype == np.uint8 else ""
             raise ValueError(f"{self.name}: values must be finite and lie in [0, 1], {span}{remedy}")
-        object.__setattr__(self, "image", owned(image))
+        object.__setattr__(self, "image", readonly_copy(image))
 
     @property
     def width(self) -> int:
@@ -166,13 +168,13 @@ class Frame:
             raise ValueError(f"{self.name}: shrunk to {width}x{height} px, nothing of its mask is left")
         part = np.where(kept, share, 1.0)
 
-        def averaged(channel: FloatArray) -> FloatArray:
+        def average_light(channel: FloatArray) -> FloatArray:
             light = shrunk(power(channel if whole else np.where(self.mask, channel, 0.0), gamma))
             plain = light if kept.all() else shrunk(power(np.clip(np.nan_to_num(channel), 0, 1), gamma))
             return np.clip(np.where(kept, light / part, plain), 0.0, 1.0) ** (1 / gamma)
 
         # One by one: of twelve million pixels, 0.1 GB each.
-        channels = [averaged(plane) for plane in np.moveaxis(np.atleast_3d(self.image), -1, 0)]
+        channels = [average_light(plane) for plane in np.moveaxis(np.atleast_3d(self.image), -1, 0)]
         silent = None if self.silent is None else shrunk(self.silent) > 0
         image = np.stack(channels, axis=-1).reshape(height, width, *self.image.shape[2:])
         return Frame(image, kept, self.name, silent)

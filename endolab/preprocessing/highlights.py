@@ -40,14 +40,14 @@ def _odd(size: float) -> int:
     return 2 * max(1, round(size)) + 1
 
 
-def _checked(image: FloatArray, mask: BoolArray, what: str) -> None:
+def _check_picture(image: FloatArray, mask: BoolArray, what: str) -> None:
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or 0 in image.shape:
         raise ValueError(f"expected a grey or RGB picture, found an array of shape {image.shape}")
     if mask.shape != image.shape[:2]:
         raise ValueError(f"expected {what} of the picture's shape {image.shape[:2]}, found {mask.shape}")
 
 
-def extended(image: FloatArray, mask: BoolArray) -> FloatArray:
+def extend(image: FloatArray, mask: BoolArray) -> FloatArray:
     """Give every pixel outside the mask, which must not be empty, the value of the nearest one inside."""
     if mask.all():
         return image
@@ -104,7 +104,7 @@ def _led_to(tissue: FloatArray, step: int) -> FloatArray:
     return np.exp(log_tissue.astype(np.float64))
 
 
-def grown(region: BoolArray, reach: float) -> BoolArray:
+def dilate(region: BoolArray, reach: float) -> BoolArray:
     """Grow a region by a square, to every side by `reach` px, at least 1."""
     return cv2.dilate(region.astype(np.uint8), np.ones((_odd(reach),) * 2, np.uint8)) > 0
 
@@ -134,13 +134,13 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
     highlight: whoever solves the frame has to treat saturation by itself.
     """
     image, mask = np.asarray(image, dtype=np.float64), np.asarray(mask, dtype=bool)
-    _checked(image, mask, "a mask")
+    _check_picture(image, mask, "a mask")
     if not gamma > 0:
         raise ValueError(f"gamma must be positive, got {gamma}")
     if not mask.any():
         return np.zeros(mask.shape, dtype=bool)
     wide = float(np.ptp(np.nonzero(mask), axis=1).max() + 1)
-    filled = extended(np.clip(np.nan_to_num(image), 0, 1), mask)
+    filled = extend(np.clip(np.nan_to_num(image), 0, 1), mask)
     light = power(filled, gamma)
     calm = cv2.medianBlur(light.astype(np.float32), 3)
     noise = max(noise_level(filled if filled.ndim == 2 else filled[..., 1], mask), QUIET)
@@ -170,7 +170,7 @@ def find_highlights(image: FloatArray, mask: BoolArray, gamma: float = 2.2) -> B
         certain = evidence(base, demand * seed, SURE)
         mirrored |= _holding(certain, evidence(base, demand * skirt, LIKELY))
         if reach == SMALL:
-            around = grown(certain, SKIRT_WIDTH * wide)
+            around = dilate(certain, SKIRT_WIDTH * wide)
             mirrored |= _holding(certain, around & evidence(opened, demand * skirt, LIKELY))
     # Small holes are the highlights' own tops, where even white is clipped.
     closed = cv2.morphologyEx(mirrored.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
@@ -185,16 +185,16 @@ def inpaint(image: FloatArray, holes: BoolArray, mask: BoolArray | None = None) 
     nothing rings, and no response exponent is needed, as log I^γ = γ log I.
     """
     image, holes = np.asarray(image, dtype=np.float64), np.asarray(holes, dtype=bool)
-    _checked(image, holes, "holes")
+    _check_picture(image, holes, "holes")
     shown = np.ones(holes.shape, dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
-    _checked(image, shown, "a mask")
+    _check_picture(image, shown, "a mask")
     holes = holes & shown
     if not holes.any():
         return image.copy()
     known = shown & ~holes
     if not known.any():
         raise ValueError("the whole picture is a hole, there is nothing to fill it from")
-    log = np.log(np.maximum(extended(np.where(np.isfinite(image), image, 0.0), known), ROUNDING))
+    log = np.log(np.maximum(extend(np.where(np.isfinite(image), image, 0.0), known), ROUNDING))
     number, shown, wanted = np.arange(holes.size).reshape(holes.shape), shown.ravel(), holes.ravel()
     sides = (number[:, :-1], number[:, 1:]), (number[:-1], number[1:])
     here, there = np.concatenate([np.stack([a.ravel(), b.ravel()]) for a, b in sides], axis=1)

@@ -17,7 +17,7 @@ from endolab.preprocessing.frame import (
     large_parts,
     noise_level,
 )
-from endolab.preprocessing.highlights import check_highlights, find_highlights, grown, inpaint
+from endolab.preprocessing.highlights import check_highlights, dilate, find_highlights, inpaint
 
 LEAST_SIGNAL = 5.0  # signal over noise below which noise alone moves a distance by γ/10, about a fifth
 COMBED = 0.05  # combing from which on a frame is taken for interlaced
@@ -92,10 +92,10 @@ def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
     found.
     """
     shade = np.nan_to_num(_brightest(image))
-    apart = ~grown(mask, 4)
+    apart = ~dilate(mask, 4)
     if apart.any():
         apart &= np.abs(shade - np.median(shade[apart])) > APART
-    text = grown(apart, 1) & ~mask if apart.any() else apart
+    text = dilate(apart, 1) & ~mask if apart.any() else apart
     pale = image if image.ndim == 2 else np.nan_to_num(image).min(axis=-1)
     reach = 2 * max(4, max(image.shape[:2]) // 60) + 1
     stroke = cv2.morphologyEx(pale, cv2.MORPH_OPEN, np.ones((reach, reach), np.uint8))
@@ -113,7 +113,7 @@ def overlay_text(image: FloatArray, mask: BoolArray) -> BoolArray:
         left, right = boxes[row[0]][0], boxes[row[-1]][0] + boxes[row[-1]][2]
         line = np.zeros(mask.shape, dtype=bool)
         line[max(0, top - tall // 2) : bottom + tall // 2, max(0, left - tall) : right + tall] = True
-        text |= grown(marks & line, max(2.0, 0.1 * tall))
+        text |= dilate(marks & line, max(2.0, 0.1 * tall))
     return text
 
 
@@ -190,7 +190,7 @@ def canonical_picture(frame: Frame, calibration: Calibration) -> FloatArray:
     I_c per channel to the power of 1/γ, in [0, 1]; the 90th percentile of the brightest channel is 0.9. nan
     outside the mask and more than 80° off the axis.
     """
-    photometry, cosine = calibration.photometry.simplified(), calibration.camera.field.cos_alpha
+    photometry, cosine = calibration.photometry.simplify(), calibration.camera.field.cos_alpha
     seen = frame.mask & (np.nan_to_num(cosine, nan=-1.0) > np.cos(np.deg2rad(MAX_ALPHA)))
     if not seen.any():
         raise ValueError(f"{frame.name}: the mask and the camera's field of view have no pixel in common")
@@ -278,7 +278,7 @@ def prepare(
     mask = tissue & ~lumen
     inpainted = highlights == "inpaint" and bool(mirrored.any())
     if inpainted:
-        image = inpaint(image, grown(mirrored, HALO * max(frame.width, frame.height)) & tissue, tissue)
+        image = inpaint(image, dilate(mirrored, HALO * max(frame.width, frame.height)) & tissue, tissue)
     silent = frame.silent
     if highlights == "ignore" and mirrored.any():
         silent = mirrored if silent is None else silent | mirrored

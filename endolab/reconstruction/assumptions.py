@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from endolab.depth.problem import AT_LEAST, NONE
+from endolab.depth.problem import LOWER_BOUND, NONE
 from endolab.depth.provenance import ContourOutcome, ContourReport, LightOutcome, LightReport, Provenance
 from endolab.depth.result import Iterate, Result
 from endolab.reconstruction.light.colours import FIT
@@ -150,7 +150,7 @@ def of_evidence(result: Result | Iterate) -> Iterator[str]:
 
     if problem.evidence is None:
         return
-    saturated, silent = (int((problem.evidence[problem.mask] == what).sum()) for what in (AT_LEAST, NONE))
+    saturated, silent = (int((problem.evidence[problem.mask] == what).sum()) for what in (LOWER_BOUND, NONE))
     if saturated:
         yield f"The sensor is saturated in {share(saturated)}, which count as 'at least this bright'."
     if silent:

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from endolab.depth.problem import AT_LEAST, EXACT, NONE, Problem
+from endolab.depth.problem import EXACT, LOWER_BOUND, NONE, Problem
 from endolab.depth.provenance import LightOutcome, LightReport, PreparationReport, Provenance
 from endolab.depth.result import Iterate
 from endolab.model.endoscope import Calibration
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.memory import check_memory
-from endolab.numerics.resampling import resized
+from endolab.numerics.resampling import resample
 from endolab.numerics.side_by_side import side_by_side
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size, noise_level, smooth_light, usable
 from endolab.preprocessing.highlights import find_highlights, inpaint
@@ -138,7 +138,7 @@ def make_channels(
     def make(wanted: str | None) -> Channel:
         name, image = treated.channel(wanted)
         called = frame.name if frame.image.ndim == 2 else f"{frame.name} in {name}"
-        own = photometry.simplified().channel(name)
+        own = photometry.simplify().channel(name)
         saturated = image >= BRIGHT
         # The march follows the darkest of noisy neighbours. 2 px for one grey level of noise
         # loses nothing on the simple scenes that noise has not taken already.
@@ -146,7 +146,7 @@ def make_channels(
         if blur is None:
             blur = 2 * float(np.sqrt(255 * noise_level(image, known)))
         image = smooth_light(image, known, photometry.gamma, blur)
-        evidence = np.where(saturated, AT_LEAST, EXACT).astype(np.int8)
+        evidence = np.where(saturated, LOWER_BOUND, EXACT).astype(np.int8)
         evidence[no_evidence] = NONE
         problem = Problem(
             image=image,
@@ -161,7 +161,7 @@ def make_channels(
             lam=settings.lam,
             epsilon=settings.epsilon,
             threshold=settings.threshold,
-            discontinuities=settings.discontinuities,
+            cuts=settings.cuts,
         )
         report = PreparationReport(
             frame=frame.name,
@@ -200,7 +200,7 @@ def _in_two_sizes(
     share = SMALL / max(camera.width, camera.height)
     if share >= 1 or share * min(camera.width, camera.height) < LEAST_SIDE:
         return full, full
-    less = replace(settings, width=round(share * camera.width), discontinuities=None)
+    less = replace(settings, width=round(share * camera.width), cuts=None)
     return full, make_channels(frame, endoscope, less, names)
 
 
@@ -216,7 +216,7 @@ def in_units(problem: Problem) -> Problem:
     """Choose the gain, if it is not known, that makes the median of d₀ one unit."""
     if problem.metric:
         return problem
-    factor = 1 / float(np.median(np.exp(problem.log_facing[problem.mask])))
+    factor = 1 / float(np.median(np.exp(problem.log_d0[problem.mask])))
     gain = (problem.photometry.gain or 1.0) * factor**2
     return replace(problem, photometry=replace(problem.photometry, gain=gain))
 
@@ -226,7 +226,7 @@ def in_units(problem: Problem) -> Problem:
 
 def resample_maps(maps: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Resample maps (h, w, ...) to (H, W, ...), linearly."""
-    return maps if maps.shape[:2] == shape else resized(maps, shape)
+    return maps if maps.shape[:2] == shape else resample(maps, shape)
 
 
 def resample_surface(surface: Iterate, problem: Problem) -> FloatArray:
@@ -243,4 +243,4 @@ def resample_surface(surface: Iterate, problem: Problem) -> FloatArray:
 def start_from(surface: Iterate, problem: Problem) -> FloatArray:
     """Return log d of a surface on a problem's grid, (H, W), and log d₀ where it does not reach."""
     v = resample_surface(surface, problem)
-    return np.where(np.isnan(v), problem.log_facing, v)
+    return np.where(np.isnan(v), problem.log_d0, v)

@@ -20,7 +20,7 @@ def make_mesh(
     colours: FloatArray | None = None,
     *,
     sigma: FloatArray | None = None,
-    discontinuities: BoolArray | None = None,
+    cuts: BoolArray | None = None,
     jump: float = JUMP,
     grazing: float = GRAZING,
 ) -> Mesh:
@@ -36,9 +36,9 @@ def make_mesh(
         How far each distance of a result can be trusted, in its unit (`endolab.uncertainty_of`): instead, the
         colours tell its share of the distance; what they mean is in the mesh's `legend`, and in the files
         that are made of it.
-    discontinuities : (2, H, W) bool array, optional
+    cuts : (2, H, W) bool array, optional
         Steps to the right and lower neighbour over which the surface is torn, as
-        `metrics.depth_discontinuities` finds them; by default those of the problem that was solved.
+        `metrics.depth_cuts` finds them; by default those of the problem that was solved.
     jump, grazing : float
         A triangle is left out if the distances of its corners from the camera differ by more
         than the factor `jump` and the angle between its normal and the line of sight is more
@@ -71,18 +71,15 @@ def make_mesh(
     if isinstance(shown, Result | Iterate):
         problem, points, unit = shown.problem, shown.points, shown.problem.unit
         colours = problem.shown if colours is None else colours
-        discontinuities = problem.discontinuities if discontinuities is None else discontinuities
+        cuts = problem.cuts if cuts is None else cuts
     else:
         points, unit = np.asarray(shown, dtype=np.float64), "mm"
     if points.ndim != 3 or points.shape[2] != 3:
         raise ValueError(f"points must be an array of shape (H, W, 3), found {points.shape}")
     shape = points.shape[:2]
-    if discontinuities is not None and (
-        discontinuities.shape != (2, *shape) or discontinuities.dtype != bool
-    ):
+    if cuts is not None and (cuts.shape != (2, *shape) or cuts.dtype != bool):
         raise ValueError(
-            f"discontinuities must be a bool array of shape {(2, *shape)}, "
-            f"found {discontinuities.dtype} of shape {discontinuities.shape}"
+            f"cuts must be a bool array of shape {(2, *shape)}, found {cuts.dtype} of shape {cuts.shape}"
         )
     colours = np.full(shape, NEUTRAL) if colours is None else colours
     if colours.shape not in (shape, (*shape, 3)):
@@ -92,9 +89,9 @@ def make_mesh(
             f"jump must be at least 1 and grazing from 0 to 90 degrees, got {jump} and {grazing}"
         )
     distance = np.linalg.norm(points, axis=-1)
-    triangles = joined_triangles(distance, links(np.isfinite(distance) & (distance > 0), discontinuities))
+    triangles = join_triangles(distance, links(np.isfinite(distance) & (distance > 0), cuts))
     points = points.reshape(-1, 3)
-    triangles = triangles[~_torn(points, triangles, jump, grazing)]
+    triangles = triangles[~_joins_two_surfaces(points, triangles, jump, grazing)]
     used = np.zeros(len(points), dtype=bool)
     used[triangles] = True
     vertices, triangles = points[used], (np.cumsum(used, dtype=np.int32) - 1)[triangles]
@@ -116,7 +113,7 @@ def _certainty(sigma: FloatArray, shown: Result | Iterate | FloatArray) -> tuple
     return scale, f"sigma of the distance, dark 0 to bright {most:g} % of it, or more (magma)"
 
 
-def joined_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
+def join_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
     """Triangles, (m, 3), between the points of a grid, whose sides along rows and columns are all steps.
 
     `joined`, (2, H, W), are the steps that there are (see `derivatives.links`). A square that has all four is
@@ -145,7 +142,7 @@ def joined_triangles(distance: FloatArray, joined: BoolArray) -> IndexArray:
     return np.concatenate([np.stack([corner[kept] for corner in three], -1) for kept, three in parts])
 
 
-def _torn(points: FloatArray, triangles: IndexArray, jump: float, grazing: float) -> BoolArray:
+def _joins_two_surfaces(points: FloatArray, triangles: IndexArray, jump: float, grazing: float) -> BoolArray:
     """Triangles that would join two surfaces."""
     distance = np.linalg.norm(points, axis=-1)[triangles]
     torn = distance.max(axis=1, initial=0) > jump * distance.min(axis=1, initial=np.inf)

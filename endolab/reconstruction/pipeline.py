@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from endolab.depth.result import SOLUTION, Iterate, Result, Solver, limit_steps, with_provenance
-from endolab.depth.solvers import checked_solver, knows_curvature, options_of, solve
+from endolab.depth.solvers import check_solver_options, knows_curvature, options_of, solve
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
 from endolab.numerics.checks import excerpt
@@ -39,7 +39,7 @@ from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.channels import Channels, Task, prepare_channels, start_from
 from endolab.reconstruction.contours.choice import choose_contours
 from endolab.reconstruction.light.separation import remove_indirect_light
-from endolab.reconstruction.scale import known_scale
+from endolab.reconstruction.scale import scale_by_length
 from endolab.reconstruction.settings import AUTO, Settings
 
 SETTLED = 5e-3  # of distances: a cut surface hangs together by little, and creeps long after that
@@ -55,7 +55,7 @@ def prepare(frame: Frame, calibration: Calibration, settings: Settings, start: R
         if not isinstance(value, kind):
             raise ValueError(f"{name} must be {expected}, got {excerpt(value)}")
     if start is not None:
-        checked_solver(settings.solver, {"start": start})
+        check_solver_options(settings.solver, {"start": start})
     channels = prepare_channels(frame, calibration, settings)
     shape = channels.middle.problem.mask.shape
     if isinstance(start, Result) and start.mask.shape != shape:
@@ -88,7 +88,7 @@ def _solve(task: Task, settings: Settings, before: Result | None) -> Solver:
         helpful["start"] = begin
     if before is not None and before.status is Status.CONVERGED:
         helpful["converged_at"] = before.energy
-    if problem.discontinuities is not None:
+    if problem.cuts is not None:
         helpful["settled"] = SETTLED
     if settings.max_iterations is not None:
         helpful["max_iterations"] = settings.max_iterations
@@ -121,4 +121,4 @@ def to_scale(answer: Iterate, channels: Channels, settings: Settings) -> Iterate
         problem = channels.middle.problem
         provenance = replace(answer.provenance, asked=settings.listed())
         answer = Iterate.of(problem, start_from(answer, problem), provenance=provenance)
-    return known_scale(answer, **settings.lengths)
+    return scale_by_length(answer, **settings.lengths)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from endolab.depth.energy import contradicted, model_image
+from endolab.depth.energy import contradicts, model_image
 from endolab.depth.result import Result
 from endolab.preprocessing.frame import noise_level
 from endolab.preprocessing.surround import unclear_surround
@@ -16,12 +16,12 @@ DIM = 0.1  # of what the file can hold; the brightest pixel of a usual frame has
 BLACKEST = 0.05  # albedo of tissue and of phantoms
 
 
-def doubts(result: Result) -> tuple[str, ...]:
+def warnings(result: Result) -> tuple[str, ...]:
     """List what can hardly be true of a result, a sentence each; usually nothing."""
-    return tuple(_doubts(result))
+    return tuple(_warnings(result))
 
 
-def _doubts(result: Result) -> Iterator[str]:
+def _warnings(result: Result) -> Iterator[str]:
     problem, mask = result.problem, result.mask
     widest = float(np.degrees(np.arccos(np.clip(problem.field.cos_alpha[mask].min(), -1, 1))))
     if widest < NARROW:
@@ -33,7 +33,7 @@ def _doubts(result: Result) -> Iterator[str]:
             f"{DISTANCES[1]:g} mm: gain, k, γ, albedo or a given length may be wrong."
         )
     left = model_image(problem, result.iterate.log_distance) - problem.image
-    compared = mask & contradicted(problem, left)
+    compared = mask & contradicts(problem, left)
     spread = float(np.var(problem.image[compared])) if compared.any() else 0.0
     picture = problem.shown
     noise = noise_level(picture if picture.ndim == 2 else picture.mean(axis=-1), mask)

@@ -5,7 +5,7 @@ from typing import Any
 
 from endolab.depth.result import Observer, Result, Solver, run
 from endolab.model.endoscope import Calibration
-from endolab.numerics.threads import limited_threads
+from endolab.numerics.threads import limit_threads
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.light.colours import known_albedo
 from endolab.reconstruction.pipeline import prepare, solve_in_stages, to_scale
@@ -65,7 +65,7 @@ def reconstruct(
     >>> result.status.name, result.metric, result.distance.shape
     ('CONVERGED', True, (72, 96))
     """
-    with limited_threads(threads):
+    with limit_threads(threads):
         settings = Settings.of(options)
         channels = prepare(frame, calibration, settings, start)
         stages = solve_in_stages(channels, known_albedo(calibration), settings, start)

@@ -23,7 +23,7 @@ NEIGHBOURS = 2  # px to each side whose median is the distance at a pixel
 APART = 2 * NEIGHBOURS + 1  # px; two points that are nearer share neighbours
 
 
-def known_scale(
+def scale_by_length(
     iterate: Iterate,
     median_distance: float | None = None,
     known_distance: KnownDistance | None = None,

@@ -19,12 +19,12 @@ from endolab.depth.provenance import ContourOutcome, ContourReport, Provenance, 
 from endolab.depth.result import Iterate, Result
 from endolab.depth.solvers import DEFAULT_SOLVER, options_of
 from endolab.model.endoscope import Calibration
-from endolab.model.thinned import thinned_normals
+from endolab.model.thinned import thin_normals
 from endolab.numerics.arrays import FloatArray, frozen
 from endolab.numerics.iteration import Status
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
-from endolab.reconstruction.scale import check_scale, in_unit, known_scale
+from endolab.reconstruction.scale import check_scale, in_unit, scale_by_length
 
 WORSE = 1.3  # times the energy of the last cold start: then a warm start is not trusted
 REFRESH = 25  # frames after which a cold start is tried anyway
@@ -76,7 +76,7 @@ class Carried:
             camera,
             photometry,
             metric=surface.metric,
-            discontinuities=np.zeros((2, *v.shape), dtype=bool) if bar else None,
+            cuts=np.zeros((2, *v.shape), dtype=bool) if bar else None,
         )
         contours = ContourReport(ContourOutcome.AS_BEFORE, min_steepness=bar or None)
         iterate = Iterate(problem, 0, frozen(v), {}, provenance=Provenance(contours=contours))
@@ -166,7 +166,7 @@ def reconstruct_sequence(
                 if result is None or not warm:
                     result = cold
             if surface is None:
-                result = replace(result, iterate=known_scale(result.iterate, **lengths))
+                result = replace(result, iterate=scale_by_length(result.iterate, **lengths))
         except (ValueError, OSError) as error:
             if surface is None and any(length is not None for length in lengths.values()):
                 raise ValueError(_sentence(name, error)) from error  # another frame shows other places
@@ -238,7 +238,7 @@ def scale_between(before: Surface, result: Result) -> float:
     field = result.problem.field
     thin = (slice(None, None, max(1, int(np.sqrt(result.mask.size / SAMPLES)))),) * 2
     old, new = before.distance[thin], result.distance[thin]
-    n = thinned_normals(np.log(before.distance), field, np.isfinite(before.distance), thin[0].step)
+    n = thin_normals(np.log(before.distance), field, np.isfinite(before.distance), thin[0].step)
     u = field.rays[thin]
     facing = np.einsum("...i,...i->...", n, u)
     with np.errstate(invalid="ignore"):

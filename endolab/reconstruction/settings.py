@@ -180,7 +180,7 @@ class Settings:
         group=SCALE,
         more="Fix it so that two surface points are so far apart: (mm, (column, row), (column, row))",
     )
-    discontinuities: BoolArray | None = option(
+    cuts: BoolArray | None = option(
         None,
         "steps between pixels that are cut, where they are known: see `Problem`",
         MAP,
@@ -188,7 +188,7 @@ class Settings:
     solver_options: Mapping[str, Any] = field(default_factory=dict)  # the solver's own, such as `inflow`
 
     def __post_init__(self) -> None:
-        from endolab.depth.solvers import checked_solver
+        from endolab.depth.solvers import check_solver_options
         from endolab.reconstruction.scale import check_scale
 
         for part in option_fields():
@@ -196,7 +196,7 @@ class Settings:
             if value is not None or part.default is not None:
                 object.__setattr__(self, part.name, _check(part, value))
         check_scale(**self.lengths)
-        checked_solver(self.solver, self.solver_options)
+        check_solver_options(self.solver, self.solver_options)
 
     @classmethod
     def of(cls, options: Mapping[str, Any]) -> Self:
@@ -221,7 +221,7 @@ class Settings:
     @property
     def searches_contours(self) -> bool:
         """Whether contours may be looked for."""
-        if self.discontinuities is not None:  # they are known
+        if self.cuts is not None:  # they are known
             return False
         return self.uses_colours if self.contours is None else bool(self.contours)
 
@@ -263,7 +263,7 @@ def _check(part: Field[Any], value: Any) -> Any:
     """Return the value of an option as it is used; ValueError, in one sentence, if it cannot be."""
     from endolab.model.ranges import check_range
     from endolab.model.schema import unknown_name
-    from endolab.numerics.checks import number, truth_value, whole
+    from endolab.numerics.checks import check_int, number, truth_value
 
     facts: Option = part.metadata["option"]
     if facts.kind == WORD and (not isinstance(value, str) or value not in facts.choices):
@@ -271,7 +271,7 @@ def _check(part: Field[Any], value: Any) -> Any:
     if facts.kind == SWITCH:
         return truth_value(part.name, value)
     if facts.kind == COUNT:
-        return whole(part.name, value, facts.least)
+        return check_int(part.name, value, facts.least)
     if facts.kind == NUMBER and part.name not in LENGTHS:
         value = number(part.name, value)
         check_range(part.name, value)

@@ -43,7 +43,7 @@ class Shown:
         )
 
 
-def _opened(layout: rrb.Container, timeline: str = TIMELINE, fps: float | None = None) -> Layout:
+def _open_at(layout: rrb.Container, timeline: str = TIMELINE, fps: float | None = None) -> Layout:
     """A layout with the timeline to open on, played so fast, and without panels beside it."""
     return Layout(
         layout,
@@ -67,7 +67,7 @@ def _uncertainty(shown: Shown) -> list[rrb.View]:
     if shown.sigma is None:
         return []
     sigma = shown.view(f"σ, 0 to {shown.sigma:g} %", "uncertainty/sigma", "mask")
-    return [sigma, shown.view("Who decided", "uncertainty/decided_by")]
+    return [sigma, shown.view("Who decided", "uncertainty/dominant_source")]
 
 
 def _surface(shown: Shown) -> rrb.Spatial3DView:
@@ -136,7 +136,7 @@ def reconstruction(shown: Shown) -> Layout:
     curves = rrb.Vertical(_energy(shown), stages, row_shares=[2, 1])
     below = rrb.Horizontal(_surface(shown), curves, rrb.Tabs(*words, steps), column_shares=[1.7, 1.4, 1.1])
     fps = max(1.0, shown.last / PLAYED)
-    return _opened(rrb.Vertical(pictures, below, row_shares=[1, 1.4]), fps=fps)
+    return _open_at(rrb.Vertical(pictures, below, row_shares=[1, 1.4]), fps=fps)
 
 
 def comparison(runs: Sequence[Shown]) -> Layout:
@@ -147,7 +147,7 @@ def comparison(runs: Sequence[Shown]) -> Layout:
     ]
     energy = _curves("log₁₀ energy", [shown.at("log10/energy") for shown in runs])
     layout = rrb.Horizontal(*columns, rrb.Vertical(energy, _change(runs)))
-    return _opened(layout, fps=max(1.0, max(shown.last for shown in runs) / PLAYED))
+    return _open_at(layout, fps=max(1.0, max(shown.last for shown in runs) / PLAYED))
 
 
 def _plots(curves: Mapping[str, Sequence[str]]) -> list[rrb.TimeSeriesView]:
@@ -166,7 +166,7 @@ def sequence(
     alone = Shown("", unit, (), (), limits)
     pictures = rrb.Horizontal(alone.view("Frame", "input"), _depth(alone), alone.view("Normals", "normals"))
     below = rrb.Horizontal(_surface(alone), rrb.Grid(*_plots(curves), grid_columns=2), column_shares=[1, 1.2])
-    return _opened(rrb.Vertical(pictures, below, row_shares=[1, 1.3]), timeline)
+    return _open_at(rrb.Vertical(pictures, below, row_shares=[1, 1.3]), timeline)
 
 
 def calibration(centre: FloatArray, curves: Mapping[str, Sequence[str]], timeline: str) -> Layout:
@@ -189,4 +189,4 @@ def calibration(centre: FloatArray, curves: Mapping[str, Sequence[str]], timelin
     )
     words = rrb.Tabs(rrb.TextDocumentView(origin="/account", name="Account"), fit)
     middle = rrb.Vertical(sheet, rrb.Horizontal(*_plots(curves)), row_shares=[2, 1])
-    return _opened(rrb.Horizontal(frame, middle, words, column_shares=[1.2, 1.5, 1]), timeline)
+    return _open_at(rrb.Horizontal(frame, middle, words, column_shares=[1.2, 1.5, 1]), timeline)

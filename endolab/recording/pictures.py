@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from endolab.depth.problem import AT_LEAST, NONE, Problem
+from endolab.depth.problem import LOWER_BOUND, NONE, Problem
 from endolab.depth.result import Iterate
 from endolab.model.thinned import ThinnedMaps
 from endolab.numerics.arrays import BoolArray, FloatArray
@@ -44,7 +44,7 @@ class Painter:
         self.sparse = sparse = (slice(None, None, thin[0].step * further),) * 2
         self._inside = problem.mask[sparse]
         self._rays = problem.field.rays[sparse][self._inside]
-        self._maps = ThinnedMaps(problem.field, problem.mask, problem.discontinuities, thin[0].step)
+        self._maps = ThinnedMaps(problem.field, problem.mask, problem.cuts, thin[0].step)
         self._attenuation = problem.photometry.attenuation(problem.field.cos_alpha[thin])
 
     def paint(self, iterate: Iterate) -> dict[str, tuple[rr.AsComponents, ...]]:
@@ -70,7 +70,7 @@ class Painter:
         half = len(SHADES) // 2
         return np.asarray(cv2.convertScaleAbs(np.clip(share, -1, 1), alpha=half, beta=half + 1))
 
-    def prepared(self) -> dict[str, tuple[rr.AsComponents, ...]]:
+    def show_preparation(self) -> dict[str, tuple[rr.AsComponents, ...]]:
         """What is left out, and what was found in the frame, by their entities."""
         mask = np.ascontiguousarray(self.problem.mask[self.thin])
         return {
@@ -83,10 +83,10 @@ def preparation_of(problem: Problem) -> NDArray[np.uint8]:
     """What a frame's pixels were found to be, (H, W), as places in `PREPARED`."""
     places = np.zeros(problem.mask.shape, np.uint8)
     if problem.evidence is not None:
-        places[problem.mask & (problem.evidence == AT_LEAST)] = 1
+        places[problem.mask & (problem.evidence == LOWER_BOUND)] = 1
         places[problem.mask & (problem.evidence == NONE)] = 2
-    if problem.discontinuities is not None:
-        places[problem.discontinuities.any(axis=0)] = 3
+    if problem.cuts is not None:
+        places[problem.cuts.any(axis=0)] = 3
     return places
 
 

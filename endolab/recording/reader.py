@@ -150,8 +150,8 @@ class Recording:
             assert (self.depth(k)[known] > 0).all()
             assert known.shape == self._mask(k).shape
             assert self.normals(k).shape == (*known.shape, 3)
-        if self.decided_by is not None:
-            assert self.decided_by.shape == self.mask.shape
+        if self.dominant_source is not None:
+            assert self.dominant_source.shape == self.mask.shape
 
     def _at(self, entity: str, component: str) -> list[int]:
         """Iterations at which an entity, by its whole path, has a component."""
@@ -244,14 +244,14 @@ class Recording:
         return self._map("uncertainty/sigma", np.float32) / 100 * self.depth()
 
     @property
-    def decided_by(self) -> NDArray[np.uint8] | None:
+    def dominant_source(self) -> NDArray[np.uint8] | None:
         """Who decided the pixels of the last `depth`, (h, w); None if no uncertainty was recorded.
 
         1 the data, 2 border or contour, 3 the prior; 0 outside the mask.
         """
-        if f"{self._start}uncertainty/decided_by" not in self._entities:
+        if f"{self._start}uncertainty/dominant_source" not in self._entities:
             return None
-        return self._map("uncertainty/decided_by", np.uint8)
+        return self._map("uncertainty/dominant_source", np.uint8)
 
     def _chosen(self, iteration: int) -> int:
         pictured = self.pictured

@@ -151,7 +151,7 @@ class Recorder:
     time k has grown by half; of the stages before it only for the first and the last, as there may be a
     dozen. The timeline "iteration" runs on over all stages. At the end, static: ``end`` (what came of each
     stage), and of how far it can be trusted, if that is added: ``uncertainty/sigma`` (% of the distance) and
-    ``uncertainty/decided_by``. In a `Comparison` all names begin with the run's.
+    ``uncertainty/dominant_source``. In a `Comparison` all names begin with the run's.
     """
 
     def __init__(
@@ -221,7 +221,9 @@ class Recorder:
         most = float(f"{np.nanpercentile(percent, 98):.2g}") or 1.0
         self._log("uncertainty/sigma", depth_map(percent, False, (0.0, most), "magma"), static=True)
         colours = {"left out": BLACK} | {name: (*colour, 255) for name, colour in DECIDERS.items()}
-        self._log("uncertainty/decided_by", *classes(uncertainty.decided_by[thin], colours), static=True)
+        self._log(
+            "uncertainty/dominant_source", *classes(uncertainty.dominant_source[thin], colours), static=True
+        )
         self.shown = replace(self.shown, sigma=most)
         self._arrange(watched=True)
 
@@ -268,7 +270,7 @@ class Recorder:
         picture = as_bytes(in_colour(problem.shown))
         if last is None or last.problem.shown is not problem.shown:
             self._log("input", rr.Image(picture[painter.thin]))
-        for entity, what in painter.prepared().items():
+        for entity, what in painter.show_preparation().items():
             self._log(entity, *what)
         self._log("settings", rr.TextDocument(_settings(iterate), media_type="text/markdown"))
         inside = problem.mask[painter.sparse]

@@ -70,10 +70,10 @@ class SequenceRecorder:
             sink.log("world/camera", camera_shape(camera, size), static=True)
             sink.arrange(sequence(self.unit, self._limits, TIMELINE, self._curves))
         sink.at(TIMELINE, number)
-        sink.log("input", self._coded(picture[every(picture.shape[1], self.max_width)]))
+        sink.log("input", self._encode(picture[every(picture.shape[1], self.max_width)]))
         sink.log("depth", depth_map(distance[thin], self.unit == "mm", self._limits))
         sink.log("mask", *classes(np.isfinite(distance[thin]), MASK))
-        sink.log("normals", self._coded((normals[thin] + 1) / 2))
+        sink.log("normals", self._encode((normals[thin] + 1) / 2))
         inside = np.isfinite(distance[sparse])
         cloud = distance[sparse][inside][:, None] * camera.field.rays[sparse][inside]
         if picture.shape[:2] != distance.shape:  # it may be larger than the depth map
@@ -87,6 +87,6 @@ class SequenceRecorder:
         """Write the file, whole or not at all; without a frame there is none."""
         self._sink.close()
 
-    def _coded(self, colours: FloatArray) -> rr.AsComponents:
+    def _encode(self, colours: FloatArray) -> rr.AsComponents:
         """A picture, small in a file; as it is for a viewer, which would show none while it decodes."""
         return rr.Image(as_bytes(colours)) if self._sink.path is None else jpeg(as_bytes(colours), QUALITY)

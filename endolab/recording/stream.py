@@ -16,7 +16,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from endolab.io.atomic import PathLike, one_sentence, staged_file
+from endolab.io.atomic import PathLike, one_sentence, stage_file
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import FloatArray
 from endolab.recording.viewer import ADDRESS, end, start_viewer
@@ -90,7 +90,7 @@ class Sink:
 
     def _connect(self) -> None:
         if self.path is not None:
-            staged = staged_file(self.path)
+            staged = stage_file(self.path)
             temporary, self._staged = staged.__enter__(), staged
             if PIPES.is_dir():
                 with one_sentence(f"cannot write {self.path}"):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from endolab.depth.result import Result
-from endolab.io.atomic import PathLike, as_json, staged_folder, write_atomically
+from endolab.io.atomic import PathLike, as_json, stage_folder, write_atomically
 from endolab.io.images import write_figure
 from endolab.io.surfaces import save_depth, write_cloud, write_mesh
 from endolab.plots.maps import overview
@@ -18,7 +18,7 @@ from endolab.plots.preparation import prepare_figure
 from endolab.plots.scales import DECIDERS, in_colour
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.mesh import make_mesh
-from endolab.reconstruction.plausible import doubts
+from endolab.reconstruction.plausible import warnings
 from endolab.reconstruction.scale import scale_of
 
 if TYPE_CHECKING:
@@ -46,29 +46,29 @@ def report(result: Result, uncertainty: Uncertainty | None = None) -> dict[str, 
         "metric": result.metric,
         "scale": scale_of(result),
         "meaning": list(meaning(result)),
-        "doubts": list(doubts(result)),
+        "warnings": list(warnings(result)),
         "distance": {
             "median": float(np.median(known)),
             "least": float(known.min()),
             "greatest": float(known.max()),
         },
-        **({} if uncertainty is None else {"uncertainty": trusted(result, uncertainty)}),
+        **({} if uncertainty is None else {"uncertainty": summarise_uncertainty(result, uncertainty)}),
         "pixels": int(known.size),
         "photometry": {"k": photometry.k, "gamma": photometry.gamma, "gain": photometry.gain},
         "settings": result.provenance.settings,
     }
 
 
-def trusted(result: Result, uncertainty: Uncertainty) -> dict[str, Any]:
+def summarise_uncertainty(result: Result, uncertainty: Uncertainty) -> dict[str, Any]:
     """Sum a `Uncertainty` up in numbers, in % of the distance; of pixels, percentiles and medians."""
     inside = result.mask
     low, middle, high = np.percentile(100 * (uncertainty.sigma / result.distance)[inside], [10, 50, 90])
-    decided = uncertainty.decided_by[inside]
+    decided = uncertainty.dominant_source[inside]
     return {
         "sigma_percent": {"10th": float(low), "median": float(middle), "90th": float(high)},
         "sigma_shape_percent": float(np.median(100 * (uncertainty.sigma_shape / result.distance)[inside])),
         "sigma_scale_percent": 100 * uncertainty.sigma_scale,
-        "decided_by": {name: float((decided == k).mean()) for k, name in enumerate(DECIDERS, 1)},
+        "dominant_source": {name: float((decided == k).mean()) for k, name in enumerate(DECIDERS, 1)},
         "causes_percent": {name: float(100 * np.median(a[inside])) for name, a in uncertainty.causes.items()},
         "scale_causes_percent": {name: 100 * value for name, value in uncertainty.scales.items()},
         "draws": uncertainty.draws,
@@ -117,7 +117,7 @@ def save_result(
     >>> sorted(path.name for path in Path("out").iterdir())
     ['cloud.ply', 'depth.npz', 'overview.png', 'report.json']
     """
-    with staged_folder(folder, overwrite=overwrite) as staging:
+    with stage_folder(folder, overwrite=overwrite) as staging:
         write_files(result, staging, mesh=mesh, prepared=prepared, uncertainty=uncertainty)
 
 

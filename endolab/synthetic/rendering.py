@@ -9,7 +9,7 @@ from endolab.model.brdf import Glossy, Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import whole
+from endolab.numerics.checks import check_int
 from endolab.numerics.memory import RENDERING, check_memory
 from endolab.synthetic.scenes import Scene
 
@@ -59,7 +59,7 @@ def check_amounts(**amounts: float) -> None:
             raise ValueError(f"{name} must be at most {LARGEST_EFFECT:g}, got {value:g}")
 
 
-def developed(linear: FloatArray, gamma: float, noise: float, bits: int | None, seed: int) -> FloatArray:
+def develop(linear: FloatArray, gamma: float, noise: float, bits: int | None, seed: int) -> FloatArray:
     """Stored values of linear light, with noise (grey levels of 255) and rounded to some bits."""
     stored = linear ** (1 / gamma)
     if noise:
@@ -79,7 +79,7 @@ def truth_of(scene: Scene, camera: Camera) -> dict[str, Any]:
     return {"distance": np.where(mask, distance, np.nan), "normals": normals, "mask": mask, "camera": camera}
 
 
-def exposed(photometry: Photometry, linear: FloatArray) -> float:
+def expose(photometry: Photometry, linear: FloatArray) -> float:
     """The gain or, if it is unknown, one that puts the 99th percentile of the brightest channel at 0.9."""
     if not linear.any():
         raise ValueError("the camera sees no lit surface in this scene")
@@ -149,7 +149,7 @@ def render(
     mask = truth["mask"]
     distance, normals = truth["distance"][mask], truth["normals"][mask]
     seen = distance[:, None] * camera.field.rays[mask]
-    rng = np.random.default_rng([whole("seed", seed), 0])
+    rng = np.random.default_rng([check_int("seed", seed), 0])
     mottle = np.exp(texture * waves(seen, TEXTURE_SCALE, rng)[0]) if texture else 1.0
     ripple = waves(seen, RIPPLE_SCALE, rng)[1] if highlights else None
 
@@ -164,12 +164,12 @@ def render(
         wet, dry = (replace(lit, brdf=brdf).intensity(seen, rough) ** lit.gamma for brdf in (film, matt))
         linear = linear + (wet - dry)[:, None]
 
-    gain = exposed(photometry, linear)
+    gain = expose(photometry, linear)
     linear = linear * gain
     if fog:
         clear = np.exp(-fog * distance)[:, None]
         linear = linear * clear**2 + VEIL * (1 - clear)
     image = np.zeros((*mask.shape, linear.shape[-1]))
-    image[mask] = developed(linear, lit.gamma, noise, bits, seed)
+    image[mask] = develop(linear, lit.gamma, noise, bits, seed)
     image = image if len(models) == 3 else image[..., 0]
     return Rendered(image=image, photometry=replace(photometry, gain=gain), **truth)

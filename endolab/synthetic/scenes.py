@@ -348,7 +348,7 @@ class Bump:
                 f"got {self.depth}, {self.width} and {self.height}"
             )
 
-    def _raised(self, squared: FloatArray) -> FloatArray:
+    def _bump_height(self, squared: FloatArray) -> FloatArray:
         """How far the wall stands out at squared distances from the axis."""
         return self.height * np.exp(-squared / (2 * self.width**2))
 
@@ -361,14 +361,14 @@ class Bump:
         high = low + abs(self.height)
         for _ in range(60):
             middle = (low + high) / 2
-            beyond = middle + self._raised(spread * middle**2) > self.depth
+            beyond = middle + self._bump_height(spread * middle**2) > self.depth
             low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
         return (low + high) / 2 / cosine
 
     def normals(self, points: FloatArray) -> FloatArray:
         """See `Scene.normals`."""
         across = points[..., :2]
-        raised = self._raised(np.sum(across**2, axis=-1))[..., None]
+        raised = self._bump_height(np.sum(across**2, axis=-1))[..., None]
         normal = np.concatenate([raised * across / self.width**2, -np.ones_like(raised)], axis=-1)
         return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
@@ -376,7 +376,7 @@ class Bump:
         """See `Scene.mesh`; a square of 60 times the depth, in finer steps where the bump is."""
         s = np.sinh(np.linspace(-1.0, 1.0, size) * np.arcsinh(30.0 * self.depth / self.width)) * self.width
         x, y = np.meshgrid(s, s)
-        z = self.depth - self._raised(x**2 + y**2)
+        z = self.depth - self._bump_height(x**2 + y**2)
         return np.stack([x, y, z], axis=-1).reshape(-1, 3), grid_triangles(size, size)
 
 

@@ -100,7 +100,7 @@ def comparable(a: Answer, b: Answer) -> bool:
     return a.result.mask.shape == b.result.mask.shape and a.settings.scene == b.settings.scene
 
 
-def _named(name: str, panel: Panel) -> Panel:
+def _name_panel(name: str, panel: Panel) -> Panel:
     return replace(panel, title=f"{name}: {panel.title}")
 
 
@@ -110,7 +110,7 @@ def of_two(a: Answer, b: Answer, view: View, room: tuple[int, int], text: int = 
     rows = []
     for name, third in zip(ROWS[:2], thirds, strict=True):
         left, right = (PANELS[name](answer, replace(view, like=a)) for answer in (a, b))
-        rows.append([(_named("A", left), a), (_named("B", right), b), (third, b)])
+        rows.append([(_name_panel("A", left), a), (_name_panel("B", right), b), (third, b)])
     return _board(rows, room, text)
 
 

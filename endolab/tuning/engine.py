@@ -21,12 +21,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from endolab.depth.energy import contradicted, model_image
+from endolab.depth.energy import contradicts, model_image
 from endolab.depth.result import Iterate, Observer, Result, run, with_provenance
 from endolab.depth.solvers import solve
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.derivatives import fineness
+from endolab.numerics.derivatives import px_per_reference
 from endolab.numerics.iteration import Status, Stopped
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.reconstruct import reconstruct
@@ -83,7 +83,7 @@ class Answer:
         """Model minus frame, (H, W), grey levels of 255; nan where the picture says nothing against it."""
         problem = self.result.problem
         residual = model_image(problem, self.result.iterate.log_distance) - problem.image
-        return np.where(contradicted(problem, residual), 255 * residual, np.nan)
+        return np.where(contradicts(problem, residual), 255 * residual, np.nan)
 
     @cached_property
     def change(self) -> FloatArray | None:
@@ -100,12 +100,12 @@ class Answer:
     @cached_property
     def roughness(self) -> float:
         """Mean angle between normals 1/320 of the longer side apart, degrees, but across what is torn."""
-        normals, discontinuities = self.result.normals, self.result.problem.discontinuities
+        normals, cuts = self.result.normals, self.result.problem.cuts
         right, below = (np.linalg.norm(np.diff(normals, axis=axis), axis=-1) for axis in (1, 0))
-        if discontinuities is not None:
-            right[discontinuities[0, :, :-1]], below[discontinuities[1, :-1]] = np.nan, np.nan
+        if cuts is not None:
+            right[cuts[0, :, :-1]], below[cuts[1, :-1]] = np.nan, np.nan
         mean = np.nanmean(np.append(right, below))
-        return float(np.degrees(mean)) * fineness(normals.shape)
+        return float(np.degrees(mean)) * px_per_reference(normals.shape)
 
     @cached_property
     def relief(self) -> tuple[float, float]:
@@ -121,8 +121,8 @@ class Answer:
     @property
     def torn(self) -> int:
         """Steps between pixels over which the surface is torn."""
-        discontinuities = self.result.problem.discontinuities
-        return 0 if discontinuities is None else int(discontinuities.sum())
+        cuts = self.result.problem.cuts
+        return 0 if cuts is None else int(cuts.sum())
 
 
 def sentence_of(error: BaseException) -> str:
@@ -201,16 +201,16 @@ class Tuner:
         self, answer: Answer, several: Sequence[Knobs], tell: Callable[[int, Answer], object]
     ) -> None:
         """Solve these, torn where an answer is; `tell` is given the number and the answer of each."""
-        torn = answer.result.problem.discontinuities
+        torn = answer.result.problem.cuts
         held: dict[str, Any] = {"contours": False}
         if torn is not None:
-            held = {"contours": None, "discontinuities": torn}
+            held = {"contours": None, "cuts": torn}
 
         def job(is_stale: IsStale) -> None:
             for number, settings in enumerate(several):
                 if settings == answer.settings:
                     continue
-                solved = self._solved(answer.subject, settings, [_watch(is_stale)], **held)
+                solved = self._solve(answer.subject, settings, [_watch(is_stale)], **held)
                 if is_stale():
                     return
                 tell(number, solved)
@@ -258,7 +258,7 @@ class Tuner:
 
     def cold(self, settings: Knobs, observers: Iterable[Observer] = ()) -> Answer:
         """Solve here and now: what the lines of `Knobs.code` give, and the last answer to a wish."""
-        return self._solved(self.source.subject(settings), settings, observers)
+        return self._solve(self.source.subject(settings), settings, observers)
 
     def close(self) -> None:
         """Stop the solve in flight and end the thread, when it has done all that is never dropped."""
@@ -266,7 +266,7 @@ class Tuner:
         self._asked += 1
         self._pool.shutdown()
 
-    def _solved(
+    def _solve(
         self, subject: Subject, settings: Knobs, observers: Iterable[Observer], **options: Any
     ) -> Answer:
         """Solve a subject."""
@@ -296,7 +296,7 @@ class Tuner:
         def tell(sofar: Result) -> None:
             self.tell(Answer(settings, SOFAR, sofar.seconds, subject, sofar))
 
-        answer = self._solved(subject, settings, [_watch(is_stale, tell)])
+        answer = self._solve(subject, settings, [_watch(is_stale, tell)])
         if not is_stale():
             self._settled = replace(answer, followed=followed)
             self._tell_final(self._settled)
@@ -316,7 +316,7 @@ class Tuner:
             return None
         options: dict[str, Any] = {"max_iterations": steps[1]} if steps else {}
         options["width"] = min(settings.width, subject.frame.width) // 2
-        return replace(self._solved(subject, settings, [_watch(is_stale)], **options), stage=FIRST)
+        return replace(self._solve(subject, settings, [_watch(is_stale)], **options), stage=FIRST)
 
 
 def _watch(is_stale: IsStale, tell: Callable[[Result], object] | None = None) -> Observer:

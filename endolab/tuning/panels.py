@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from endolab.depth.problem import AT_LEAST, NONE
+from endolab.depth.problem import LOWER_BOUND, NONE
 from endolab.model.photometry import CHANNELS
 from endolab.numerics.arrays import FloatArray
 from endolab.plots.scales import DECIDERS, common_limits
@@ -125,16 +125,12 @@ def _contours(answer: Answer, view: View) -> Panel:
     problem = answer.result.problem
     grey = np.asarray(problem.shown, float)
     picture = grey_or_colour(0.35 + 0.5 * (grey if grey.ndim == 2 else grey.mean(axis=-1)))
-    maybe = (find_contours(problem.log_facing, problem.mask) > MAYBE).any(axis=0)
+    maybe = (find_contours(problem.log_d0, problem.mask) > MAYBE).any(axis=0)
     evidence = np.zeros(problem.mask.shape) if problem.evidence is None else problem.evidence
-    torn = (
-        np.zeros_like(problem.mask)
-        if problem.discontinuities is None
-        else problem.discontinuities.any(axis=0)
-    )
+    torn = np.zeros_like(problem.mask) if problem.cuts is None else problem.cuts.any(axis=0)
     parts = {
         "may be a contour": (maybe, pictures.SKY),
-        "saturated: at least so bright": (problem.mask & (evidence == AT_LEAST), SATURATED),
+        "saturated: at least so bright": (problem.mask & (evidence == LOWER_BOUND), SATURATED),
         "highlight: says nothing": (problem.mask & (evidence == NONE), SILENT),
         "left out": (~problem.mask, pictures.LEFT_OUT),
         f"torn, {answer.torn:,} px": (torn, TORN),
@@ -168,7 +164,7 @@ def _sigma(answer: Answer, view: View) -> Panel:
     return _value_map(title, percent, (0.0, end_of(percent, 98)), "magma", "± {:.1f} %")
 
 
-def _decided(answer: Answer, view: View) -> Panel:
+def _dominant_source(answer: Answer, view: View) -> Panel:
     uncertainty = answer.uncertainty
     if uncertainty is None:
         return Map("Who decided: press find σ, below advanced", None)
@@ -176,9 +172,9 @@ def _decided(answer: Answer, view: View) -> Panel:
     names = ("left out", *DECIDERS)
 
     def says(i: int, j: int) -> str:
-        return names[uncertainty.decided_by[i, j]]
+        return names[uncertainty.dominant_source[i, j]]
 
-    return Map("Who decided", colours[uncertainty.decided_by], keys=[*DECIDERS.items()], says=says)
+    return Map("Who decided", colours[uncertainty.dominant_source], keys=[*DECIDERS.items()], says=says)
 
 
 def _section(answer: Answer, view: View) -> Panel:
@@ -251,7 +247,7 @@ PANELS: dict[str, Callable[[Answer, View], Panel]] = {
     "contours": _contours,
     "bounced light": _bounced,
     "σ": _sigma,
-    "who decided": _decided,
+    "who decided": _dominant_source,
     "energy": _energy,
 }
 USUAL = ("frame", "distance", "model - frame", "section", "3D", "λ curve")

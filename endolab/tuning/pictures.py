@@ -52,7 +52,7 @@ def write(
     return wide
 
 
-def labelled(
+def draw_label(
     picture: Picture, text: str, x: int, y: int, size: int, align: float = 0.0, colour: Colour = INK
 ) -> int:
     """Write a line on white, and return its width, px."""
@@ -143,7 +143,7 @@ class Map:
             _cut(place, *self.line)
         for number, (name, colour) in enumerate(reversed(self.keys)):
             y = place.shape[0] - round(1.6 * text) * (number + 1)
-            labelled(place, name, round(1.6 * text), y, text)
+            draw_label(place, name, round(1.6 * text), y, text)
             place[max(0, y + 4) : y + text + 2, 3 : text + 1] = colour
         if self.limits is not None:
             scale_bar(paper[top : top + tall], left + wide + text // 2, self.limits, self.palette, text)
@@ -222,8 +222,8 @@ class Chart:
                 whole = np.round(16 * points[run]).astype(np.int32)
                 cv2.polylines(inner, [whole], False, tuple(colour), 2, cv2.LINE_AA, shift=4)
             if name:
-                at -= labelled(inner, name, at, 0, text, 1.0, colour) + text
-        labelled(inner, self.y_label, 3, 0, text)
+                at -= draw_label(inner, name, at, 0, text, 1.0, colour) + text
+        draw_label(inner, self.y_label, 3, 0, text)
         dots = []
         for x_of, y_of, colour in self.dots:
             right_of, down_of = (int(pixel) for pixel in place(self._points(x_of, y_of)))

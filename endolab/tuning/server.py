@@ -49,7 +49,7 @@ class Page:
         self, make: Callable[[], AnyWidget], title: str, port: int = 0, origin: str | None = None
     ) -> None:
         self._make, self.title = make, title
-        self.origin = None if origin is None else checked_origin(origin)
+        self.origin = None if origin is None else parse_origin(origin)
         try:
             self._socket = socket.create_server(("127.0.0.1", port))
         except OSError as error:
@@ -153,7 +153,7 @@ class Page:
             self._ending = self._loop.call_later(rest, self._ended.set)
 
 
-def checked_origin(text: str) -> str:
+def parse_origin(text: str) -> str:
     """Return an origin as browsers write it; ValueError, unless it is a scheme, a host and perhaps a port."""
     if not re.fullmatch(r"https?://[\w.:[\]-]+/?", text):
         raise ValueError(f"an origin is like https://lab.example.org or http://10.0.0.2:8080, got {text!r}")

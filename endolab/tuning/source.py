@@ -11,7 +11,7 @@ from endolab.io.settings import SolvingSettings
 from endolab.model.endoscope import Calibration
 from endolab.model.schema import unknown_name
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.checks import whole
+from endolab.numerics.checks import check_int
 from endolab.preprocessing.frame import Frame, check_size
 from endolab.reconstruction.settings import Settings
 from endolab.synthetic.rendering import render
@@ -37,7 +37,7 @@ class Knobs(Settings):
     def __post_init__(self) -> None:
         # Options are checked when they are solved with, and what is wrong then is shown as all else that is.
         if self.max_iterations is not None:
-            whole("max_iterations", self.max_iterations)
+            check_int("max_iterations", self.max_iterations)
         if self.albedo is not None and np.shape(self.albedo) != (3,):
             raise ValueError(f"albedo must be three numbers, of red, green and blue, got {self.albedo}")
 

@@ -21,8 +21,8 @@ from endolab.depth.result import Iterate, Result
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray
 from endolab.numerics.checks import excerpt
 from endolab.numerics.derivatives import links
-from endolab.plots.scales import lifted
-from endolab.reconstruction.mesh import joined_triangles
+from endolab.plots.scales import brighten
+from endolab.reconstruction.mesh import join_triangles
 from endolab.tuning.pictures import Picture, grey_or_colour, jpeg
 
 HEIGHT = 360  # of the panel, px
@@ -75,7 +75,7 @@ class SurfaceView(anywidget.AnyWidget):
         rays: FloatArray,
         picture: np.ndarray,
         *,
-        discontinuities: BoolArray | None = None,
+        cuts: BoolArray | None = None,
         unit: str = "mm",
         lift: bool = False,
     ) -> None:
@@ -93,7 +93,7 @@ class SurfaceView(anywidget.AnyWidget):
         picture : (h, w, 3) or (h, w) array
             What lies on the surface: bytes, or numbers in [0, 1]; larger or smaller than the surface, but of
             its proportions.
-        discontinuities : (2, H, W) bool array, optional
+        cuts : (2, H, W) bool array, optional
             Steps to the right and lower neighbour over which the surface is torn.
         unit : str
         lift : bool
@@ -108,7 +108,7 @@ class SurfaceView(anywidget.AnyWidget):
         if abs(tall * width - wide * height) > max(height, width, tall, wide):  # shrunk to whole pixels
             raise ValueError(f"picture of {wide}x{tall} px has not the proportions of {width}x{height} px")
         with self._showing:
-            self._last, self._waits = (distance, rays, picture, discontinuities, unit, lift), True
+            self._last, self._waits = (distance, rays, picture, cuts, unit, lift), True
             self._flush()
 
     def _flush(self) -> None:
@@ -118,21 +118,21 @@ class SurfaceView(anywidget.AnyWidget):
             if self._last is None or not self._waits or not self.visible or busy or self.comm is None:
                 return
             self._waits = False
-            distance, rays, picture, discontinuities, unit, lift = self._last
+            distance, rays, picture, cuts, unit, lift = self._last
             known = np.isfinite(distance) & (distance > 0)
             rows, columns = thinned(distance.shape)
-            joined = thinned_links(links(known, discontinuities), rows, columns)
+            joined = thin_links(links(known, cuts), rows, columns)
             every = np.ix_(rows, columns)
             far = np.where(known, distance, 0)[every]
             points = (rays[every] * far[..., None])[known[every]]
             with self.hold_sync():  # which sends what differs, in one message
                 self.grid = grid_of(rays, rows, columns)
-                self.triangles = joined_triangles(far, joined).astype(np.uint32).tobytes()
+                self.triangles = join_triangles(far, joined).astype(np.uint32).tobytes()
                 box = box_of(points) if len(points) else [0.0] * 3 + [1.0] * 3
                 if unit != self.unit or not keeps(self.box, box):
                     self.box, self.unit = box, unit
                 self.far = far.astype(np.float32).tobytes()
-                self.picture = jpeg(textured(picture, lift))
+                self.picture = jpeg(as_texture(picture, lift))
                 self.number += 1
             self._sent = time.monotonic()
 
@@ -170,7 +170,9 @@ class SurfaceView(anywidget.AnyWidget):
         distance, rays, picture, _, unit, lift = self._last
         every = np.ix_(*thinned(distance.shape))
         points = rays[every] * np.where(distance > 0, distance, np.nan)[every][..., None]
-        colours = cv2.resize(textured(picture, lift), points.shape[1::-1], interpolation=cv2.INTER_AREA) / 255
+        colours = (
+            cv2.resize(as_texture(picture, lift), points.shape[1::-1], interpolation=cv2.INTER_AREA) / 255
+        )
         figure = Figure(figsize=(6.4, 4.4), layout="constrained")
         options: dict[str, Any] = {"angle": START[0], "elevation": START[1], "title": "", "lift": False}
         show_cloud(points, colours, figure.subplots(), unit=unit, **options)
@@ -217,20 +219,20 @@ def show_on(view: SurfaceView, shown: Result | Iterate, picture: np.ndarray, lif
         shown.distance,
         known.field.rays,
         picture,
-        discontinuities=known.discontinuities,
+        cuts=known.cuts,
         unit=known.unit,
         lift=lift,
     )
 
 
-def textured(picture: np.ndarray, lift: bool) -> Picture:
+def as_texture(picture: np.ndarray, lift: bool) -> Picture:
     """A picture as it is seen, (h, w, 3)."""
     less = TEXTURE / picture.shape[1]
     if less < 1:
         picture = cv2.resize(picture, None, fx=less, fy=less, interpolation=cv2.INTER_AREA)
     if picture.dtype == np.uint8:
         picture = picture / 255
-    return grey_or_colour(lifted(picture) if lift else picture)
+    return grey_or_colour(brighten(picture) if lift else picture)
 
 
 def thinned(shape: tuple[int, ...]) -> tuple[IndexArray, IndexArray]:
@@ -240,7 +242,7 @@ def thinned(shape: tuple[int, ...]) -> tuple[IndexArray, IndexArray]:
     return first, second
 
 
-def thinned_links(joined: BoolArray, rows: IndexArray, columns: IndexArray) -> BoolArray:
+def thin_links(joined: BoolArray, rows: IndexArray, columns: IndexArray) -> BoolArray:
     """Steps between the points that are left, (2, h, w): those on whose way no step is missing."""
     right = np.logical_and.reduceat(joined[0][rows], columns, axis=1)
     below = np.logical_and.reduceat(joined[1][:, columns], rows, axis=0)

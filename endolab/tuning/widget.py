@@ -19,7 +19,7 @@ import numpy as np
 import traitlets as t
 
 from endolab import datasets
-from endolab.io.atomic import staged_folder, write_atomically
+from endolab.io.atomic import stage_folder, write_atomically
 from endolab.io.images import read_frame
 from endolab.io.settings import write_settings
 from endolab.model.endoscope import Calibration
@@ -162,10 +162,10 @@ class TunerBox(anywidget.AnyWidget):
         known |= {"k": {"first": light.k}, "gamma": {"first": light.gamma}}  # what None stands for
         specs = [{**spec, **known.get(spec["name"], {})} for spec in knob_specs()]
         super().__init__(specs=specs, knobs=self._first, surface=SurfaceView(0))
-        self.on_msg(lambda _, message, buffers: self._guarded(self._act)(*message))
-        self.observe(self._guarded(self._turned), "knobs")
-        self.observe(self._guarded(lambda change: self._say(change["new"])), "hover")
-        self.observe(self._guarded(lambda change: self._cut(*change["new"])), "drag")
+        self.on_msg(lambda _, message, buffers: self._guard(self._act)(*message))
+        self.observe(self._guard(self._follow_knobs), "knobs")
+        self.observe(self._guard(lambda change: self._say(change["new"])), "hover")
+        self.observe(self._guard(lambda change: self._cut(*change["new"])), "drag")
         self.ask()
 
     def set_state(self, sync_data: dict[str, Any]) -> None:
@@ -173,7 +173,7 @@ class TunerBox(anywidget.AnyWidget):
         with self._lock:
             super().set_state(sync_data)
 
-    def _guarded(self, action: Callable[..., object]) -> Callable[..., None]:
+    def _guard(self, action: Callable[..., object]) -> Callable[..., None]:
         """Say what goes wrong in the status line."""
 
         def guarded(*given: Any) -> None:
@@ -211,7 +211,7 @@ class TunerBox(anywidget.AnyWidget):
         self._leave_comparison()
         self.engine.ask(self._wish)
 
-    def _turned(self, change: dict[str, Any]) -> None:
+    def _follow_knobs(self, change: dict[str, Any]) -> None:
         """Follow the knobs."""
         old, scene = change["old"], self.knobs["scene"]
         if self._pictures and isinstance(scene, int) and scene != self.frame:
@@ -246,9 +246,9 @@ class TunerBox(anywidget.AnyWidget):
 
     def _take(self, answer: Answer) -> None:
         """Show an answer; in the engine's thread."""
-        self._guarded(self._shown)(answer)
+        self._guard(self._show_answer)(answer)
 
-    def _shown(self, answer: Answer) -> None:
+    def _show_answer(self, answer: Answer) -> None:
         self._word = {}
         if (
             answer.uncertainty is not None
@@ -326,10 +326,10 @@ class TunerBox(anywidget.AnyWidget):
         several = [replace(now.settings, **{what: value}) for value in values]
         given = [now if settings == now.settings else None for settings in several]
         self.columns, self.compared = list(zip(labels, given, strict=True)), what
-        self.engine.compare(now, several, self._guarded(self._compared))
+        self.engine.compare(now, several, self._guard(self._take_compared))
         self._show()
 
-    def _compared(self, number: int, answer: Answer) -> None:
+    def _take_compared(self, number: int, answer: Answer) -> None:
         if self.columns:
             self.columns[number] = self.columns[number][0], answer
             if all(dot.settings != answer.settings for dot in self.dots):
@@ -387,7 +387,7 @@ class TunerBox(anywidget.AnyWidget):
         wide, tall = (int(side * self._ratio) for side in self._room)
         return (wide, tall), round(self._ratio * (LARGE_TEXT if self._room[0] > LARGE else TEXT))
 
-    def _composed(self, answer: Answer) -> tuple[Board, bool]:
+    def _compose(self, answer: Answer) -> tuple[Board, bool]:
         """What is on the board, and whether that is the one answer alone."""
         if self.columns:
             return of_several(self.columns, answer, self._view(), *self._pixels()), False
@@ -400,7 +400,7 @@ class TunerBox(anywidget.AnyWidget):
         answer = self.answer
         if answer is None:
             return
-        self.board, alone = self._composed(answer)
+        self.board, alone = self._compose(answer)
         text = f"{self.shows}: " * bool(self.shows) + summary(answer)
         height, width = self.board.picture.shape[:2]
         known = answer.truth is not None
@@ -501,7 +501,7 @@ class TunerBox(anywidget.AnyWidget):
         with self._lock:
             answer, code, board = self._final(), self.python(), self._of_one(self._final())
         calibration = self._calibration if answer.settings.scene is None else answer.subject.calibration
-        with staged_folder(folder, overwrite=overwrite) as staging:
+        with stage_folder(folder, overwrite=overwrite) as staging:
             with record(staging / "recording.rrd") as recorder:
                 self.engine.cold(answer.settings, [recorder])
                 if answer.uncertainty is not None:

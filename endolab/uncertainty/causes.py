@@ -18,7 +18,7 @@ from endolab.depth.provenance import LightOutcome
 from endolab.depth.result import Iterate
 from endolab.model.surface import normals
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.derivatives import fineness, links
+from endolab.numerics.derivatives import links, px_per_reference
 from endolab.reconstruction.contours.lines import find_contours
 from endolab.reconstruction.light.walls import Walls
 from endolab.uncertainty.linearised import Linearised
@@ -32,17 +32,17 @@ OFF = 1.0  # of the light's logarithm, that a lamp beside the optical centre cha
 MAYBE = 0.03  # steepness from which on every second line is a contour: log d₀ per 1/320 of the longer side
 
 
-def correlated(rng: np.random.Generator, shape: tuple[int, ...], length: float) -> FloatArray:
+def correlated_field(rng: np.random.Generator, shape: tuple[int, ...], length: float) -> FloatArray:
     """A random field of unit variance: white noise, blurred by a Gaussian of this many px if by any."""
     if length == 0:
         return rng.standard_normal(shape)
     margin = int(3 * length) + 1
     white = rng.standard_normal((shape[0] + 2 * margin, shape[1] + 2 * margin))
-    smooth = _blurred(white, length)[margin:-margin, margin:-margin]
+    smooth = _blur(white, length)[margin:-margin, margin:-margin]
     return np.asarray(smooth * 2 * np.sqrt(np.pi) * length)
 
 
-def _blurred(a: FloatArray, sigma: float) -> FloatArray:
+def _blur(a: FloatArray, sigma: float) -> FloatArray:
     """In single precision, to three σ: a draw need not be finer."""
     size = 2 * int(np.ceil(3 * sigma)) + 1
     single = a.astype(np.float32)
@@ -52,8 +52,8 @@ def _blurred(a: FloatArray, sigma: float) -> FloatArray:
 
 def around(values: FloatArray, weight: FloatArray, sigma: float) -> FloatArray:
     """Root mean square around each pixel of those that are said."""
-    share = np.maximum(_blurred(weight, sigma), 1e-6)
-    return np.asarray(np.sqrt(np.maximum(_blurred(weight * values**2, sigma), 0.0) / share))
+    share = np.maximum(_blur(weight, sigma), 1e-6)
+    return np.asarray(np.sqrt(np.maximum(_blur(weight * values**2, sigma), 0.0) / share))
 
 
 class Texture:
@@ -62,14 +62,14 @@ class Texture:
     def __init__(self, surface: Linearised, rng: np.random.Generator, least: float) -> None:
         self._surface, self._rng, self._least = surface, rng, least
         problem = surface.problem
-        self._scale = fineness(problem.mask.shape)
+        self._scale = px_per_reference(problem.mask.shape)
         self._informative = (surface.weight > 0).astype(np.float64)
         self._light = surface.model / problem.photometry.gamma  # change of I per change of log light
         self._left: list[FloatArray] = []
 
     def field(self) -> FloatArray:
         """One of unit variance."""
-        return correlated(self._rng, self._informative.shape, LENGTH * self._scale)
+        return correlated_field(self._rng, self._informative.shape, LENGTH * self._scale)
 
     def try_one(self) -> None:
         """See what a fit leaves of a field of unit variance."""
@@ -95,7 +95,7 @@ class Texture:
         return np.hypot(strength / np.maximum(left, LEAST_LEFT * max(usual, 1e-6)), self._least)
 
 
-def named(iterate: Iterate, prior_sigma: PriorSigma) -> Iterator[tuple[str, FloatArray]]:
+def light_changes(iterate: Iterate, prior_sigma: PriorSigma) -> Iterator[tuple[str, FloatArray]]:
     """What one standard deviation of each named cause changes in the logarithm of the light."""
     problem, log_distance = iterate.problem, iterate.log_distance
     mask, field = problem.mask, problem.field
@@ -134,16 +134,14 @@ def bounced_light(iterate: Iterate) -> FloatArray:
         mask,
         problem.field,
         problem.photometry.k,
-        problem.discontinuities,
+        problem.cuts,
     )
     return np.where(mask, np.log1p(walls.indirect_ratio(np.full(3, rho))[..., 1]), 0.0)
 
 
-def perhaps_torn(problem: Problem) -> BoolArray | None:
+def possible_cuts(problem: Problem) -> BoolArray | None:
     """Cuts at every line of the picture that may be a contour, beside those of the problem."""
-    discontinuities = (find_contours(problem.log_facing, problem.mask) > MAYBE) & links(
-        problem.mask, problem.discontinuities
-    )
-    if not discontinuities.any():
-        return problem.discontinuities
-    return discontinuities if problem.discontinuities is None else discontinuities | problem.discontinuities
+    cuts = (find_contours(problem.log_d0, problem.mask) > MAYBE) & links(problem.mask, problem.cuts)
+    if not cuts.any():
+        return problem.cuts
+    return cuts if problem.cuts is None else cuts | problem.cuts

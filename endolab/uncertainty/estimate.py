@@ -22,14 +22,14 @@ from endolab.depth.result import Iterate, Result
 from endolab.model.endoscope import Calibration
 from endolab.model.ranges import RANGES
 from endolab.numerics.arrays import BoolArray, FloatArray, frozen
-from endolab.numerics.checks import excerpt, whole
-from endolab.numerics.derivatives import fineness, links, shifted
-from endolab.numerics.iteration import Status, Stopped, checked_observers, closing, drive
-from endolab.numerics.threads import limited_threads
+from endolab.numerics.checks import check_int, excerpt
+from endolab.numerics.derivatives import links, px_per_reference, shift
+from endolab.numerics.iteration import Status, Stopped, check_observers, closing, drive
+from endolab.numerics.threads import limit_threads
 from endolab.preprocessing.frame import QUIET, noise_level
 from endolab.reconstruction.scale import Pixel, own_pixel
-from endolab.uncertainty.anew import LARGEST_CHANGE, solved_anew
-from endolab.uncertainty.causes import Texture, correlated, named, perhaps_torn
+from endolab.uncertainty.anew import LARGEST_CHANGE, re_solve
+from endolab.uncertainty.causes import Texture, correlated_field, light_changes, possible_cuts
 from endolab.uncertainty.fewer_pixels import enlarged, thinned
 from endolab.uncertainty.linearised import Linearised
 from endolab.uncertainty.prior_sigma import PriorSigma
@@ -52,7 +52,7 @@ class Uncertainty:
     sigma_shape: FloatArray  # the same without what all pixels share
     sigma_scale: float  # what they share, as a share of the distance
     shares: FloatArray  # (3, H, W): of data, border or contour, and prior; they sum to 1
-    decided_by: np.ndarray  # uint8: the largest of the three, 1, 2 or 3; 0 outside the mask
+    dominant_source: np.ndarray  # uint8: the largest of the three, 1, 2 or 3; 0 outside the mask
     causes: dict[str, FloatArray]  # what each cause adds to `sigma_shape`, as a share of the distance
     scales: dict[str, float]  # what each adds to `sigma_scale`
     draws: int  # of each random field
@@ -129,12 +129,12 @@ def uncertainty_of(
         raise ValueError(f"result must be a Result, got {excerpt(result)}")
     if not isinstance(prior_sigma, PriorSigma | None):
         raise ValueError(f"prior_sigma must be a PriorSigma, got {excerpt(prior_sigma)}")
-    draws = whole("draws", draws, LEAST_DRAWS)
+    draws = check_int("draws", draws, LEAST_DRAWS)
     check_solver(result.provenance.asked.get("solver"))
     iterate = result.iterate if isinstance(result, Result) else result
     prior_sigma = PriorSigma.of(calibration) if prior_sigma is None else prior_sigma
-    watching = checked_observers(observers)
-    with limited_threads(threads), closing(watching):
+    watching = check_observers(observers)
+    with limit_threads(threads), closing(watching):
         estimate = _Estimate(thinned(iterate), prior_sigma, draws)
         status = drive(
             estimate.steps(), watching, lambda step, seconds: None, lambda step: step.done >= LEAST_DRAWS
@@ -154,13 +154,13 @@ class _Estimate:
 
     def steps(self) -> Generator[Progress, None, Status]:
         """Solve for every cause, a step each."""
-        for step in self._found():
+        for step in self._answer_each():
             if step is not None:
                 self._answers.setdefault(step[0], []).append(step[1])
             yield Progress(self.done, self._asked)
         return Status.CONVERGED
 
-    def _found(self) -> Generator[tuple[str, FloatArray] | None, None, None]:
+    def _answer_each(self) -> Generator[tuple[str, FloatArray] | None, None, None]:
         """What each cause does, or a draw of it; None while what that takes is made ready."""
         problem, prior_sigma, mask = self._iterate.problem, self._prior_sigma, self._iterate.mask
         v = np.where(mask, self._iterate.log_distance, 0.0)
@@ -171,7 +171,7 @@ class _Estimate:
             yield "bumps", prior_sigma.bumps * bumps.try_one()
         self._shares = bumps.shares(v)
         yield None
-        for cause, light in named(self._iterate, prior_sigma):
+        for cause, light in light_changes(self._iterate, prior_sigma):
             yield cause, surface.to_light(light)
         for cause in ("gain", "albedo"):  # they move all pixels alike
             yield cause, 0.5 * getattr(prior_sigma, cause) * mask
@@ -180,14 +180,14 @@ class _Estimate:
         if prior_sigma.lam:
             lam = min(problem.lam * float(np.exp(prior_sigma.lam)), RANGES["lam"][1])
             choices["lambda"] = 1.0, replace(problem, lam=lam)
-        discontinuities = perhaps_torn(problem)
-        if discontinuities is not None and discontinuities is not problem.discontinuities:
-            choices["contours"] = prior_sigma.contours, replace(problem, discontinuities=discontinuities)
+        cuts = possible_cuts(problem)
+        if cuts is not None and cuts is not problem.cuts:
+            choices["contours"] = prior_sigma.contours, replace(problem, cuts=cuts)
             loose = Linearised.at(choices["contours"][1], v)
             yield None
-        still = (yield from solved_anew(problem, v)) if choices else v
+        still = (yield from re_solve(problem, v)) if choices else v
         for cause, (share, other) in choices.items():
-            moved = (yield from solved_anew(other, v)) - still
+            moved = (yield from re_solve(other, v)) - still
             yield cause, share * np.clip(moved, -LARGEST_CHANGE, LARGEST_CHANGE)
         entering = Rim(loose, v)
         doubt = np.where(_at_contours(loose.problem), prior_sigma.behind, prior_sigma.border)
@@ -200,16 +200,16 @@ class _Estimate:
         for draw in range(self._asked):
             yield "texture", surface.to_light(strength * texture.field())
             if draw < FEW_DRAWS:
-                along = correlated(rng, mask.shape, ALONG * fineness(mask.shape))
+                along = correlated_field(rng, mask.shape, ALONG * px_per_reference(mask.shape))
                 yield "border", entering.moved(doubt * along)
-                white = correlated(rng, mask.shape, blur)
+                white = correlated_field(rng, mask.shape, blur)
                 yield "noise", surface.to_picture(noise * white)
             self.done = draw + 1
             yield None
 
     def uncertainty(self, status: Status, whole: Iterate) -> Uncertainty:
         """Sum up, on the pixels of the whole frame."""
-        mask, lost = self._iterate.mask, _undetermined(self._iterate.problem)
+        mask, lost = self._iterate.mask, _without_evidence(self._iterate.problem)
         parts = enlarged(self._shares, mask, whole.mask)
         squares = {cause: self._squares(np.stack(maps)) for cause, maps in self._answers.items()}
 
@@ -224,7 +224,7 @@ class _Estimate:
             sigma_shape=frozen(whole.distance * sigma(shape for _, shape, _ in squares.values())),
             sigma_scale=float(np.linalg.norm([*scales.values()])),
             shares=frozen(parts),
-            decided_by=frozen(decided.astype(np.uint8)),
+            dominant_source=frozen(decided.astype(np.uint8)),
             causes={cause: frozen(sigma([shape])) for cause, (_, shape, _) in squares.items()},
             scales=scales,
             draws=self.done,
@@ -235,7 +235,7 @@ class _Estimate:
     def _squares(self, maps: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Mean squares of some answers, (n, H, W): in all, of the shape, and of what all pixels share."""
         common = maps[:, self._iterate.mask].mean(axis=1)
-        held, kept = _held(self._iterate), common
+        held, kept = _pixels_of_scale(self._iterate), common
         if held is None:
             kept = 0 * common
         elif held:
@@ -244,7 +244,7 @@ class _Estimate:
         return together, shape, float(np.mean((common - kept) ** 2))
 
 
-def _held(iterate: Iterate) -> list[tuple[int, int]] | None:
+def _pixels_of_scale(iterate: Iterate) -> list[tuple[int, int]] | None:
     """Pixels (row, column) whose distance fixes the unit; [] if all do together, None if the gain does."""
     scale = iterate.provenance.scale
     if scale is None:
@@ -271,18 +271,18 @@ def noise_left(result: Result | Iterate) -> tuple[float, float]:
 
 def _at_contours(problem: Problem) -> BoolArray:
     """Pixels on either side of a contour, (H, W)."""
-    if problem.discontinuities is None:
+    if problem.cuts is None:
         return np.zeros(problem.mask.shape, dtype=bool)
-    right, below = problem.discontinuities
-    return right | below | shifted(right, -1, 1, False) | shifted(below, -1, 0, False)
+    right, below = problem.cuts
+    return right | below | shift(right, -1, 1, False) | shift(below, -1, 0, False)
 
 
-def _undetermined(problem: Problem) -> BoolArray:
+def _without_evidence(problem: Problem) -> BoolArray:
     """Pixels of islands of which the picture says nothing at all."""
     mask = problem.mask
     if problem.evidence is None:
         return np.zeros_like(mask)
-    across, down = links(mask, problem.discontinuities)
+    across, down = links(mask, problem.cuts)
     steps = np.zeros((2 * mask.shape[0], 2 * mask.shape[1]), dtype=bool)  # pixels, and what is between them
     steps[::2, ::2], steps[::2, 1::2], steps[1::2, ::2] = mask, across, down
     island = scipy.ndimage.label(steps)[0][::2, ::2]

@@ -10,8 +10,8 @@ from scipy.ndimage import distance_transform_edt
 from endolab.depth.grid import Grid
 from endolab.depth.result import Iterate
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.compiled import half_size, inner, leads, padded
-from endolab.numerics.resampling import resized
+from endolab.numerics.compiled import half_size, inner, leads, pad_maps
+from endolab.numerics.resampling import resample
 
 ENOUGH = 400  # columns: a texture's Gaussian then has σ of 7 px and more
 
@@ -19,16 +19,16 @@ ENOUGH = 400  # columns: a texture's Gaussian then has σ of 7 px and more
 def thinned(iterate: Iterate) -> Iterate:
     """The same on half the pixels along both sides, as often as it takes to have `ENOUGH` columns at most."""
     while max(iterate.mask.shape) > ENOUGH:
-        iterate = _halved(iterate)
+        iterate = _halve(iterate)
     return iterate
 
 
-def _halved(iterate: Iterate) -> Iterate:
+def _halve(iterate: Iterate) -> Iterate:
     problem = iterate.problem
     grid = Grid.of(problem)
     coarse = grid.coarser()
     height, width = coarse.mask.shape
-    down, across = leads(padded(problem.mask))
+    down, across = leads(pad_maps(problem.mask))
     camera: Any = problem.camera
     covered = {"width": 2 * width, "height": 2 * height, "cx": camera.cx + across, "cy": camera.cy + down}
     camera = replace(camera, **covered).resize(width, height)  # blocks may reach beyond the frame
@@ -37,7 +37,7 @@ def _halved(iterate: Iterate) -> Iterate:
         image=inner(coarse.image),
         mask=coarse.mask & camera.field.valid,
         camera=camera,
-        discontinuities=coarse.discontinuities,
+        cuts=coarse.cuts,
         evidence=inner(coarse.evidence) if coarse.evidence.size else None,
         picture=np.asarray(cv2.resize(problem.shown, (width, height), interpolation=cv2.INTER_AREA), float),
     )
@@ -45,7 +45,7 @@ def _halved(iterate: Iterate) -> Iterate:
     if provenance.preparation is not None:
         prepared = replace(provenance.preparation, smooth=provenance.preparation.smooth / 2)
         provenance = replace(provenance, preparation=prepared)
-    v = inner(grid.restrict(padded(np.where(iterate.mask, iterate.log_distance, 0.0))))
+    v = inner(grid.restrict(pad_maps(np.where(iterate.mask, iterate.log_distance, 0.0))))
     return Iterate.of(smaller, np.where(smaller.mask, v, 0.0), provenance=provenance)
 
 
@@ -59,7 +59,7 @@ def enlarged(a: FloatArray, known: BoolArray, mask: BoolArray) -> FloatArray:
     while sizes[-1] != known.shape:
         sizes.append((half_size(sizes[-1][0]), half_size(sizes[-1][1])))
     for height, width in sizes[-2::-1]:
-        large = resized(large, (2 * large.shape[0], 2 * large.shape[1]))
+        large = resample(large, (2 * large.shape[0], 2 * large.shape[1]))
         down, across = (large.shape[0] - height) // 2, (large.shape[1] - width) // 2
         large = large[down : down + height, across : across + width]
     return np.where(mask, np.moveaxis(large, -1, 0).reshape(*a.shape[:-2], *mask.shape), np.nan)

@@ -19,8 +19,8 @@ from endolab.depth.multigrid import Multigrid
 from endolab.depth.normal_equations import Coefficients
 from endolab.depth.problem import Problem
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.compiled import inner, padded
-from endolab.numerics.derivatives import shifted
+from endolab.numerics.compiled import inner, pad_maps
+from endolab.numerics.derivatives import shift
 
 PRECISION, MOST_INNER_STEPS = 3e-2, 15  # of a solve: residual left, a tenth of what draws scatter by; steps
 DAMPING = 1e-3  # share of the data's diagonal that is added to H, for pixels that hang by nothing
@@ -42,7 +42,7 @@ class Linearised:
         mask = problem.mask
         v = np.where(mask, log_distance, 0.0)
         grid = Grid.of(problem)
-        coefficients, _ = grid.linearised(padded(v), problem.lam)
+        coefficients, _ = grid.equations_at(pad_maps(v), problem.lam)
         # Pixels that the solver holds beneath their ceiling are as free to be wrong as others.
         coefficients = Coefficients(coefficients.parts, grid.structure(grid.free))
         model = np.where(mask, model_image(problem, v), 0.0)
@@ -64,7 +64,7 @@ class Linearised:
     def _sides(self) -> tuple[FloatArray, ...]:
         """Whether there is a step to the right, left, below and above."""
         across, down = inner(self.grid.link).astype(np.float64)
-        return across, shifted(across, -1, 1, 0.0), down, shifted(down, -1, 0, 0.0)
+        return across, shift(across, -1, 1, 0.0), down, shift(down, -1, 0, 0.0)
 
     def _by_slopes(self) -> tuple[FloatArray, FloatArray]:
         """b of J, by the sums of the differences to both sides."""
@@ -76,8 +76,8 @@ class Linearised:
         """J x: how the picture changes with v."""
         right, left, below, above = self._sides()
         by_u, by_w = self._by_slopes()
-        along_u = right * (shifted(x, 1, 1, 0.0) - x) + left * (x - shifted(x, -1, 1, 0.0))
-        along_w = below * (shifted(x, 1, 0, 0.0) - x) + above * (x - shifted(x, -1, 0, 0.0))
+        along_u = right * (shift(x, 1, 1, 0.0) - x) + left * (x - shift(x, -1, 1, 0.0))
+        along_w = below * (shift(x, 1, 0, 0.0) - x) + above * (x - shift(x, -1, 0, 0.0))
         return inner(self.coefficients.by_v) * x + by_u * along_u + by_w * along_w
 
     def adjoint(self, f: FloatArray) -> FloatArray:
@@ -85,14 +85,16 @@ class Linearised:
         right, left, below, above = self._sides()
         by_u, by_w = (factor * f for factor in self._by_slopes())
         out = inner(self.coefficients.by_v) * f + by_u * (left - right) + by_w * (above - below)
-        out += shifted(by_u * right, -1, 1, 0.0) - shifted(by_u * left, 1, 1, 0.0)
-        return out + shifted(by_w * below, -1, 0, 0.0) - shifted(by_w * above, 1, 0, 0.0)
+        out += shift(by_u * right, -1, 1, 0.0) - shift(by_u * left, 1, 1, 0.0)
+        return out + shift(by_w * below, -1, 0, 0.0) - shift(by_w * above, 1, 0, 0.0)
 
     # H⁻¹ ------------------------------------------------------------------------------
 
     def solved(self, b: FloatArray) -> FloatArray:
         """H⁻¹ b."""
-        x = self.multigrid.solve(padded(np.where(self.problem.mask, b, 0.0)), PRECISION, MOST_INNER_STEPS)[0]
+        x = self.multigrid.solve(pad_maps(np.where(self.problem.mask, b, 0.0)), PRECISION, MOST_INNER_STEPS)[
+            0
+        ]
         return inner(x).astype(np.float64)
 
     def to_picture(self, change: FloatArray) -> FloatArray:

@@ -13,12 +13,12 @@ import numpy as np
 from endolab.depth.multigrid import Multigrid, multiply
 from endolab.depth.normal_equations import Coefficients
 from endolab.numerics.arrays import FloatArray
-from endolab.numerics.compiled import inner, padded
-from endolab.numerics.derivatives import fineness
-from endolab.uncertainty.causes import LENGTH, around, correlated
+from endolab.numerics.compiled import inner, pad_maps
+from endolab.numerics.derivatives import px_per_reference
+from endolab.uncertainty.causes import LENGTH, around, correlated_field
 from endolab.uncertainty.linearised import DAMPING, MOST_INNER_STEPS, PRECISION, Linearised
 
-OUTSIDE, DATA, BORDER, PRIOR = range(4)  # values of `decided_by`
+OUTSIDE, DATA, BORDER, PRIOR = range(4)  # values of `dominant_source`
 
 
 class Rim:
@@ -26,15 +26,15 @@ class Rim:
 
     def __init__(self, surface: Linearised, log_distance: FloatArray) -> None:
         coefficients = surface.coefficients
-        self._held = surface.grid.entered(padded(log_distance))
+        self._held = surface.grid.inflow_pixels(pad_maps(log_distance))
         self._matrix = coefficients.matrix(DAMPING)
-        self._free = coefficients.active * padded((~self._held).astype(np.int8))
+        self._free = coefficients.active * pad_maps((~self._held).astype(np.int8))
         rest = replace(coefficients.structure, active=self._free)
         self._multigrid = Multigrid(Coefficients(coefficients.parts, rest), DAMPING)
 
     def moved(self, change: FloatArray) -> FloatArray:
         """How log d answers to a change of it at the rim."""
-        given = padded(np.where(self._held, change, 0.0))
+        given = pad_maps(np.where(self._held, change, 0.0))
         pulled = np.zeros_like(given)
         multiply(self._matrix, given, pulled)
         x = self._multigrid.solve(-pulled * self._free, PRECISION, MOST_INNER_STEPS)[0]
@@ -47,13 +47,13 @@ class Bumps:
     def __init__(self, surface: Linearised, rng: np.random.Generator) -> None:
         self._surface, self._rng = surface, rng
         mask = surface.problem.mask
-        self._length = LENGTH * fineness(mask.shape)
+        self._length = LENGTH * px_per_reference(mask.shape)
         self._there = mask.astype(np.float64)
         self._seen, self._whole = np.zeros(mask.shape), np.zeros(mask.shape)
 
     def try_one(self) -> FloatArray:
         """What is not found of a field of bumps of unit variance."""
-        bump = self._there * correlated(self._rng, self._there.shape, self._length)
+        bump = self._there * correlated_field(self._rng, self._there.shape, self._length)
         answer = self._surface.to_picture(self._surface.applied(bump))
         here, length = self._there, self._length
         self._seen += around(bump + answer, here, length) ** 2 - around(bump - answer, here, length) ** 2

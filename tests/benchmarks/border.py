@@ -95,9 +95,7 @@ def measure(shot, regulariser):
     inside = np.zeros_like(mask)
     inside[RIM:-RIM, RIM:-RIM] = mask[RIM:-RIM, RIM:-RIM]
     degrees = angle_between(found.normals, shot.truth.normals)[mask]
-    start = np.where(
-        mask, np.log(np.where(mask, truth, 1.0)), np.where(problem.mask, problem.log_facing, 0.0)
-    )
+    start = np.where(mask, np.log(np.where(mask, truth, 1.0)), np.where(problem.mask, problem.log_d0, 0.0))
     kept = el.run(solve(problem, start=start)).energy
     energies = 1e5 * np.array([found.energy, kept, sum(energy_terms(problem, start).values())])
     return np.array(

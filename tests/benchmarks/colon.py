@@ -15,7 +15,7 @@ import numpy as np
 
 import endolab as el
 from endolab import datasets
-from endolab.metrics.depth_errors import compare, depth_discontinuities
+from endolab.metrics.depth_errors import compare, depth_cuts
 
 TISSUE = el.Lambertian((0.75, 0.38, 0.30))
 WAYS = {
@@ -62,11 +62,9 @@ def traced():
         frame, known, truth = sample.frame, sample.calibration, (sample.distance, sample.normals)
         for way, options in WAYS.items():
             tell(name, way, frame, known, *truth, **options)
-        unknown, torn = without_albedo(known), depth_discontinuities(sample.distance)
+        unknown, torn = without_albedo(known), depth_cuts(sample.distance)
         tell(name, "separated, albedo unknown", frame, unknown, *truth, channel="separated")
-        tell(
-            name, "separated, true contours", frame, known, *truth, channel="separated", discontinuities=torn
-        )
+        tell(name, "separated, true contours", frame, known, *truth, channel="separated", cuts=torn)
 
 
 def at_width(sample, width):

@@ -11,7 +11,7 @@ import numpy as np
 
 import endolab as el
 from endolab import datasets
-from endolab.preprocessing.highlights import find_highlights, grown, inpaint
+from endolab.preprocessing.highlights import dilate, find_highlights, inpaint
 from tests.benchmarks.report import table
 
 LIMITS = (0.1, 0.2, 0.5)  # mirrored light over the tissue's, in green
@@ -33,7 +33,7 @@ def scores(image: np.ndarray, mask: np.ndarray, ratio: np.ndarray, gamma: float)
 def filled_error(sample: Any) -> str:
     """Mean error of what is filled in, of the tissue's own green, stored values."""
     gamma, mask = sample.calibration.photometry.gamma, sample.frame.mask
-    holes = grown(find_highlights(sample.frame.image, mask, gamma), 2 / 320 * mask.shape[1]) & mask
+    holes = dilate(find_highlights(sample.frame.image, mask, gamma), 2 / 320 * mask.shape[1]) & mask
     if not holes.any():
         return "–"
     truth = np.clip(sample.direct + sample.indirect, 0, 1)[..., 1] ** (1 / gamma)

@@ -45,7 +45,7 @@ def of(what: str) -> Iterator[Known]:
     if what == "traced":
         for name in datasets.TRACED:
             sample = el.load_traced(name)
-            light = sample.calibration.photometry.simplified()
+            light = sample.calibration.photometry.simplify()
             yield Known(sample.frame, sample.calibration.camera, sample.distance, what, light.k, light.gamma)
     elif what == "c3vd":
         for index in (1, 6):

@@ -13,7 +13,7 @@ import numpy as np
 import endolab as el
 from endolab import datasets
 from endolab.metrics.depth_errors import compare
-from endolab.numerics.threads import cores, limited_threads
+from endolab.numerics.threads import cores, limit_threads
 from tests.benchmarks.report import both, ended, seconds_of, table
 from tests.tools.problems import Shot, moved_colon
 
@@ -102,7 +102,7 @@ def seconds() -> None:
         for name, call in runs(width).items():
             times = []
             for count in counts:
-                with limited_threads(count):
+                with limit_threads(count):
                     times.append(1e3 * seconds_of(call, 7 if width < 1440 else 3))
             rows.append([f"{width} px", name, *(f"{one:.0f}" for one in times)])
     table("Milliseconds, medians", ("size", "what", *(f"on {count}" for count in counts)), rows)

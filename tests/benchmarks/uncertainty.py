@@ -66,7 +66,7 @@ def judge(frame, calibration, truth, most) -> dict[tuple[str, str], Coverage]:
         maps["whole"] = result.distance, uncertainty.sigma, truth
     kinds = {
         "all": seen,
-        **{kind: seen & (uncertainty.decided_by == number) for kind, number in KINDS.items()},
+        **{kind: seen & (uncertainty.dominant_source == number) for kind, number in KINDS.items()},
     }
     found = ((error, kind) for error in maps for kind, where in kinds.items() if where.sum() >= FEW)
     return {(error, kind): coverage_of(*maps[error], kinds[kind]) for error, kind in found}

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import endolab as el
-from endolab.metrics.depth_errors import Errors, compare, depth_discontinuities
+from endolab.metrics.depth_errors import Errors, compare, depth_cuts
 from endolab.model.photometry import CHANNELS
 from endolab.reconstruction.assumptions import notes
 from tests.benchmarks.report import table
@@ -58,7 +58,7 @@ def ways_of(sample: RandomFrame) -> dict[str, Score]:
     """Score every way that there is, by name."""
     found = {name: score(sample, **options) for name, options in WAYS.items()}
     found[BEST] = min((found[name] for name in CHANNELS), key=lambda one: one.errors.mean_percent)
-    found[TORN] = score(sample, channel="separated", discontinuities=depth_discontinuities(sample.distance))
+    found[TORN] = score(sample, channel="separated", cuts=depth_cuts(sample.distance))
     return found
 
 

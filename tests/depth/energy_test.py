@@ -33,11 +33,11 @@ def tiny(rng):
 def holed(rng):
     """A frame of 9×7 px that a rough surface nearly explains, with holes and cuts."""
     shape = (7, 9)
-    mask, discontinuities = np.ones(shape, dtype=bool), rng.random((2, *shape)) < 0.1
+    mask, cuts = np.ones(shape, dtype=bool), rng.random((2, *shape)) < 0.1
     mask[2, 3] = mask[0, 0] = mask[5:, 6] = False
     camera = el.Pinhole(9, 7, 5.0, 5.4, 3.8, 3.1)
     v = np.log(20) + 0.1 * rng.normal(size=shape)
-    problem = Problem(np.full(shape, 0.5), mask, camera, PHOTOMETRY, discontinuities=discontinuities)
+    problem = Problem(np.full(shape, 0.5), mask, camera, PHOTOMETRY, cuts=cuts)
     noise = rng.choice([0.01, 0.1], shape) * rng.normal(size=shape)
     return replace(problem, image=np.clip(model_image(problem, v) + noise, 0.05, 0.95)), v
 
@@ -117,8 +117,8 @@ def test_regulariser_is_the_sum_written_out(tiny, xi, regulariser):
 def sizes_and_twofolds(problem, v):
     """How the surface of a map of v bends, in the energy's unit, (2, H, W)."""
     w = np.where(problem.mask, np.exp(-v), 0.0) / problem.xi_median
-    form = second_form(w, problem.field, problem.mask, problem.discontinuities)
-    return size_and_twofold(form, problem.field.inverse_metric, whole(problem.mask, problem.discontinuities))
+    form = second_form(w, problem.field, problem.mask, problem.cuts)
+    return size_and_twofold(form, problem.field.inverse_metric, whole(problem.mask, problem.cuts))
 
 
 def test_curvature_is_that_of_what_a_tangent_plane_leaves(tiny):
@@ -228,14 +228,14 @@ def test_a_tear_in_the_surface_is_free_where_it_is_cut():
     """A step of a third of the distance: dear, but not over a cut."""
     problem, v = at_truth("curved", 80)
     right = np.indices(v.shape)[1] >= 40
-    discontinuities = np.zeros((2, *v.shape), dtype=bool)
-    discontinuities[0, :, 39] = True
+    cuts = np.zeros((2, *v.shape), dtype=bool)
+    cuts[0, :, 39] = True
     torn_v = v + 0.3 * right
     canonical = np.exp(-2 * 0.3 * right) ** (1 / problem.photometry.gamma)
     torn = replace(problem, image=problem.image * canonical)
     dear, free = (
         energy_terms(torn, torn_v),
-        energy_terms(replace(torn, discontinuities=discontinuities), torn_v),
+        energy_terms(replace(torn, cuts=cuts), torn_v),
     )
     assert free["data"] < 1e-3 * dear["data"]
     assert free["data"] < 5 * energy_terms(problem, v)["data"]
@@ -282,7 +282,7 @@ def test_the_model_image_is_linear_along_its_derivatives(rng, holed):
     """I_model(v + δ) ≈ I_model(v) + a δ + b·∇δ."""
     problem, v = holed
     model, delta = GaussNewtonModel.at(problem, v), rng.normal(size=v.shape)
-    delta_u, delta_v = gradient(delta, problem.mask, problem.discontinuities, edge_order=1)
+    delta_u, delta_v = gradient(delta, problem.mask, problem.cuts, edge_order=1)
     change = model.by_v * delta + model.by_v_u * delta_u + model.by_v_v * delta_v
     expected = derivative(lambda x: model_image(problem, x), v, delta)
     np.testing.assert_allclose(change, expected, rtol=1e-7, atol=1e-8)
@@ -317,7 +317,7 @@ def test_the_matrix_is_the_slopes_derivative_where_nothing_else_bends(rng, holed
         ("regulariser", "curvature"),  # of another ξ
         ("image", np.zeros((7, 5))),
         ("mask", np.ones((5, 6), bool)),
-        ("discontinuities", np.ones((5, 7), bool)),
+        ("cuts", np.ones((5, 7), bool)),
         ("evidence", np.zeros((5, 7))),
         ("evidence", np.full((5, 7), 3, np.int8)),
     ],

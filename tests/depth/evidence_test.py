@@ -10,7 +10,7 @@ import endolab as el
 from endolab.depth.energy import energy_terms, model_image
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.grid import Grid
-from endolab.depth.problem import AT_LEAST, EXACT, NONE
+from endolab.depth.problem import EXACT, LOWER_BOUND, NONE
 from endolab.numerics.compiled import inner
 from endolab.numerics.penalties import huber
 from tests.depth.gauss_newton_model import (
@@ -18,7 +18,7 @@ from tests.depth.gauss_newton_model import (
 )
 from tests.tools.problems import check_it_falls, every_regulariser, percent_off, problem_of
 
-KINDS = {"at least": (AT_LEAST,), "none": (NONE,), "all three": (EXACT, AT_LEAST, NONE)}
+KINDS = {"at least": (LOWER_BOUND,), "none": (NONE,), "all three": (EXACT, LOWER_BOUND, NONE)}
 every_kind = pytest.mark.parametrize("kind", KINDS)
 
 
@@ -37,10 +37,10 @@ def worn(rng, kind, **options):
     """A frame with holes, cuts and evidence of all sorts, and a rough map about the truth."""
     problem, seen = posed("curved", 24, **options)
     mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
-    discontinuities = rng.random((2, *mask.shape)) > 0.95
+    cuts = rng.random((2, *mask.shape)) > 0.95
     evidence = rng.choice(KINDS[kind], mask.shape).astype(np.int8)
     v = np.log(seen.distance) + 0.05 * rng.normal(size=mask.shape)
-    return replace(problem, mask=mask, discontinuities=discontinuities, evidence=evidence), v
+    return replace(problem, mask=mask, cuts=cuts, evidence=evidence), v
 
 
 def test_the_data_term_is_the_sum_written_out(rng):
@@ -48,7 +48,7 @@ def test_the_data_term_is_the_sum_written_out(rng):
     model, total = model_image(problem, v), 0.0
     for pixel in map(tuple, np.argwhere(problem.mask)):
         r = model[pixel] - problem.image[pixel]
-        if problem.evidence[pixel] == AT_LEAST:
+        if problem.evidence[pixel] == LOWER_BOUND:
             r = min(r, 0.0)
         total += 0.0 if problem.evidence[pixel] == NONE else float(huber(r, problem.threshold))
     assert energy_terms(problem, v)["data"] == pytest.approx(total / problem.mask.sum(), rel=1e-12)
@@ -66,10 +66,10 @@ def test_a_block_says_what_its_pixels_say():
     evidence, image = np.zeros(problem.mask.shape, dtype=np.int8), np.full(problem.mask.shape, 0.5)
     evidence[:2, :2], image[:2, :2] = [[NONE, NONE], [NONE, EXACT]], [[0.9, 0.9], [0.9, 0.3]]
     evidence[:2, 2:4], image[:2, 2:4] = NONE, [[0.1, 0.3], [0.5, 0.7]]
-    evidence[:2, 4:6], image[:2, 4:6] = [[AT_LEAST, AT_LEAST], [EXACT, NONE]], [[1.0, 1.0], [0.7, 0.1]]
-    evidence[:2, 6:8] = [[AT_LEAST, AT_LEAST], [EXACT, EXACT]]
+    evidence[:2, 4:6], image[:2, 4:6] = [[LOWER_BOUND, LOWER_BOUND], [EXACT, NONE]], [[1.0, 1.0], [0.7, 0.1]]
+    evidence[:2, 6:8] = [[LOWER_BOUND, LOWER_BOUND], [EXACT, EXACT]]
     coarse = Grid.of(replace(problem, image=image, evidence=evidence)).coarser()
-    np.testing.assert_array_equal(inner(coarse.evidence)[0, :4], [EXACT, NONE, AT_LEAST, EXACT])
+    np.testing.assert_array_equal(inner(coarse.evidence)[0, :4], [EXACT, NONE, LOWER_BOUND, EXACT])
     np.testing.assert_allclose(inner(coarse.image)[0, :3], [0.3, 0.4, 0.9])
     # At half of a coarse grid's pixels it has the same form.
     np.testing.assert_array_equal(inner(coarse.coarser().evidence)[0, :2], [EXACT, EXACT])
@@ -81,7 +81,7 @@ def test_a_bowl_whose_nearest_part_is_saturated(gain, exact, bounded):
     problem, seen = posed("curved", 160, gain=gain)
     bright = saturated(problem)
     assert bright.mean() > 0.1
-    before, after = (el.run(gauss_newton(each)) for each in (problem, marked(problem, bright, AT_LEAST)))
+    before, after = (el.run(gauss_newton(each)) for each in (problem, marked(problem, bright, LOWER_BOUND)))
     assert percent_off(before, seen, bright) > exact
     assert percent_off(after, seen, bright) < bounded
     assert percent_off(after, seen, ~bright) < percent_off(before, seen, ~bright) / 2

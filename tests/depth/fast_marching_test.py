@@ -8,7 +8,7 @@ import pytest
 
 import endolab as el
 from endolab.depth.solvers import fast_marching
-from endolab.metrics.depth_errors import depth_discontinuities
+from endolab.metrics.depth_errors import depth_cuts
 from tests.tools.adjoints import between
 from tests.tools.problems import SHEET, border, errors_of, percent_off, problem_of
 
@@ -27,14 +27,14 @@ def largest_root(a, b, c):
     return (np.sqrt(inside) - b) / a if inside >= 0 else np.nan
 
 
-def open_steps(mask, discontinuities):
+def open_steps(mask, cuts):
     """Steps (row, column) that the march may take from each pixel of the mask."""
-    discontinuities = np.zeros((2, *mask.shape), dtype=bool) if discontinuities is None else discontinuities
+    cuts = np.zeros((2, *mask.shape), dtype=bool) if cuts is None else cuts
     inside = set(map(tuple, np.argwhere(mask).tolist()))
 
     def cut(a, b):
         """Whether the side between two pixels is cut."""
-        return bool(discontinuities[int(a[0] != b[0])][min(a, b)])
+        return bool(cuts[int(a[0] != b[0])][min(a, b)])
 
     def is_open(a, step):
         b = a[0] + step[0], a[1] + step[1]
@@ -106,7 +106,7 @@ def fast_sweeping(problem):
 
     First order first, which falls to its fixed point from any upper bound; second order from there.
     """
-    steps, d2 = open_steps(problem.mask, problem.discontinuities), np.exp(2 * problem.log_facing)
+    steps, d2 = open_steps(problem.mask, problem.cuts), np.exp(2 * problem.log_d0)
     y0 = {pixel: float(d2[pixel]) for pixel in steps}
     metric = {pixel: problem.field.inverse_metric[pixel].tolist() for pixel in steps}
     y = dict(y0)
@@ -136,10 +136,10 @@ def test_sweeping_gives_the_same_answer(rng, scene, camera, tear):
     if tear == "random":
         holed &= rng.random(holed.shape) > 0.05
     problem, seen = problem_of(scene, camera=camera, mask=holed)
-    contours = depth_discontinuities(seen.distance)
-    discontinuities = {"none": None, "contours": contours, "random": rng.random((2, 13, 17)) < 0.15}[tear]
+    contours = depth_cuts(seen.distance)
+    cuts = {"none": None, "contours": contours, "random": rng.random((2, 13, 17)) < 0.15}[tear]
     assert contours.sum() > 20 or scene != "colon"
-    problem = replace(problem, discontinuities=discontinuities)
+    problem = replace(problem, cuts=cuts)
     found = marched(problem)
     swept = np.sqrt(fast_sweeping(problem))
     np.testing.assert_array_equal(np.isfinite(found), problem.mask)
@@ -187,11 +187,11 @@ def test_what_lies_outside_the_mask_is_not_read():
 def test_mirrored_and_turned_frames_give_mirrored_and_turned_surfaces():
     camera = el.Pinhole(61, 61, 40.0, 40.0, 30.0, 30.0)
     problem, seen = problem_of("colon", camera=camera)
-    for cut in (lambda distance: None, depth_discontinuities):
-        d = marched(replace(problem, discontinuities=cut(seen.distance)))
+    for cut in (lambda distance: None, depth_cuts):
+        d = marched(replace(problem, cuts=cut(seen.distance)))
         for turn in (np.fliplr, np.flipud, np.transpose, np.rot90):
             image, mask, truth = (turn(a).copy() for a in (problem.image, problem.mask, seen.distance))
-            turned = replace(problem, image=image, mask=mask, discontinuities=cut(truth))
+            turned = replace(problem, image=image, mask=mask, cuts=cut(truth))
             np.testing.assert_allclose(marched(turned), turn(d), rtol=1e-9)
 
 
@@ -214,7 +214,7 @@ def test_contours_that_meet_at_corners_and_holes_do_not_leak(rng):
     labels = rng.integers(0, 3, (30, 40)).repeat(2, axis=0).repeat(2, axis=1)
     labels[::7, ::3] += 1
     mask = problem.mask & (rng.random(labels.shape) > 0.1)
-    torn = replace(problem, mask=mask, discontinuities=between(labels))
+    torn = replace(problem, mask=mask, cuts=between(labels))
     whole = marched(torn)
     for label in range(4):
         patch = mask & (labels == label)

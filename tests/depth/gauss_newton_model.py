@@ -15,12 +15,12 @@ from endolab.depth.curvature import (
     size_and_twofold,
     whole,
 )
-from endolab.depth.energy import contradicted, energy_terms
+from endolab.depth.energy import contradicts, energy_terms
 from endolab.depth.grid import Grid
 from endolab.depth.multigrid import multiply
 from endolab.depth.problem import Problem
 from endolab.model.surface import slant, to_xi
-from endolab.numerics.compiled import inner, padded
+from endolab.numerics.compiled import inner, pad_maps
 from endolab.numerics.derivatives import forward_gradient, gradient, hessian
 from tests.tools.adjoints import (
     forward_gradient_adjoint,
@@ -31,17 +31,15 @@ from tests.tools.adjoints import (
 
 
 def _without_rays(operator):
-    return lambda x, mask, discontinuities, _=None: operator(x, mask, discontinuities)
+    return lambda x, mask, cuts, _=None: operator(x, mask, cuts)
 
 
-def _second_form(xi, mask, discontinuities, field):
-    return second_form(xi, field, mask, discontinuities)
+def _second_form(xi, mask, cuts, field):
+    return second_form(xi, field, mask, cuts)
 
 
-def _second_form_adjoint(p, mask, discontinuities, field):
-    return second_form_adjoint(
-        p, plane_shares(field, mask, discontinuities), whole(mask, discontinuities), mask, discontinuities
-    )
+def _second_form_adjoint(p, mask, cuts, field):
+    return second_form_adjoint(p, plane_shares(field, mask, cuts), whole(mask, cuts), mask, cuts)
 
 
 OPERATORS = {  # and their adjoints: of a map, mask, cuts and the ray field, which two need not know
@@ -81,20 +79,20 @@ class GaussNewtonModel:
     @classmethod
     def at(cls, problem, log_distance):
         """Linearise around v = log d, (H, W)."""
-        mask, discontinuities, field, scale = (
+        mask, cuts, field, scale = (
             problem.mask,
-            problem.discontinuities,
+            problem.cuts,
             problem.field,
             problem.derivative_scale,
         )
         guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
-        f_u, f_v = gradient(log_distance, mask, discontinuities, edge_order=1)
+        f_u, f_v = gradient(log_distance, mask, cuts, edge_order=1)
         shade = problem.photometry.shade(log_distance, slant(f_u, f_v, field), field.cos_alpha)
         intensity, by_v, by_slant = shade
         residual = intensity - problem.image
         xi = to_xi(np.where(mask, log_distance, 0.0), problem.xi, field.cos_alpha) / problem.xi_median
         xi = np.where(mask, xi, 0.0)
-        derivative = OPERATORS[problem.regulariser][0](xi, mask, discontinuities, field)
+        derivative = OPERATORS[problem.regulariser][0](xi, mask, cuts, field)
         by_gradient = 2 * by_slant * (guu * f_u + guv * f_v), 2 * by_slant * (guv * f_u + gvv * f_v)
         weight = 1 / np.maximum(np.abs(residual) / problem.threshold, 1.0)
         if problem.regulariser == "curvature":
@@ -102,7 +100,7 @@ class GaussNewtonModel:
         else:
             size = np.linalg.norm(scale * derivative, axis=0)
             smoothness = problem.lam * problem.edge_weight * scale**2 / np.maximum(size, problem.epsilon)
-        counts, slope = contradicted(problem, residual), xi if problem.xi == "d" else -xi
+        counts, slope = contradicts(problem, residual), xi if problem.xi == "d" else -xi
         data = (np.where(counts, piece, 0.0) for piece in (residual, by_v, *by_gradient, weight))
         return cls(problem, *data, *(np.where(mask, piece, 0.0) for piece in (xi, slope, smoothness)))
 
@@ -115,21 +113,19 @@ class GaussNewtonModel:
     def multiply(self, delta):
         """Matrix of the quadratic times a change of v, (H, W) to (H, W)."""
         mask = self.problem.mask
-        delta_u, delta_v = gradient(delta, mask, self.problem.discontinuities, edge_order=1)
+        delta_u, delta_v = gradient(delta, mask, self.problem.cuts, edge_order=1)
         change = self.by_v * delta + self.by_v_u * delta_u + self.by_v_v * delta_v
         data = self._data_adjoint(self.data_weight * np.where(mask, change, 0.0))
         return (data + self.xi_slope * self._smooth(self.xi_slope * delta)) / mask.sum()
 
     def _data_adjoint(self, residual):
         around = (self.by_v_u * residual, self.by_v_v * residual)
-        return self.by_v * residual + gradient_adjoint(
-            around, self.problem.mask, self.problem.discontinuities
-        )
+        return self.by_v * residual + gradient_adjoint(around, self.problem.mask, self.problem.cuts)
 
     @staticmethod
     def _bending_weights(problem, form):
         """Q: parabolas for both costs, of which κ₁κ₂/κ is linearised."""
-        known, metric = whole(problem.mask, problem.discontinuities), problem.field.inverse_metric
+        known, metric = whole(problem.mask, problem.cuts), problem.field.inverse_metric
         size, twofold = size_and_twofold(form, metric, known)
         inverse, flat = metric[..., [[0, 1], [1, 2]]], np.moveaxis(form, 0, -1)
         matrix, adjugate = flat[..., [[0, 1], [1, 2]]], flat[..., [[2, 1], [1, 0]]] * [[1, -1], [-1, 1]]
@@ -154,7 +150,7 @@ class GaussNewtonModel:
     def _smooth(self, xi):
         """Dᵀ (smoothness · D ξ)."""
         operator, adjoint = OPERATORS[self.problem.regulariser]
-        where = (self.problem.mask, self.problem.discontinuities, self.problem.field)
+        where = (self.problem.mask, self.problem.cuts, self.problem.field)
         derivative = operator(xi, *where)
         if self.problem.regulariser != "curvature":
             return adjoint(self.smoothness * derivative, *where)
@@ -189,14 +185,14 @@ def relative(found, expected):
 
 def inside(problem, v):
     """A map as the compiled loops take it: 0 outside the mask, with a rim."""
-    return padded(np.where(problem.mask, v, 0.0))
+    return pad_maps(np.where(problem.mask, v, 0.0))
 
 
 def check_the_compiled(problem, v, rng):
     """Energy, coefficients, slope and matrix of the compiled loops are the readable ones."""
     grid, model = Grid.of(problem), GaussNewtonModel.at(problem, v)
     assert grid.terms(inside(problem, v), problem.lam) == pytest.approx(energy_terms(problem, v), rel=1e-12)
-    coefficients, descent = grid.linearised(inside(problem, v), problem.lam)
+    coefficients, descent = grid.equations_at(inside(problem, v), problem.lam)
     for compiled, readable in TWINS.items():
         found, expected = inner(getattr(coefficients, compiled)), getattr(model, readable)
         assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max(), compiled
@@ -204,5 +200,5 @@ def check_the_compiled(problem, v, rng):
     assert relative(-inner(descent) / count, model.gradient).max() < 1e-12
     x = np.where(problem.mask, rng.normal(size=v.shape), 0.0)
     product = np.zeros_like(descent)
-    multiply(coefficients.matrix(0.0), padded(x), product)
+    multiply(coefficients.matrix(0.0), pad_maps(x), product)
     assert relative(inner(product), count * model.multiply(x)).max() < 1e-12

@@ -10,9 +10,9 @@ from endolab.depth.energy import energy_terms
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.depth.grid import ABOVE
 from endolab.depth.problem import Problem
-from endolab.metrics.depth_errors import depth_discontinuities
-from endolab.numerics.derivatives import shifted
-from endolab.numerics.threads import limited_threads
+from endolab.metrics.depth_errors import depth_cuts
+from endolab.numerics.derivatives import shift
+from endolab.numerics.threads import limit_threads
 from tests.tools.problems import (
     border,
     check_it_falls,
@@ -88,7 +88,7 @@ def test_noise_of_three_grey_levels_and_a_fisheye_that_sees_round_the_corner(sce
 def test_the_contours_of_the_colon_halve_the_error(width):
     """Measured 7.6 % and 2.2 % at 96 px, 7.3 % and 2.6 % at 160."""
     problem, seen = problem_of("colon", width)
-    torn = replace(problem, discontinuities=depth_discontinuities(seen.distance))
+    torn = replace(problem, cuts=depth_cuts(seen.distance))
     whole, cut = (solved(each) for each in (problem, torn))
     assert whole.status is cut.status is el.Status.CONVERGED
     assert 5 < percent_off(whole, seen) < 9
@@ -100,11 +100,11 @@ def test_the_contours_of_the_colon_halve_the_error(width):
 @every_variant
 def test_cuts_all_over_leave_islands_that_stay_where_they_can_be_seen(rng, xi, regulariser, share):
     problem, _ = problem_of("colon", 96, xi=xi, regulariser=regulariser)
-    problem = replace(problem, discontinuities=rng.random((2, *problem.mask.shape)) < share)
-    for start in (None, np.where(problem.mask, problem.log_facing, np.nan)):
+    problem = replace(problem, cuts=rng.random((2, *problem.mask.shape)) < share)
+    for start in (None, np.where(problem.mask, problem.log_d0, np.nan)):
         result = solved(problem, start=start)
         check_it_falls(result)
-        assert np.nanmax(result.iterate.log_distance - problem.log_facing) <= ABOVE + 1e-12
+        assert np.nanmax(result.iterate.log_distance - problem.log_d0) <= ABOVE + 1e-12
 
 
 def test_an_island_that_is_drawn_to_the_ceiling_holds_up_no_step():
@@ -112,10 +112,8 @@ def test_an_island_that_is_drawn_to_the_ceiling_holds_up_no_step():
     problem, _ = problem_of("curved", 96)
     inside = np.zeros(problem.mask.shape, bool)
     inside[30:33, 40:43] = True
-    discontinuities = np.stack([inside ^ shifted(inside, 1, axis, False) for axis in (1, 0)])
-    torn = replace(
-        problem, image=np.where(inside, 0.02, 1.0) * problem.image, discontinuities=discontinuities
-    )
+    cuts = np.stack([inside ^ shift(inside, 1, axis, False) for axis in (1, 0)])
+    torn = replace(problem, image=np.where(inside, 0.02, 1.0) * problem.image, cuts=cuts)
     cold, warm = (solved(torn, start=start) for start in (None, solved(problem).iterate.log_distance))
     assert cold.status is warm.status is el.Status.CONVERGED
     assert warm.energy < 1.05 * cold.energy
@@ -126,7 +124,7 @@ def test_the_tube_with_its_border_given(tube):
     problem, seen, without = tube
     inflow = border(seen, 1)
     given = np.isfinite(inflow) & problem.mask
-    for start in (None, np.where(problem.mask, problem.log_facing, np.nan)):
+    for start in (None, np.where(problem.mask, problem.log_d0, np.nan)):
         result = solved(problem, inflow=inflow, start=start)
         np.testing.assert_array_equal(result.iterate.log_distance[given], inflow[given])
         assert np.all(np.diff(energies(result)) < 0)
@@ -180,11 +178,11 @@ def test_a_start_that_cannot_be_used_is_refused():
 @every_regulariser
 def test_a_run_is_the_same_bit_for_bit_on_any_number_of_threads(all_cores, regulariser):
     problem, seen = problem_of("colon", 160, regulariser=regulariser, noise=1, bits=8)
-    torn = replace(problem, discontinuities=depth_discontinuities(seen.distance))
+    torn = replace(problem, cuts=depth_cuts(seen.distance))
     for each in (problem, torn):
         maps = []
         for count in (1, 2):
-            with limited_threads(count):
+            with limit_threads(count):
                 maps.append(solved(each, max_iterations=8).iterate.log_distance)
         np.testing.assert_array_equal(*maps)
 
@@ -280,4 +278,4 @@ def test_a_frame_that_is_explained_exactly_has_converged():
     result = solved(replace(problem, mask=problem.mask & MASKS["single pixels"]))
     assert result.status is el.Status.CONVERGED
     assert result.energy < 1e-24
-    np.testing.assert_allclose(result.distance, np.exp(result.problem.log_facing), rtol=1e-9)
+    np.testing.assert_allclose(result.distance, np.exp(result.problem.log_d0), rtol=1e-9)

@@ -13,8 +13,8 @@ from endolab.depth.grid import Grid
 from endolab.depth.multigrid import Multigrid, multiply
 from endolab.depth.normal_equations import WEIGHT
 from endolab.depth.problem import Problem
-from endolab.numerics.compiled import inner, padded
-from endolab.numerics.derivatives import links, shifted
+from endolab.numerics.compiled import inner, pad_maps
+from endolab.numerics.derivatives import links, shift
 from tests.depth.gauss_newton_model import TWINS, GaussNewtonModel, check_the_compiled, inside, relative
 from tests.tools.problems import SHEET, at_truth, every_regulariser, every_variant
 
@@ -27,20 +27,20 @@ def worn(rng, **options):
     """A tube with holes and cuts all over, and a map that is rough around the truth."""
     problem, truth = at_truth("tube", 40, lam=0.7, **options)
     mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
-    problem = replace(problem, mask=mask, discontinuities=rng.random((2, *mask.shape)) > 0.95)
+    problem = replace(problem, mask=mask, cuts=rng.random((2, *mask.shape)) > 0.95)
     return problem, truth + 0.02 * rng.normal(size=mask.shape)
 
 
 def equations(problem, v, inflow=None):
     """Coefficients and right-hand side of the step at v."""
-    return Grid.of(problem, inflow).linearised(inside(problem, v), problem.lam)
+    return Grid.of(problem, inflow).equations_at(inside(problem, v), problem.lam)
 
 
 @pytest.fixture(params=["first", "second", "curvature"])
 def system(request, rng):
     """Worn equations of which a few pixels are given: their solver, right-hand side and free pixels."""
     problem, v = worn(rng, regulariser=request.param)
-    inflow = np.where(rng.random(v.shape) < 0.05, problem.log_facing, np.nan)
+    inflow = np.where(rng.random(v.shape) < 0.05, problem.log_d0, np.nan)
     coefficients, b = equations(problem, v, inflow)
     free = coefficients.active > 0
     assert 0.85 * problem.mask.sum() < free.sum() < problem.mask.sum()
@@ -76,7 +76,7 @@ def test_a_smooth_step_costs_what_it_should(regulariser):
         rows, columns = np.indices(truth.shape)
         x = np.where(problem.mask, np.cos(np.pi * columns / 320) + rows / 240, 0.0)
         product = np.zeros(matrix.shape[1:])
-        multiply(matrix, padded(x), product)
+        multiply(matrix, pad_maps(x), product)
         expected = problem.mask.sum() * np.vdot(x, model.multiply(x))
         assert np.vdot(inner(product), x) == pytest.approx(expected, rel=1e-8)
 
@@ -101,10 +101,10 @@ def test_a_straight_map_and_a_step_over_a_cut_survive_the_way_down_and_up(step, 
     """
     problem, _ = at_truth("plane", 64)
     rows, columns = np.indices(problem.mask.shape)
-    discontinuities = np.zeros((2, *problem.mask.shape), dtype=bool)
-    discontinuities[0, :, last] = step > 0
-    fine = Grid.of(replace(problem, discontinuities=discontinuities))
-    v = padded(2.0 + step * (columns > last) + 0.02 * columns - 0.01 * rows)
+    cuts = np.zeros((2, *problem.mask.shape), dtype=bool)
+    cuts[0, :, last] = step > 0
+    fine = Grid.of(replace(problem, cuts=cuts))
+    v = pad_maps(2.0 + step * (columns > last) + 0.02 * columns - 0.01 * rows)
     back = inner(fine.coarser().finer(fine.restrict(v), fine) - v)
     np.testing.assert_allclose(back, 0, atol=off)
     np.testing.assert_allclose(back[:, np.abs(columns[0] - last) > 4], 0, atol=1e-13)
@@ -114,7 +114,7 @@ def around(shape, rows, columns, radius):
     """Cuts along a circle: who is inside, and the steps that lead out."""
     i, j = np.indices(shape)
     inside = np.hypot(i - rows, j - columns) < radius
-    return inside, np.stack([inside ^ shifted(inside, 1, axis, False) for axis in (1, 0)]) & links(
+    return inside, np.stack([inside ^ shift(inside, 1, axis, False) for axis in (1, 0)]) & links(
         np.ones(shape, bool)
     )
 
@@ -123,15 +123,15 @@ def around(shape, rows, columns, radius):
 def test_no_coarse_grid_mixes_the_sides_of_a_cut(centre):
     """A map of two levels has them on every grid, and a line of cuts is closed on all of them."""
     problem, _ = at_truth("plane", 80)
-    inside, discontinuities = around(problem.mask.shape, *centre, 14.3)
-    grid, v = Grid.of(replace(problem, discontinuities=discontinuities)), padded(np.where(inside, 1.0, 2.0))
+    inside, cuts = around(problem.mask.shape, *centre, 14.3)
+    grid, v = Grid.of(replace(problem, cuts=cuts)), pad_maps(np.where(inside, 1.0, 2.0))
     for _ in range(3):
         fine, grid = grid, grid.coarser()
         v = fine.restrict(v)
         levels = inner(v)
         assert set(np.unique(levels)) == {1.0, 2.0}
         for axis, link in ((1, inner(grid.link)[0]), (0, inner(grid.link)[1])):
-            np.testing.assert_array_equal(link > 0, levels == shifted(levels, 1, axis, 0.0))
+            np.testing.assert_array_equal(link > 0, levels == shift(levels, 1, axis, 0.0))
         assert np.isin(np.round(inner(grid.finer(v, fine)), 12), (1.0, 2.0)).all()
 
 
@@ -221,11 +221,11 @@ def test_a_cycle_of_a_turned_grid_is_the_turned_one(rng, size, turn):
         apart = np.hypot(i - 20.2, j - 24.3) < 11.4
         mask = turn(np.hypot(i - rows / 2, j - columns / 2) < 0.6 * rows)
         apart = turn(apart)
-        cuts = np.stack([apart ^ shifted(apart, 1, axis, False) for axis in (1, 0)]) & links(mask)
+        cuts = np.stack([apart ^ shift(apart, 1, axis, False) for axis in (1, 0)]) & links(mask)
         image = np.ascontiguousarray(turn(0.4 + 0.2 * np.cos(0.1 * i) * np.sin(0.13 * j + 0.05 * i)))
         camera = el.Pinhole(*image.shape[::-1], 40.0, 40.0, *((np.array(image.shape[::-1]) - 1) / 2))
-        problem = Problem(image, np.ascontiguousarray(mask), camera, PHOTOMETRY, discontinuities=cuts)
-        coefficients, b = equations(problem, np.where(mask, problem.log_facing, 0.0))
+        problem = Problem(image, np.ascontiguousarray(mask), camera, PHOTOMETRY, cuts=cuts)
+        coefficients, b = equations(problem, np.where(mask, problem.log_d0, 0.0))
         return Multigrid(coefficients), b
 
     (one, b), (other, _) = turned_system(lambda a: a), turned_system(turn)

@@ -11,7 +11,7 @@ from tests.depth.gauss_newton_model import OPERATORS
 
 def patch_means(p, problem, radius):
     """Mean over the row, then the column, as far as the steps lead, at most `radius` pixels."""
-    link = links(problem.mask, problem.discontinuities)
+    link = links(problem.mask, problem.cuts)
     for axis, joined in ((1, link[0]), (0, link[1])):
         lines, chained = np.moveaxis(p, axis, -1).copy(), np.moveaxis(joined, axis, -1)
         out = lines.copy()
@@ -55,7 +55,7 @@ class PrimalDualModel:
         return from_xi(self.x * problem.xi_median, problem.xi, problem.field.cos_alpha)
 
     def step(self, theta):
-        problem, where = self.problem, (self.problem.mask, self.problem.discontinuities)
+        problem, where = self.problem, (self.problem.mask, self.problem.cuts)
         # normals of the last map
         p = gradient(self.v, *where, edge_order=1)
         for _ in range(2):
@@ -86,7 +86,7 @@ class PrimalDualModel:
     def gain(self, p, intensity, by_slant):
         guu, guv, gvv = np.moveaxis(self.problem.field.inverse_metric, -1, 0)
         turn = -self.problem.photometry.gamma * by_slant / intensity
-        link = links(self.problem.mask, self.problem.discontinuities)
+        link = links(self.problem.mask, self.problem.cuts)
         spans = [np.ones(link.shape[1:]) for _ in range(2)]
         for span, joined, axis in ((spans[0], link[0], -1), (spans[1], link[1], 0)):
             lines, chained = np.moveaxis(span, axis, -1), np.moveaxis(joined, axis, -1)

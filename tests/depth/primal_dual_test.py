@@ -12,7 +12,7 @@ from endolab.depth.primal_dual import Patches, _along_columns, _along_row, _Path
 from endolab.depth.problem import Problem
 from endolab.model.brdf import Glossy
 from endolab.numerics.derivatives import links
-from endolab.numerics.threads import limited_threads
+from endolab.numerics.threads import limit_threads
 from tests.depth.primal_dual_model import PrimalDualModel, patch_means
 from tests.tools.problems import SHEET, energies, errors_of, papers_regulariser, papers_variant, problem_of
 
@@ -22,13 +22,11 @@ CAMERA = el.Pinhole(19, 15, 9.0, 10.4, 8.8, 7.1)
 def holed(rng, brdf=None, **options):
     """A rough surface with holes and cuts, and a frame that it nearly explains."""
     shape = (CAMERA.height, CAMERA.width)
-    mask, discontinuities = np.ones(shape, dtype=bool), rng.random((2, *shape)) < 0.1
+    mask, cuts = np.ones(shape, dtype=bool), rng.random((2, *shape)) < 0.1
     mask[4:7, 3:6] = mask[0, 0] = mask[10:, 9] = False
     photometry = el.Photometry(k=1.7, gamma=2.0, gain=900.0, brdf=brdf or el.Lambertian(0.6))
     v = np.log(20) + ndimage.gaussian_filter(0.3 * rng.normal(size=shape), 1)
-    problem = Problem(
-        np.full(shape, 0.5), mask, CAMERA, photometry, discontinuities=discontinuities, **options
-    )
+    problem = Problem(np.full(shape, 0.5), mask, CAMERA, photometry, cuts=cuts, **options)
     noise = rng.choice([0.01, 0.06], shape) * rng.normal(size=shape)
     seen = np.where(mask, model_image(problem, v) + noise, 0.5)
     return replace(problem, image=np.clip(seen, 0.2, 0.95)), v
@@ -67,7 +65,7 @@ def test_steps_less_than_the_last_digit_add_up():
     apart = np.zeros_like(problem.mask)
     apart[2::9, 2::9] = True
     problem = replace(problem, mask=problem.mask & apart)
-    start = problem.log_facing + 1e-5  # a step goes a thousandth of this
+    start = problem.log_d0 + 1e-5  # a step goes a thousandth of this
     path, twin = _Path.at(problem, start, 0, 0.7), PrimalDualModel(problem, start, 0, 0.7)
     path.advance(100, 1e-3)
     for _ in range(100):
@@ -80,19 +78,19 @@ def test_steps_less_than_the_last_digit_add_up():
 @papers_regulariser
 def test_steps_are_the_same_bit_for_bit_on_any_number_of_threads(rng, all_cores, regulariser):
     problem, _ = problem_of("colon", xi="1/z", regulariser=regulariser, lam=0.1)
-    problem = replace(problem, discontinuities=rng.random((2, *problem.mask.shape)) < 0.02)
-    paths = [_Path.at(problem, problem.log_facing, 4, 0.7) for _ in range(2)]
+    problem = replace(problem, cuts=rng.random((2, *problem.mask.shape)) < 0.02)
+    paths = [_Path.at(problem, problem.log_d0, 4, 0.7) for _ in range(2)]
     for path, count in zip(paths, (1, 2), strict=True):
-        with limited_threads(count):
+        with limit_threads(count):
             path.advance(20)
     for one, other in zip(paths[0].state, paths[1].state, strict=True):
         np.testing.assert_array_equal(one, other)
-    assert np.abs(paths[0].log_distance - problem.log_facing)[problem.mask].max() > 0.01
+    assert np.abs(paths[0].log_distance - problem.log_d0)[problem.mask].max() > 0.01
 
 
-def averaged(slope, mask, discontinuities, radius):
+def average_light(slope, mask, cuts, radius):
     """Means of a framed map over patches, by the compiled loops."""
-    joined, inside = np.pad(links(mask, discontinuities), ((0, 0), (1, 1), (1, 1))), np.pad(mask, 1)
+    joined, inside = np.pad(links(mask, cuts), ((0, 0), (1, 1), (1, 1))), np.pad(mask, 1)
     along, (share, *down) = _windows(joined[0], inside, radius), _windows(joined[1].T, inside.T, radius)
     height, width = inside.shape
     shares = np.stack([along[0], share.T]).astype(np.float32)
@@ -109,7 +107,7 @@ def averaged(slope, mask, discontinuities, radius):
 def test_patches_end_where_a_step_is_missing(rng, radius):
     problem, _ = holed(rng)
     slope = np.where(problem.mask, rng.normal(size=problem.mask.shape), 0)
-    found = averaged(np.pad(slope, 1), problem.mask, problem.discontinuities, radius)[1:-1, 1:-1]
+    found = average_light(np.pad(slope, 1), problem.mask, problem.cuts, radius)[1:-1, 1:-1]
     expected = patch_means(slope, problem, radius)
     np.testing.assert_allclose(found[problem.mask], expected[problem.mask], rtol=0, atol=2e-6)
     assert not found[~problem.mask].any()

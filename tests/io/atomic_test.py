@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from endolab.io.atomic import read_bytes, read_json, staged_file, staged_folder, write_atomically
+from endolab.io.atomic import read_bytes, read_json, stage_file, stage_folder, write_atomically
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
@@ -21,7 +21,7 @@ def texts(folder):
 
 
 def write(folder, *names, content="new", error=None, **how):
-    with staged_folder(folder, **how) as staging:
+    with stage_folder(folder, **how) as staging:
         for name in names:
             (staging / name).write_text(content)
         if error is not None:
@@ -61,7 +61,7 @@ def test_a_folder_of_others_needs_overwrite(tmp_path, report):
     if report is not None:
         (tmp_path / "report.json").write_text(report)
     before = texts(tmp_path)
-    with pytest.raises(FileExistsError, match="overwrite"), staged_folder(tmp_path):
+    with pytest.raises(FileExistsError, match="overwrite"), stage_folder(tmp_path):
         pytest.fail("the block must not run")
     assert texts(tmp_path) == before
     write(tmp_path, "a", "report.json", content='{"endolab": 1}', overwrite=True)
@@ -116,21 +116,21 @@ def test_what_is_read_is_never_replaced(own):
             with pytest.raises(FileExistsError, match="own/a is read by this very call"):
                 write(own, "a", overwrite=overwrite, inputs=["paper", None, given, "x" * 300])
         with pytest.raises(FileExistsError, match="own/a is read by this very call"):
-            staged_file(own / "a", overwrite=overwrite, inputs=[own / "a"]).__enter__()
+            stage_file(own / "a", overwrite=overwrite, inputs=[own / "a"]).__enter__()
     write(own, "b", inputs=[own / "a"])
 
 
 def test_a_file_is_replaced_whole_and_only_if_asked(tmp_path):
     path = tmp_path / "a.pdf"
     for content in ("1", "2"):
-        with staged_file(path) as temporary:
+        with stage_file(path) as temporary:
             assert temporary.suffix == ".pdf"
             temporary.write_text(content)
         assert texts(tmp_path) == {"a.pdf": content}
-    with suppress(ValueError), staged_file(path) as temporary:
+    with suppress(ValueError), stage_file(path) as temporary:
         temporary.write_text("half")
         raise ValueError
-    with pytest.raises(FileExistsError, match="overwrite"), staged_file(path, overwrite=False):
+    with pytest.raises(FileExistsError, match="overwrite"), stage_file(path, overwrite=False):
         pytest.fail("the block must not run")
     assert texts(tmp_path) == {"a.pdf": "2"}
 
@@ -145,10 +145,10 @@ def test_files_obey_the_umask(tmp_path):
 
 
 def test_an_error_names_the_file_that_it_is_about_and_no_temporary_one(tmp_path):
-    with pytest.raises(OSError, match=rf"^{tmp_path}/no: No such file"), staged_folder(tmp_path / "new"):
+    with pytest.raises(OSError, match=rf"^{tmp_path}/no: No such file"), stage_folder(tmp_path / "new"):
         (tmp_path / "no").read_bytes()
     refused = pytest.raises(OSError, match=rf"^cannot write {tmp_path}/new/no/a: No such")
-    with refused, staged_folder(tmp_path / "new") as staging:
+    with refused, stage_folder(tmp_path / "new") as staging:
         (staging / "no/a").write_text("")
 
 
@@ -181,7 +181,7 @@ def test_a_file_that_cannot_be_written_or_read_is_named(here, name):
 @pytest.mark.parametrize("target", ["file", "file/x/y", "new/" + 300 * "n"])
 def test_a_folder_that_cannot_be_made(here, target):
     before = sorted(here.rglob("*"))
-    with pytest.raises(OSError, match=r"cannot write to the folder .*: \w"), staged_folder(target):
+    with pytest.raises(OSError, match=r"cannot write to the folder .*: \w"), stage_folder(target):
         pytest.fail("the block must not run")
     assert sorted(here.rglob("*")) == before
 

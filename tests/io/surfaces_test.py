@@ -33,7 +33,7 @@ def test_what_is_no_distance_is_unknown_and_what_is_not_ours_is_left(tmp_path):
         ({"normals": DISTANCE}, "normals"),
         ({"sigma": DISTANCE[0]}, "sigma"),
         ({"sigma_shape": np.full((3, 4), 1e300)}, "sigma_shape"),
-        ({"decided_by": DISTANCE}, "decided_by"),
+        ({"dominant_source": DISTANCE}, "dominant_source"),
         ({"mask": np.ones(3, bool)}, "mask"),
         ({"metric": np.ones(2, bool)}, "metric"),
         ({"z": np.full((3, 4), 1e300)}, "z"),

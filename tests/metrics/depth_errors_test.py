@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import endolab as el
-from endolab.metrics.depth_errors import angle_between, compare, depth_discontinuities, resampled_truth
+from endolab.metrics.depth_errors import angle_between, compare, depth_cuts, resample_truth
 
 TRUTH = np.array([[10.0, 20.0, 40.0], [50.0, np.nan, 80.0]])
 ESTIMATE = np.array([[11.0, 18.0, 40.0], [54.0, 7.0, np.nan]])
@@ -79,32 +79,30 @@ def test_jumps_of_the_distance_are_cuts_to_the_right_and_downwards():
     right = np.array([[False, True, True, False], [False, True, True, False]])
     lower = np.array([[False, False, True, False], [False, False, False, False]])
     for scale in (1e-3, 1.0, 40.0):
-        discontinuities = depth_discontinuities(scale * np.exp(log_distance))
-        assert discontinuities.dtype == bool
-        assert_array_equal(discontinuities, [right, lower])
-    assert_array_equal(depth_discontinuities(np.exp(log_distance), 0.5)[0], right & [[False], [True]])
+        cuts = depth_cuts(scale * np.exp(log_distance))
+        assert cuts.dtype == bool
+        assert_array_equal(cuts, [right, lower])
+    assert_array_equal(depth_cuts(np.exp(log_distance), 0.5)[0], right & [[False], [True]])
 
 
 @pytest.mark.parametrize("unknown", [np.nan, 0.0, -1.0, np.inf])
 def test_what_is_unknown_is_no_contour(unknown):
-    discontinuities = depth_discontinuities(np.array([[1.0, unknown, 2.0], [1.0, 4.0, 2.0]]))
-    assert_array_equal(discontinuities[0], [[False, False, False], [True, True, False]])
-    assert not discontinuities[1].any()
-    assert depth_discontinuities(np.full((1, 1), unknown)).shape == (2, 1, 1)
+    cuts = depth_cuts(np.array([[1.0, unknown, 2.0], [1.0, 4.0, 2.0]]))
+    assert_array_equal(cuts[0], [[False, False, False], [True, True, False]])
+    assert not cuts[1].any()
+    assert depth_cuts(np.full((1, 1), unknown)).shape == (2, 1, 1)
 
 
 def test_turning_the_map_turns_its_contours(rng):
     distance = np.exp(rng.normal(scale=0.1, size=(6, 9)))
     distance[rng.random(distance.shape) < 0.1] = np.nan
-    assert_array_equal(
-        depth_discontinuities(distance.T), depth_discontinuities(distance)[::-1].transpose(0, 2, 1)
-    )
+    assert_array_equal(depth_cuts(distance.T), depth_cuts(distance)[::-1].transpose(0, 2, 1))
 
 
 @pytest.mark.parametrize("threshold", [0.0, -0.1, np.nan])
 def test_a_threshold_that_cuts_everything_is_refused(threshold):
     with pytest.raises(ValueError, match="threshold must be positive, got"):
-        depth_discontinuities(TRUTH, threshold)
+        depth_cuts(TRUTH, threshold)
 
 
 @pytest.mark.parametrize("width", [160, 100, 320, 480])
@@ -115,17 +113,17 @@ def test_truth_on_another_grid_is_the_scenes_own(scene, width):
     other = el.load_calibration("simple", width=width).camera
     surface, shape = el.SCENES[scene], (other.height, other.width)
     (points, there) = (surface.distance(c.field.rays)[..., None] * c.field.rays for c in (whole, other))
-    found = resampled_truth(np.linalg.norm(points, axis=-1), shape)
+    found = resample_truth(np.linalg.norm(points, axis=-1), shape)
     assert_allclose(found, np.linalg.norm(there, axis=-1), rtol=5e-4 if width <= 320 else 5e-3)
-    normals = resampled_truth(surface.normals(points), shape)
+    normals = resample_truth(surface.normals(points), shape)
     assert angle_between(normals, surface.normals(there)).max() < (0.1 if width <= 320 else 0.5)
 
 
 def test_truth_on_another_grid_is_unknown_where_most_of_it_was():
     truth = np.full((4, 6), 8.0)
     truth[:2, 0] = truth[:2, 2:4] = truth[2, 4] = np.nan
-    assert_array_equal(resampled_truth(truth, (2, 3)), [[8, np.nan, 8], [8, 8, 8]])
-    assert_array_equal(resampled_truth(truth, (4, 6)), truth)
+    assert_array_equal(resample_truth(truth, (2, 3)), [[8, np.nan, 8], [8, 8, 8]])
+    assert_array_equal(resample_truth(truth, (4, 6)), truth)
     for shape in ((4, 3), (2, 6), (40, 20)):
         with pytest.raises(ValueError, match=f"is {shape[1]}x{shape[0]} px, the truth 6x4 px, of other prop"):
-            resampled_truth(truth, shape)
+            resample_truth(truth, shape)

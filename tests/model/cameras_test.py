@@ -28,7 +28,7 @@ def small(camera):
     """The same camera with a few pixels only, one of them exactly on the axis."""
     camera = camera.resize(37, 29)
     shift = np.round(camera._centre) - camera._centre
-    return camera._transformed(np.ones(2), shift, 37, 29)
+    return camera._transform(np.ones(2), shift, 37, 29)
 
 
 def pixels(camera, step=1):

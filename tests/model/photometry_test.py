@@ -90,7 +90,7 @@ def test_the_exponent_can_be_the_lights_or_the_lens(rng, brdf):
     joint = model(brdf, k=2.5)
     split = model(brdf, (SpotLight(exponent=1.6),), k=0.9)
     assert_allclose(split.intensity(points, normals), joint.intensity(points, normals), rtol=1e-12)
-    assert split.simplified().k == pytest.approx(2.5)
+    assert split.simplify().k == pytest.approx(2.5)
 
 
 def test_lights_add_up_before_the_response(rng):
@@ -104,7 +104,7 @@ def test_far_away_the_lights_become_one(rng):
     """The error falls like offset/distance: ten times as far, about a tenth."""
     lights = tuple(replace(light, direction=(0, 0, 1), exponent=1.4) for light in THREE_LIGHTS)
     general = model(lights=lights)
-    simplified = general.simplified()
+    simplified = general.simplify()
     assert simplified.lights == ()
     assert simplified.gain == pytest.approx(3000 * 1.2)
     points, normals, distance, _, _ = surface(rng, max_slant=50.0)

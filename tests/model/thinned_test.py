@@ -5,7 +5,7 @@ import pytest
 
 import endolab as el
 from endolab.model.surface import normals, slant
-from endolab.model.thinned import ThinnedMaps, thinned_normals
+from endolab.model.thinned import ThinnedMaps, thin_normals
 from endolab.numerics.derivatives import gradient
 
 
@@ -16,12 +16,12 @@ def test_every_nth_is_as_in_the_whole(step, torn, rng):
     v = rng.normal(3, 0.2, field.shape)
     mask = field.valid & (rng.random(field.shape) > 0.3)  # holes, borders and lonely pixels
     v[~mask] = np.nan
-    discontinuities = rng.random((2, *field.shape)) < 0.3 if torn else None
+    cuts = rng.random((2, *field.shape)) < 0.3 if torn else None
     every = np.s_[::step, ::step]
-    found = thinned_normals(v, field, mask, step)
+    found = thin_normals(v, field, mask, step)
     np.testing.assert_allclose(found, normals(v, field, mask)[every], rtol=1e-12, equal_nan=True)
-    expected = slant(*gradient(v, mask, discontinuities, edge_order=1), field)[every]
-    maps = ThinnedMaps(field, mask, discontinuities, step)
+    expected = slant(*gradient(v, mask, cuts, edge_order=1), field)[every]
+    maps = ThinnedMaps(field, mask, cuts, step)
     for _ in range(2):  # what it keeps is not used up
         np.testing.assert_allclose(maps.slant(v), expected, rtol=1e-12, equal_nan=True)
         assert np.array_equal(maps.normals(v), found, equal_nan=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from endolab.numerics.checks import excerpt, mask_array, number, owned, real_array, whole
+from endolab.numerics.checks import check_int, excerpt, mask_array, number, readonly_copy, real_array
 
 HUGE = 10**5000
 
@@ -25,9 +25,9 @@ def test_what_is_no_number_between_two_others_is_said(value):
 
 @pytest.mark.parametrize("value", [-1, 2.0, True, "2", None, np.nan])
 def test_what_is_no_whole_number_is_said(value):
-    assert whole("x", np.int32(3)) == 3
+    assert check_int("x", np.int32(3)) == 3
     with pytest.raises(ValueError, match="x must"):
-        whole("x", value)
+        check_int("x", value)
 
 
 @pytest.mark.parametrize("value", [None, "a", [[1], [2, 3]], np.ones(2) * 1j, np.array([HUGE]), {}])
@@ -51,9 +51,9 @@ def test_what_is_owned_is_nobody_elses_to_write():
     view = buffer[1:]
     view.flags.writeable = False  # but by way of the buffer it can be written
     for given in (buffer, buffer[::2, ::-1], view):
-        kept = owned(given)
+        kept = readonly_copy(given)
         buffer[:] = 7
         assert not kept.any()
         assert not kept.flags.writeable
-        assert owned(kept) is kept
+        assert readonly_copy(kept) is kept
         buffer[:] = 0

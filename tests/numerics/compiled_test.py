@@ -54,8 +54,8 @@ def test_seconds_that_are_told_do_not_count_compiling():  # "98.45 s for 4 itera
 def test_blocks_lie_alike_from_both_ends(rng):
     """Of an even number of rows and columns; and on the coarser grids that follow."""
     for shape in ((4, 6), (10, 14), (180, 90)):
-        a = compiled.padded(rng.normal(size=shape))
-        mirrored = compiled.padded(compiled.inner(a)[::-1, ::-1])
+        a = compiled.pad_maps(rng.normal(size=shape))
+        mirrored = compiled.pad_maps(compiled.inner(a)[::-1, ::-1])
         while min(a.shape) > 2 * compiled.PAD + 2:
             a, mirrored = compiled.block_sums(a), compiled.block_sums(mirrored)
             np.testing.assert_array_equal(compiled.inner(mirrored), compiled.inner(a)[::-1, ::-1])

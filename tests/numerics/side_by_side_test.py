@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from endolab.numerics.side_by_side import WORTH_THREADS, by_rows, side_by_side
-from endolab.numerics.threads import limited_threads, threads
+from endolab.numerics.threads import limit_threads, threads
 
 
 @pytest.mark.parametrize("shape", [(3, 7), (600, 700), (WORTH_THREADS, 1), (1, WORTH_THREADS)])
@@ -27,8 +27,8 @@ def test_results_come_in_order_and_errors_too(pixels):
 
 
 def test_a_limit_holds_within(all_cores):
-    with limited_threads(1):
+    with limit_threads(1):
         assert side_by_side(lambda _: threads(), range(4), WORTH_THREADS) == [1] * 4
     if threads() > 1:
-        with limited_threads(2):
+        with limit_threads(2):
             assert side_by_side(lambda _: threads(), range(4), WORTH_THREADS) == [2] * 4

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from endolab.numerics import threads
-from endolab.numerics.threads import ROWS, VARIABLE, limited_threads
+from endolab.numerics.threads import ROWS, VARIABLE, limit_threads
 from tests.tools.loops import blurred, plainly_blurred
 
 SEVERAL = min(2, int(numba.config.NUMBA_NUM_THREADS))
@@ -40,9 +40,9 @@ def printed(code, **environment):
 
 def test_results_are_the_same_bit_for_bit_on_any_number_of_threads(start, all_cores):
     assert SEVERAL > 1, "this machine has one core, and the test says nothing"
-    with limited_threads(1):
+    with limit_threads(1):
         alone = solved(start)
-    with limited_threads(SEVERAL):
+    with limit_threads(SEVERAL):
         together = solved(start)
     np.testing.assert_array_equal(alone, together)
     np.testing.assert_allclose(alone, plainly_blurred(start, 7), rtol=1e-12)
@@ -57,15 +57,15 @@ def test_a_number_of_threads_that_is_none_is_said_to_be_so(monkeypatch, wrong, s
 
 def test_limits_hold_inside_and_the_inner_one_is_that_of_its_block(monkeypatch):
     monkeypatch.setenv(VARIABLE, str(SEVERAL))
-    with limited_threads(1):
+    with limit_threads(1):
         assert threads.threads() == 1
-        with limited_threads(None):
+        with limit_threads(None):
             assert threads.threads() == 1
-        with limited_threads(SEVERAL + 5):
+        with limit_threads(SEVERAL + 5):
             assert threads.threads() == SEVERAL
         assert threads.threads() == 1
     assert threads.threads() == SEVERAL
-    with pytest.raises(ValueError, match="threads"), limited_threads(0):
+    with pytest.raises(ValueError, match="threads"), limit_threads(0):
         pass
 
 

@@ -30,7 +30,7 @@ def rendered(colon):
 
 @pytest.fixture(scope="module")
 def start(colon):
-    return el.Iterate.of(colon[0], colon[0].log_facing)
+    return el.Iterate.of(colon[0], colon[0].log_d0)
 
 
 def test_trust_is_shown_in_percent_and_by_who_decided():
@@ -43,7 +43,7 @@ def test_trust_is_shown_in_percent_and_by_who_decided():
     assert plots.show_sigma(percent, limit=25).images[0].get_clim() == (0, 25)
     assert plots.show_sigma(np.full((2, 2), np.nan)).images[0].get_clim() == (0, 1)
     decided = np.array([[0, 1, 1, 2], [0, 3, 1, 1]], np.uint8)
-    ax = plots.show_decided(decided)
+    ax = plots.show_dominant_source(decided)
     assert [text.get_text() for text in ax.get_legend().get_texts()] == [
         *("data\n67 %", "border\nor contour\n17 %", "prior\n17 %")
     ]

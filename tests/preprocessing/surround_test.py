@@ -7,7 +7,7 @@ import pytest
 import endolab as el
 from endolab import datasets
 from endolab.preprocessing.surround import field_of_view
-from endolab.reconstruction.plausible import doubts
+from endolab.reconstruction.plausible import warnings
 
 HIGH, WIDE = 360, 480
 BLUE = (20, 20, 160)
@@ -173,4 +173,4 @@ def test_a_surround_that_is_unsure_is_kept_and_named(soft, named):
     frame = el.Frame(np.clip(image, 0, 1), np.ones_like(seen.mask))
     result = el.reconstruct(frame, calibration, solver="fast_marching")
     assert frame.seen().all() == (soft > 0)
-    assert any("flat colour" in doubt for doubt in doubts(result)) == named
+    assert any("flat colour" in doubt for doubt in warnings(result)) == named

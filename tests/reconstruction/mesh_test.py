@@ -11,7 +11,7 @@ from matplotlib import colormaps
 from endolab.datasets import load_calibration
 from endolab.depth.result import Iterate
 from endolab.io.surfaces import write_mesh
-from endolab.metrics.depth_errors import depth_discontinuities
+from endolab.metrics.depth_errors import depth_cuts
 from endolab.metrics.mesh_distance import distance_to, to_open3d
 from endolab.reconstruction.mesh import make_mesh
 from endolab.synthetic.scenes import SCENES, Bowl, Plane, Tube
@@ -43,9 +43,7 @@ def colon():
 
 @pytest.fixture(scope="module")
 def coloured(colon):
-    return make_mesh(
-        points_of(SCENES["colon"]), colon.image, discontinuities=depth_discontinuities(colon.distance)
-    )
+    return make_mesh(points_of(SCENES["colon"]), colon.image, cuts=depth_cuts(colon.distance))
 
 
 def test_a_full_grid_has_two_triangles_a_square():
@@ -71,10 +69,10 @@ def test_a_hole_takes_its_pixel_and_no_more(place):
 
 
 def test_no_triangle_crosses_a_cut():
-    points, discontinuities = wall(6, 8), np.zeros((2, 6, 8), dtype=bool)
-    discontinuities[0, :, 3] = True  # columns 3 and 4 are torn apart
-    discontinuities[1, 2, :4] = True  # and rows 2 and 3 on the left
-    mesh = make_mesh(points, discontinuities=discontinuities)
+    points, cuts = wall(6, 8), np.zeros((2, 6, 8), dtype=bool)
+    cuts[0, :, 3] = True  # columns 3 and 4 are torn apart
+    cuts[1, 2, :4] = True  # and rows 2 and 3 on the left
+    mesh = make_mesh(points, cuts=cuts)
     left, upper = np.moveaxis(mesh.vertices[mesh.triangles][..., :2] < 0.5, -1, 0)
     at_left = left.all(axis=1)
     assert (at_left | ~left.any(axis=1)).all()
@@ -85,15 +83,15 @@ def test_no_triangle_crosses_a_cut():
 
 def test_a_result_brings_colours_cuts_and_unit():
     problem, colon = coloured_colon(CAMERA)
-    discontinuities = depth_discontinuities(colon.distance)
-    problem = replace(problem, discontinuities=discontinuities, metric=False)
+    cuts = depth_cuts(colon.distance)
+    problem = replace(problem, cuts=cuts, metric=False)
     iterate = Iterate.of(problem, np.log(colon.distance))
     mesh = make_mesh(iterate)
     assert mesh.unit == "relative units"
     again = make_mesh(
         np.where(problem.mask[..., None], iterate.points, np.nan),
         colon.image,
-        discontinuities=discontinuities,
+        cuts=cuts,
     )
     assert np.array_equal(mesh.triangles, again.triangles)
     assert np.array_equal(mesh.colours, again.colours)
@@ -104,7 +102,7 @@ def test_a_result_brings_colours_cuts_and_unit():
 @pytest.mark.parametrize("name", SCENES)
 def test_normals_face_the_camera_and_are_the_scenes(name):
     scene = SCENES[name]
-    mesh = make_mesh(points_of(scene), discontinuities=depth_discontinuities(scene.distance(RAYS)))
+    mesh = make_mesh(points_of(scene), cuts=depth_cuts(scene.distance(RAYS)))
     assert (np.einsum("ni,ni->n", *facing(mesh)) < 0).all()
     assert (np.einsum("ni,ni->n", mesh.normals, mesh.vertices) < 0).all()
     assert np.allclose(np.linalg.norm(mesh.normals, axis=-1), 1)
@@ -126,7 +124,7 @@ def test_a_step_needs_both_a_jump_and_a_grazing_view_to_be_torn():
     [
         ({"shown": np.zeros((4, 3))}, "points"),
         ({"colours": np.zeros((2, 2))}, "colours"),
-        ({"discontinuities": np.zeros((2, 5, 7))}, "discontinuities"),
+        ({"cuts": np.zeros((2, 5, 7))}, "cuts"),
         ({"jump": 0.9}, "jump"),
         ({"grazing": 91.0}, "grazing"),
     ],

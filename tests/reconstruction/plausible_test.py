@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import endolab as el
-from endolab.reconstruction.plausible import doubts
+from endolab.reconstruction.plausible import warnings
 
 WIDTH = 160
 
@@ -17,7 +17,7 @@ def wet():
 
 
 def doubts_of(image, calibration, mask, **options):
-    return doubts(el.reconstruct(el.Frame(image, mask, "a"), calibration, width=WIDTH, **options))
+    return warnings(el.reconstruct(el.Frame(image, mask, "a"), calibration, width=WIDTH, **options))
 
 
 @pytest.mark.parametrize("name", ["matt", "diffuse-2", "foggy"])
@@ -51,8 +51,8 @@ def test_a_picture_of_something_else_is_doubted(wet, change, named):
 )
 def test_a_light_of_something_else_is_doubted(wet, change, named):
     calibration = replace(wet.calibration, photometry=replace(wet.calibration.photometry, **change))
-    doubts = doubts_of(wet.frame.image, calibration, wet.frame.mask, channel="green")
-    assert named in " ".join(doubts)
+    warnings = doubts_of(wet.frame.image, calibration, wet.frame.mask, channel="green")
+    assert named in " ".join(warnings)
 
 
 def test_a_lost_decimal_point_is_doubted_and_needs_no_more_memory(wet):
@@ -66,6 +66,6 @@ def test_a_mask_that_reaches_beyond_the_field_is_cut_and_said(wet):
     row, column = np.indices(wet.frame.mask.shape)
     disc = (row - 119.5) ** 2 + (column - 159.5) ** 2 < 110**2
     image = wet.frame.image * disc[..., None]
-    doubts = " ".join(doubts_of(image, wet.calibration, np.roll(disc, 40, axis=1)))
-    assert "of the mask lies beyond what the endoscope shows" in doubts
+    warnings = " ".join(doubts_of(image, wet.calibration, np.roll(disc, 40, axis=1)))
+    assert "of the mask lies beyond what the endoscope shows" in warnings
     assert "of the mask" not in " ".join(doubts_of(image, wet.calibration, disc))

@@ -111,7 +111,7 @@ def test_without_a_gain_the_shape_is_the_same(small, solver):
     known = small.reconstruct(solver=solver)
     result = el.reconstruct(small.frame, small.up_to_scale, solver=solver)
     assert not result.metric
-    assert np.median(np.exp(result.problem.log_facing[result.mask])) == pytest.approx(1.0, rel=1e-12)
+    assert np.median(np.exp(result.problem.log_d0[result.mask])) == pytest.approx(1.0, rel=1e-12)
     ratio = (result.distance / known.distance)[known.mask]
     assert np.ptp(ratio) < 1e-8 * ratio[0]
     np.testing.assert_allclose(result.normals, known.normals, atol=1e-7)
@@ -234,7 +234,7 @@ def test_a_start_must_be_of_the_frames_size(small, ball):
         ({"solver": "magic"}, "unknown solver 'magic'; choose facing, .* or primal_dual$"),
         ({"snapshots": 3}, "'gauss_newton' has no option 'snapshots'"),
         ({"solver": "facing", "inflow": None}, "'facing' has no option 'inflow'"),
-        ({"discontinuities": np.zeros((2, 3, 3), bool)}, "discontinuities"),
+        ({"cuts": np.zeros((2, 3, 3), bool)}, "cuts"),
         ({"channel": "pink"}, "channel"),
         ({"highlights": "melt"}, "highlights"),
         ({"smooth": np.nan}, "smooth"),
@@ -366,8 +366,8 @@ def test_a_frame_that_is_solved_again_is_torn_at_the_same_lines():
     first = el.reconstruct(frame, calibration)
     brighter = replace(calibration.photometry, brdf=el.Lambertian((0.77, 0.39, 0.31)))  # or nothing is sought
     again = el.reconstruct(frame, replace(calibration, photometry=brighter), start=first)
-    assert first.problem.discontinuities.any()
-    np.testing.assert_array_equal(again.problem.discontinuities, first.problem.discontinuities)
+    assert first.problem.cuts.any()
+    np.testing.assert_array_equal(again.problem.cuts, first.problem.cuts)
     assert np.percentile(np.abs(again.distance / first.distance - 1)[first.mask], 90) < 0.05
 
 
@@ -376,5 +376,5 @@ def test_discontinuities_that_are_given_are_kept():
     sample = el.load_traced("matt")
     given = np.zeros((2, 120, 160), bool)
     given[0, 40:80, 80] = True
-    result = el.reconstruct(sample.frame, sample.calibration, width=160, discontinuities=given)
-    np.testing.assert_array_equal(result.problem.discontinuities, given)
+    result = el.reconstruct(sample.frame, sample.calibration, width=160, cuts=given)
+    np.testing.assert_array_equal(result.problem.cuts, given)

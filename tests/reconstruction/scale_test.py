@@ -8,7 +8,7 @@ import pytest
 
 import endolab as el
 from endolab.depth.energy import energy_terms
-from endolab.depth.problem import AT_LEAST, NONE
+from endolab.depth.problem import LOWER_BOUND, NONE
 from endolab.depth.provenance import LightOutcome, LightReport, Provenance
 from endolab.reconstruction.assumptions import meaning
 from endolab.reconstruction.scale import check_scale, factor_of_diameter, factor_of_distance, scale_of
@@ -161,7 +161,7 @@ def test_pixels_that_say_less_are_counted_and_notes_told(relative):
     assert not any("saturated" in each or "Highlights" in each for each in meaning(relative))
     assert "counts as direct" in note(relative, "bounced")
     evidence = np.zeros(relative.mask.shape, np.int8)
-    evidence[:10, :30], evidence[20:22, :75] = AT_LEAST, NONE
+    evidence[:10, :30], evidence[20:22, :75] = LOWER_BOUND, NONE
     light = LightReport(LightOutcome.COMPUTED, "they say little", (0.75, 0.38, 0.3), percent=(60, 20, 10))
     provenance = Provenance(light=light)
     result = posed(relative, evidence=evidence)

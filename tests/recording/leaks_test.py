@@ -44,7 +44,7 @@ def begun(result, known, folder):
     el.record(folder / "run.rrd").close()
 
 
-def grown(action, count):
+def dilate(action, count):
     """How many threads, files and bytes there are more, after that many more times."""
     me = psutil.Process()
 
@@ -64,7 +64,7 @@ def grown(action, count):
 
 @pytest.mark.parametrize("action", [run, failed, begun], ids=lambda one: one.__name__)
 def test_recordings_leave_nothing(action, solved, tmp_path):
-    threads, files, memory = grown(lambda: action(*solved, tmp_path), RUNS)
+    threads, files, memory = dilate(lambda: action(*solved, tmp_path), RUNS)
     assert (threads, files) == (0, 0)
     assert memory < GROWTH
 
@@ -73,6 +73,6 @@ def test_reading_and_showing_leave_nothing(solved, tmp_path, monkeypatch, capsys
     monkeypatch.setattr(embed, "front_end", lambda: False)
     monkeypatch.setattr(embed, "_display", lambda figure: None)
     run(*solved, tmp_path)
-    threads, files, memory = grown(lambda: embed.show(tmp_path / "run.rrd"), 15)
+    threads, files, memory = dilate(lambda: embed.show(tmp_path / "run.rrd"), 15)
     assert (threads, files) == (0, 0)
     assert memory < 2 * GROWTH  # with what Matplotlib keeps at first

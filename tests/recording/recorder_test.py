@@ -28,7 +28,7 @@ def towards(camera, count, metric=True):
     goal = np.where(problem.mask, np.log(seen.distance), np.nan)
     steps = []
     for k in range(count):
-        v = problem.log_facing + (1 - 0.7**k) * (goal - problem.log_facing)
+        v = problem.log_d0 + (1 - 0.7**k) * (goal - problem.log_d0)
         arrived = problem.mask & (seen.distance < 20 + 10 * k)
         previous = steps[-1] if steps else None
         shown = {"maps": {"arrived": arrived}, "scalars": {"step": 0.5**k}, "provenance": BY_HAND}
@@ -158,8 +158,8 @@ def test_runs_are_read_each_by_its_name_with_what_is_known_of_it(trusted, in_sta
     assert list(recording.runs) == ["one", "other"]
     one, other = recording.runs.values()
     assert np.allclose(one.sigma, uncertainty.sigma, rtol=1e-6, equal_nan=True)
-    assert np.array_equal(one.decided_by, uncertainty.decided_by)
-    assert (other.sigma, other.decided_by, other.pictured) == (None, None, (3,))
+    assert np.array_equal(one.dominant_source, uncertainty.dominant_source)
+    assert (other.sigma, other.dominant_source, other.pictured) == (None, None, (3,))
     assert np.allclose(other.depth(), in_stages[-1].distance, rtol=1e-6, equal_nan=True)
     with pytest.raises(ValueError, match="several runs"):
         recording.depth()

@@ -58,16 +58,16 @@ def test_how_far_a_result_can_be_trusted_is_saved_beside_it(tmp_path, result):
     depth = read_depth(tmp_path / "out/depth.npz")
     for name in ("sigma", "sigma_shape"):
         np.testing.assert_allclose(depth[name], getattr(uncertainty, name), rtol=1e-6)
-    assert depth["decided_by"].dtype == np.uint8
-    np.testing.assert_array_equal(depth["decided_by"], uncertainty.decided_by)
+    assert depth["dominant_source"].dtype == np.uint8
+    np.testing.assert_array_equal(depth["dominant_source"], uncertainty.dominant_source)
     report = json.loads((tmp_path / "out/report.json").read_text("utf-8"), parse_constant=pytest.fail)[
         "uncertainty"
     ]
     share = (uncertainty.sigma / result.distance)[result.mask]
     assert report["sigma_percent"]["median"] == pytest.approx(100 * np.median(share))
     assert report["sigma_scale_percent"] == pytest.approx(100 * uncertainty.sigma_scale)
-    assert list(report["decided_by"]) == ["data", "border or contour", "prior"]
-    assert sum(report["decided_by"].values()) == pytest.approx(1)
+    assert list(report["dominant_source"]) == ["data", "border or contour", "prior"]
+    assert sum(report["dominant_source"].values()) == pytest.approx(1)
     assert report["draws"] == 4
     plain = json.loads((tmp_path / "plain/report.json").read_text("utf-8"))
     assert "uncertainty" not in plain

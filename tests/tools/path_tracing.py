@@ -30,7 +30,7 @@ from endolab.model.cameras import Camera
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.synthetic.rendering import VEIL, Rendered, developed, exposed, truth_of
+from endolab.synthetic.rendering import VEIL, Rendered, develop, expose, truth_of
 from endolab.synthetic.scenes import Scene
 from tests.tools.mucosa import ROUGHNESS, film_radiance, rippled, tissue
 
@@ -306,7 +306,7 @@ def trace(
     truth = truth_of(scene, camera)
     mask = truth["mask"]
     average = np.where(mask[..., None], average.reshape(camera.height, camera.width, 7), 0.0)
-    gain = exposed(photometry, (average[..., :3] + average[..., 3:6])[mask])
+    gain = expose(photometry, (average[..., :3] + average[..., 3:6])[mask])
     direct, indirect, mirrored = np.split(gain * average, [3, 6], axis=-1)
     image = stored(direct + indirect + mirrored, truth["distance"], photometry.gamma, fog, noise, seed)
     light = {"direct": direct, "indirect": indirect, "mirrored": mirrored[..., 0]}
@@ -318,4 +318,4 @@ def stored(
 ) -> FloatArray:
     """The picture (H, W, 3) of 8 bits that a sensor makes of linear light, with the fog's veil."""
     veil = VEIL * (1 - np.exp(-fog * np.nan_to_num(distance)))[..., None]
-    return np.where(np.isfinite(distance)[..., None], developed(light + veil, gamma, noise, 8, seed), 0.0)
+    return np.where(np.isfinite(distance)[..., None], develop(light + veil, gamma, noise, 8, seed), 0.0)

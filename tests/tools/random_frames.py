@@ -21,7 +21,7 @@ from tqdm import tqdm
 from endolab.datasets.sample import Sample
 from endolab.datasets.traced import LAYERS
 from endolab.io.atomic import PathLike, write_atomically
-from endolab.metrics.depth_errors import depth_discontinuities
+from endolab.metrics.depth_errors import depth_cuts
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera, KannalaBrandt, Pinhole
 from endolab.model.endoscope import Calibration
@@ -192,7 +192,7 @@ def _is_a_view(kind: str, cavity: Cavity, camera: Camera) -> bool:
     seen = distance[np.isfinite(distance) & (glance.field.cos_alpha > 0)]
     if seen.min() < NEAREST or seen.max() > FARTHEST or not MEDIAN[0] < np.median(seen) < MEDIAN[1]:
         return False
-    jumps = depth_discontinuities(distance, 0.08 * camera.width / LOOK_WIDTH).mean()
+    jumps = depth_cuts(distance, 0.08 * camera.width / LOOK_WIDTH).mean()
     return kind not in ("colon", "joint") or bool(jumps > FOLDED)
 
 
@@ -293,7 +293,7 @@ def developed_frame(case: RandomCase, traced: Traced) -> RandomFrame:
         grey_levels = np.round(255 * image[..., ::-1]).astype(np.uint8)
         packed = cv2.imencode(".jpg", grey_levels, [cv2.IMWRITE_JPEG_QUALITY, case.jpeg])[1]
         image = cv2.imdecode(packed, cv2.IMREAD_COLOR)[..., ::-1] / 255
-    one = replace(case.photometry, gain=gain).simplified()
+    one = replace(case.photometry, gain=gain).simplify()
     albedo = one.brdf.albedo if case.albedo_known else one.brdf.albedo[1]
     known = Calibration(case.camera, replace(one, brdf=Lambertian(albedo)))
     frame = Frame(image, mask, f"{case.seed}-{case.kind}")

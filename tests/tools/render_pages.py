@@ -20,7 +20,7 @@ from nbclient.exceptions import CellExecutionError
 from nbconvert import HTMLExporter
 from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
 
-from endolab.io.atomic import staged_folder
+from endolab.io.atomic import stage_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 STILLS = "from tests.tools import stills; stills.install(); del stills"
@@ -118,7 +118,7 @@ def render_pages(notebooks, out, solutions=False):
     texts = [one for one in sorted(source.rglob("*.md")) if solutions or one.stem not in LECTURERS]
     names = {path: "index" if path.stem == "README" else path.stem for path in (*paths, *texts)}
     exporter = PageExporter()
-    with staged_folder(target, overwrite=True) as folder:
+    with stage_folder(target, overwrite=True) as folder:
         write_formulas(folder)
         for path, name in names.items():
             if path.suffix == ".md":

@@ -142,7 +142,7 @@ def test_what_is_compared_is_torn_as_the_answer_is(start):
     until(lambda: len(found) == 2)
     for number, one in found.items():
         assert one.settings == several[number]
-        assert np.array_equal(one.result.problem.discontinuities, torn.result.problem.discontinuities)
+        assert np.array_equal(one.result.problem.cuts, torn.result.problem.cuts)
     assert found[0].data < found[1].data
     assert found[0].roughness > found[1].roughness
 

@@ -57,7 +57,7 @@ def test_every_panel_fills_its_cell_and_reads_its_pixels(answer):
     assert np.array_equal(shown.picture, coloured(sigma, shown.limits, "magma"))
     decided = PANELS["who decided"](trusted, View()).picture
     for k, colour in enumerate(DECIDERS.values(), 1):
-        assert np.array_equal((decided == colour).all(axis=-1), trusted.uncertainty.decided_by == k)
+        assert np.array_equal((decided == colour).all(axis=-1), trusted.uncertainty.dominant_source == k)
     assert "find σ" in PANELS["σ"](answer, View()).title
 
 
@@ -65,10 +65,10 @@ def test_a_residual_below_noise_is_no_news_and_contours_are_seen(answer):
     residual = PANELS["model - frame"](answer, View()).picture
     quiet = np.abs(answer.residual) <= 2 * 255 * noise_left(answer.result)[0]
     assert np.array_equal((residual == BELOW_NOISE).all(axis=-1), quiet)
-    discontinuities, evidence = np.zeros((2, 120, 160), bool), np.zeros((120, 160), np.int8)
-    discontinuities[0, 40:80, 80] = True
+    cuts, evidence = np.zeros((2, 120, 160), bool), np.zeros((120, 160), np.int8)
+    cuts[0, 40:80, 80] = True
     evidence[50:60, 20:30] = NONE
-    torn = changed(answer, discontinuities=discontinuities, evidence=evidence)
+    torn = changed(answer, cuts=cuts, evidence=evidence)
     shown = PANELS["contours"](torn, View())
     assert (shown.picture[40:80, 80] == TORN).all()
     assert (shown.picture[50:60, 20:30] == SILENT).all()
@@ -129,11 +129,9 @@ def test_what_should_be_known_is_a_sentence(engine, answer, smoother):
     assert warnings(answer, None) == []
     sphere = engine.cold(replace(answer.settings, regulariser="first", lam=1e4))
     assert "sphere" in warnings(sphere, None)[0]
-    discontinuities = np.zeros((2, 120, 160), bool)
-    discontinuities[0, 40:80, 80] = True
-    assert (
-        "Contours changed with λ" in warnings(smoother, changed(answer, discontinuities=discontinuities))[0]
-    )
+    cuts = np.zeros((2, 120, 160), bool)
+    cuts[0, 40:80, 80] = True
+    assert "Contours changed with λ" in warnings(smoother, changed(answer, cuts=cuts))[0]
     elsewhere = replace(answer, followed=smoother.result)
     assert "ends elsewhere" in warnings(elsewhere, None)[0]
     assert summary(answer).startswith("λ 1 · curvature (auto) · converged")

@@ -18,8 +18,8 @@ from endolab.tuning.surface_view import (
     box_of,
     keeps,
     show_surface,
+    thin_links,
     thinned,
-    thinned_links,
 )
 
 
@@ -64,9 +64,9 @@ def test_no_triangle_bridges_a_cut_or_leaves_the_mask(view):
     distance, rays, picture = wall(6, 8)
     distance[:, 4:] *= 2
     distance[2, 1] = np.nan
-    discontinuities = np.zeros((2, 6, 8), bool)
-    discontinuities[0, :, 3] = True
-    view.show(distance, rays, picture, discontinuities=discontinuities)
+    cuts = np.zeros((2, 6, 8), bool)
+    cuts[0, :, 3] = True
+    view.show(distance, rays, picture, cuts=cuts)
     columns = triangles_of(view) % 8
     assert np.all((columns <= 3).all(axis=1) | (columns >= 4).all(axis=1))
     assert {*range(8)} == {*columns.ravel().tolist()}
@@ -93,7 +93,7 @@ def test_a_step_between_thinned_points_is_one_where_all_steps_are():
     rng = np.random.default_rng(3)
     joined = links(rng.random((29, 41)) < 0.95, rng.random((2, 29, 41)) < 0.03)
     rows, columns = np.array([0, 2, 5, 8, 12, 28]), np.array([0, 1, 4, 9, 20, 40])
-    found = thinned_links(joined, rows, columns)
+    found = thin_links(joined, rows, columns)
     right = [[joined[0, r, a:b].all() for a, b in pairwise(columns)] + [False] for r in rows]
     below = [[joined[1, a:b, c].all() for c in columns] for a, b in pairwise(rows)] + [[False] * 6]
     np.testing.assert_array_equal(found, [right, below])

@@ -7,7 +7,7 @@ import pytest
 
 from endolab.depth.gauss_newton import gauss_newton
 from endolab.reconstruction.contours.choice import cut_at_contours
-from endolab.uncertainty.anew import solved_anew
+from endolab.uncertainty.anew import re_solve
 from tests.tools.problems import finish, problem_of
 
 
@@ -22,7 +22,7 @@ def test_it_moves_as_a_whole_run_does(choice):
     problem, _ = problem_of("colon", 100)
     v = settled(problem)
     other = replace(problem, lam=4 * problem.lam) if choice == "λ" else cut_at_contours(problem)
-    found, there = finish(solved_anew(other, v)) - v, settled(other, v) - v
+    found, there = finish(re_solve(other, v)) - v, settled(other, v) - v
     assert np.std(there) > 0.005
     assert np.corrcoef(found.ravel(), there.ravel())[0, 1] > 0.8
     assert np.std(found) == pytest.approx(np.std(there), rel=0.3)

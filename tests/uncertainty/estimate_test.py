@@ -13,7 +13,7 @@ from endolab.depth.result import Iterate, run
 from endolab.numerics.iteration import Status, Stopped
 from endolab.reconstruction.contours.choice import cut_at_contours
 from endolab.reconstruction.light.unknown_light import USUAL_ERROR
-from endolab.uncertainty.causes import LENGTH, correlated
+from endolab.uncertainty.causes import LENGTH, correlated_field
 from endolab.uncertainty.estimate import LARGEST_SIGMA, LEAST_DRAWS, uncertainty_of
 from endolab.uncertainty.linearised import Linearised
 from endolab.uncertainty.prior_sigma import NOMINAL, PriorSigma
@@ -77,7 +77,7 @@ def test_a_noise_that_is_known_is_covered():
 def test_texture_does_what_it_is_said_to_do_and_is_seen_in_what_is_left():
     """A wall whose albedo varies by 10 %: the answer to the very field, and how strong it is found to be."""
     clean, seen = problem_of("curved", 80)
-    field = correlated(np.random.default_rng(0), clean.mask.shape, LENGTH / 4)
+    field = correlated_field(np.random.default_rng(0), clean.mask.shape, LENGTH / 4)
     image = np.clip(clean.image * np.exp(0.1 * field / clean.photometry.gamma), 0, 0.999)
     result = solved(replace(clean, image=np.where(clean.mask, image, 0.0)))
     mask = result.mask
@@ -148,8 +148,8 @@ def test_a_tube_is_trusted_less_towards_where_it_enters_the_picture():
     assert sigma[above[0]].mean() > 1.05 * sigma[above[1]].mean() > 1.6 * sigma[above[2]].mean()
     for rows in above:
         assert 0.5 < sigma[rows].mean() / off[rows].mean() < 3
-    assert np.all(uncertainty.decided_by[above[0]] == BORDER)
-    assert np.mean(uncertainty.decided_by[20:30, 40:80] == DATA) > 0.9
+    assert np.all(uncertainty.dominant_source[above[0]] == BORDER)
+    assert np.mean(uncertainty.dominant_source[20:30, 40:80] == DATA) > 0.9
 
 
 def test_light_that_bounced_and_was_left_in_counts_whole(curved):
@@ -172,23 +172,23 @@ def test_what_a_picture_does_not_say_is_the_priors():
     result = solved(replace(problem, evidence=evidence))
     uncertainty = uncertainty_of(result, prior_sigma=PriorSigma(left_in=0.0))
     here, beside = np.s_[30:60, 56:64], np.s_[30:60, 20:35]
-    assert np.mean(uncertainty.decided_by[here] == PRIOR) > 0.7
-    assert np.mean(uncertainty.decided_by[beside] == DATA) > 0.9
+    assert np.mean(uncertainty.dominant_source[here] == PRIOR) > 0.7
+    assert np.mean(uncertainty.dominant_source[beside] == DATA) > 0.9
     sigma = uncertainty.sigma_shape / result.distance
     assert np.median(sigma[here]) > 1.5 * np.median(sigma[beside])
     assert uncertainty.shares.sum(axis=0)[result.mask] == pytest.approx(1)
-    assert np.all(uncertainty.decided_by[~result.mask] == OUTSIDE)
+    assert np.all(uncertainty.dominant_source[~result.mask] == OUTSIDE)
 
 
-@pytest.mark.parametrize("apart", ["hole", "discontinuities"])
+@pytest.mark.parametrize("apart", ["hole", "cuts"])
 def test_an_island_of_which_nothing_is_said_is_not_known_at_all(apart):
     problem, _ = problem_of("curved", 80)
     lost, mask = np.indices(problem.mask.shape)[1] >= 42, problem.mask.copy()
     mask[:, 38:42] = apart != "hole"
-    discontinuities = np.zeros((2, *mask.shape), bool)
-    discontinuities[0, :, 41] = apart == "discontinuities"
+    cuts = np.zeros((2, *mask.shape), bool)
+    cuts[0, :, 41] = apart == "cuts"
     evidence = np.where(lost, NONE, 0).astype(np.int8)
-    result = solved(replace(problem, mask=mask, evidence=evidence, discontinuities=discontinuities))
+    result = solved(replace(problem, mask=mask, evidence=evidence, cuts=cuts))
     share, lost = uncertainty_of(result).sigma / result.distance, lost & mask
     assert share[lost] == pytest.approx(LARGEST_SIGMA)
     assert np.median(share[mask & ~lost]) < 0.2
@@ -225,7 +225,7 @@ def test_a_stop_before_the_random_fields_are_known_tells_nothing(curved):
 def test_cuts_are_a_rim_and_regions_behind_them_are_trusted_less():
     problem, _ = problem_of("colon", 120)
     torn = cut_at_contours(problem)
-    assert torn.discontinuities is not None
+    assert torn.cuts is not None
     result = solved(torn)
     uncertainty = uncertainty_of(result)
     assert np.all(np.isfinite(uncertainty.sigma[result.mask]))

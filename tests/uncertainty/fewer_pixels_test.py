@@ -49,23 +49,23 @@ def test_sigma_is_that_of_the_frame_taken_smaller(large):
         (other.sigma / small.distance)[small.mask]
     )
     assert ratio == pytest.approx(1, abs=0.02)
-    assert set(np.unique(uncertainty.decided_by[large.mask])) <= {1, 2, 3}
-    assert not uncertainty.decided_by[~large.mask].any()
+    assert set(np.unique(uncertainty.dominant_source[large.mask])) <= {1, 2, 3}
+    assert not uncertainty.dominant_source[~large.mask].any()
 
 
 def test_cuts_evidence_and_blur_go_along(large):
     problem = large.problem
     evidence = np.zeros(problem.mask.shape, np.int8)
     evidence[200:300, 300:500] = NONE
-    discontinuities = np.zeros((2, *problem.mask.shape), bool)
-    discontinuities[0, :, 399] = True
-    torn = replace(problem, evidence=evidence, discontinuities=discontinuities)
+    cuts = np.zeros((2, *problem.mask.shape), bool)
+    cuts[0, :, 399] = True
+    torn = replace(problem, evidence=evidence, cuts=cuts)
     report = PreparationReport("frame", (800, 600), "green", 800, 600, smooth=2.0, highlights="keep")
     thin = thinned(replace(large.iterate, problem=torn, provenance=Provenance(preparation=report)))
     assert thin.provenance.preparation.smooth == 0.5
     small = thin.problem
     assert small.evidence is not None
     assert (small.evidence[52:73, 77:123] == NONE).all()
-    assert small.discontinuities is not None
-    assert small.discontinuities[0][small.mask[:, :]].any()
-    assert np.flatnonzero(small.discontinuities[0].any(axis=0)).size == 1
+    assert small.cuts is not None
+    assert small.cuts[0][small.mask[:, :]].any()
+    assert np.flatnonzero(small.cuts[0].any(axis=0)).size == 1

@@ -19,7 +19,7 @@ def tiny(request, rng, monkeypatch):
     monkeypatch.setattr(linearised, "MOST_INNER_STEPS", 1000)
     problem, truth = at_truth("tube", 16, regulariser=request.param)
     mask = problem.mask & (rng.random(problem.mask.shape) > 0.05)
-    problem = replace(problem, mask=mask, discontinuities=rng.random((2, *mask.shape)) > 0.97)
+    problem = replace(problem, mask=mask, cuts=rng.random((2, *mask.shape)) > 0.97)
     v = truth + 0.02 * rng.normal(size=mask.shape)
     return Linearised.at(problem, v), GaussNewtonModel.at(problem, v)
 

@@ -100,7 +100,7 @@ def _moved(pixels: FloatArray, from_: NDArray[Any], to: NDArray[Any]) -> FloatAr
     return (pixels + 0.5) * np.divide(to.shape[::-1], from_.shape[::-1]) - 0.5
 
 
-def _evened(grey: FloatArray) -> NDArray[np.uint8]:
+def _even_paper(grey: FloatArray) -> NDArray[np.uint8]:
     """Make the paper equally white everywhere, which OpenCV's detectors of chessboards need."""
     white = cv2.resize(white_of(shrunk(grey)), grey.shape[::-1])
     level = grey / np.maximum(white, LEAST_WHITE)
@@ -111,7 +111,7 @@ def _detect_charuco(grey: FloatArray, target: Charuco) -> Found:
     """Find the corners of a ChArUco board: those beside markers, then those that these foretell."""
     options = cv2.aruco.CharucoParameters()
     options.minMarkers = 1  # next to a corner; a corner that is wrong for it is left out below
-    picture = _enlarged(_evened(grey))
+    picture = _enlarged(_even_paper(grey))
     # Small markers are read where they are sharpened; corners are measured where they are not.
     sharp = cv2.addWeighted(picture, 2.5, cv2.GaussianBlur(picture, (0, 0), 3), -1.5, 0)
     corners, ids, _, markers = cv2.aruco.CharucoDetector(target.board, options).detectBoard(sharp)
@@ -173,7 +173,7 @@ def _complete(grid: FloatArray, picture: NDArray[np.uint8], border: float) -> Fl
 
 def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     """Find the inner corners of a chessboard; all of them or none."""
-    picture = _enlarged(_evened(grey))
+    picture = _enlarged(_even_paper(grey))
     pattern = (target.columns - 1, target.rows - 1)
     # The two find about as many, but not the same; the first says no more quickly.
     flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -197,7 +197,7 @@ def _detect_chessboard(grey: FloatArray, target: Chessboard) -> Found:
     # Refining is better on most pictures, and spoils corners where a camera has sharpened and enlarged them.
     if sharp and _roughness(given) < SPOILT * _roughness(grid):
         grid = given
-    grid = _ordered(_moved(grid, picture, grey), grey)
+    grid = _order_corners(_moved(grid, picture, grey), grey)
     fits, _ = fitting(grid, np.zeros(grid.shape[:2], int))
     if fits.mean() < 0.9:
         return nothing("the corners do not lie on a smooth sheet")
@@ -234,7 +234,7 @@ def _roughness(grid: FloatArray) -> float:
     return float(np.sqrt(np.mean(left**2)))
 
 
-def _ordered(grid: FloatArray, grey: FloatArray) -> FloatArray:
+def _order_corners(grid: FloatArray, grey: FloatArray) -> FloatArray:
     """Turn a grid of corners so that it is not mirrored and the first square is black."""
     if np.median(cross(*steps(grid))) < 0:
         grid = grid[:, ::-1]

@@ -86,7 +86,7 @@ def _placements(
     return sorted(placements, reverse=True), trials
 
 
-def _placed(shape: tuple[int, int], placement: tuple[float, int, int, int]) -> IntArray:
+def _places_in_table(shape: tuple[int, int], placement: tuple[float, int, int, int]) -> IntArray:
     """Row and column in the table for each place of the lattice, (h, w, 2)."""
     _, number, row, column = placement
     return np.moveaxis(np.indices(shape), 0, -1) @ _TURNS[number].T + [row, column]
@@ -109,7 +109,7 @@ def match_code(size: FloatArray, code: IntArray) -> IntArray | None:
     rarity = total * (np.log(2) + wrong * np.log(wrong) + (1 - wrong) * np.log(1 - wrong))
     if wrong > MOST_WRONG or rarity < np.log(trials) + SURETY or score - second < 3:
         return None
-    return _placed(size.shape, placements[0]) - PAD
+    return _places_in_table(size.shape, placements[0]) - PAD
 
 
 def _cover(target: DotGrid | CircleGrid, cell: float) -> tuple[float, float]:
@@ -187,7 +187,7 @@ def detect_circles(image: FloatArray, target: CircleGrid) -> Found:
         stray = (piece >= 0).sum() > placements[0][0]
         if len(placements) > 1 and placements[0][0] - placements[1][0] < (4 if stray else 2):
             continue
-        at = _placed(piece.shape, placements[0]) - PAD
+        at = _places_in_table(piece.shape, placements[0]) - PAD
         on = (piece >= 0) & np.all((at >= 0) & (at < number.shape), axis=-1)
         sheet = np.full(number.shape, -1)
         sheet[tuple(at[on].T)] = piece[on]

@@ -226,7 +226,7 @@ def _result(
 ) -> GeometricFit:
     geometry: Geometry = fitted.iterate.unknowns
     used, residual = fitted.iterate.used, fitted.iterate.residual
-    discontinuities = np.cumsum([len(view.ids) for view in views])[:-1]
+    cuts = np.cumsum([len(view.ids) for view in views])[:-1]
     covariance = fitted.covariance.common
     errors = np.sqrt(np.diag(covariance)).tolist()
     angles = Reprojection(views, target, np.zeros((8, 0)), np.zeros(4)).angles(geometry)
@@ -235,8 +235,8 @@ def _result(
         views=tuple(views),
         poses=tuple(geometry.poses),
         dropped=dropped,
-        residuals=tuple(np.split(residual, discontinuities)),
-        inliers=tuple(np.split(used, discontinuities)),
+        residuals=tuple(np.split(residual, cuts)),
+        inliers=tuple(np.split(used, cuts)),
         sigma=fitted.iterate.sigma,
         rmse=float(np.sqrt(np.mean(np.sum(residual[used] ** 2, axis=1)))),
         standard_errors=dict(zip(NAMES, errors, strict=True)),

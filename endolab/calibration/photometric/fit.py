@@ -38,7 +38,7 @@ from endolab.model.brdf import BRDF, Lambertian, TabulatedBRDF
 from endolab.model.lights import SpotLight
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import FloatArray, IntArray
-from endolab.numerics.checks import excerpt, whole
+from endolab.numerics.checks import check_int, excerpt
 from endolab.numerics.iteration import Status
 
 GAMMA_BOUNDS = (0.5, 5.0)
@@ -57,7 +57,7 @@ def _number_or_pair(value: ArrayLike) -> float | tuple[float, float] | None:
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
-def checked_gamma(gamma: float | tuple[float, float] | str) -> Known:
+def check_gamma(gamma: float | tuple[float, float] | str) -> Known:
     """Return γ as `calibrate_light` takes it, None if it is free; ValueError if it can be none."""
     if isinstance(gamma, str):
         if gamma != "free":
@@ -72,7 +72,7 @@ def checked_gamma(gamma: float | tuple[float, float] | str) -> Known:
     return known
 
 
-def _checked_reflectance(reflectance: Sequence[Known]) -> tuple[Known, ...]:
+def _check_reflectance(reflectance: Sequence[Known]) -> tuple[Known, ...]:
     checked = tuple(None if value is None else _number_or_pair(value) for value in reflectance)
     for value, known in zip(reflectance, checked, strict=True):
         if value is not None and known is None:
@@ -98,11 +98,11 @@ def check_options(
     ):
         if value not in choices:
             raise ValueError(f'{name} must be "{choices[0]}" or "{choices[1]}", got {excerpt(value)}')
-    whole("nodes", nodes, 2)
+    check_int("nodes", nodes, 2)
     if not 0 <= levels[0] < levels[1]:
         raise ValueError(f"levels must ascend from 0 or above, got {levels}")
-    checked_gamma(gamma)
-    _checked_reflectance(reflectance)
+    check_gamma(gamma)
+    _check_reflectance(reflectance)
 
 
 def _start(model: LightModel) -> tuple[LightUnknowns, float]:
@@ -113,7 +113,7 @@ def _start(model: LightModel) -> tuple[LightUnknowns, float]:
     """
     samples = model.samples
     gamma = model.gamma if isinstance(model.gamma, float) else model.gamma[0] if model.gamma else FIRST_GAMMA
-    log_reflectance = model.known_log_reflectance
+    log_reflectance = model.given_log_reflectance
     loose = [m for m in model.loose_materials if model.reflectance[m - 1] is None]
     geometry, _ = model.geometry(LightUnknowns(0, 1, np.zeros(0), np.zeros(0), np.zeros(0)))
     good = geometry.valid & (samples.level > model.levels[0]) & (samples.level < model.levels[1])
@@ -222,19 +222,19 @@ def calibrate_light(
     group = frame if gain == "free" else np.zeros(len(samples), int)
     if gain == "locked":  # then the frames have no unknowns of their own
         samples = replace(samples, slack=np.zeros((0, 0)))
-    known = _checked_reflectance(reflectance)
+    known = _check_reflectance(reflectance)
     most = int(samples.material.max())
     if samples.material.min() < 0 or most != len(known):
         each = f"each of materials 1 to {most} of the samples"
         raise ValueError(f"reflectance must have an entry for {each}, got {len(known)}")
     theta, pinned = _nodes(samples, 1 if brdf == "lambertian" else nodes, levels)
-    model = LightModel(samples, group, theta, pinned, checked_gamma(gamma), known, light == "free", levels)
+    model = LightModel(samples, group, theta, pinned, check_gamma(gamma), known, light == "free", levels)
     begin, sigma = _start(model)
     expected = identifiability.strengths(model, begin, sigma)
     identifiability.refuse(model, expected)
-    stiff = identifiability.held(model, expected)
+    stiff = identifiability.hold_unknowns(model, expected)
     fitted = fit(stiff, begin, observers)
-    covariance = identifiability.widened(fitted.covariance.common, model, stiff)
+    covariance = identifiability.widen(fitted.covariance.common, model, stiff)
     fitted = replace(fitted, covariance=Covariance(covariance, fitted.covariance.own))
     return _result(model, frames, expected, fitted)
 

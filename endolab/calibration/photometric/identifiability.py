@@ -124,7 +124,7 @@ def strengths(model: LightModel, unknowns: LightUnknowns, sigma: float) -> dict[
     strength = {"k": left(geometry.log_cos_psi)}
     if not isinstance(model.gamma, float):
         columns.append(geometry.log_cos_psi[:, None])
-        strength["gamma"] = left(geometry.falloff + model.known_log_reflectance[model.samples.material])
+        strength["gamma"] = left(geometry.falloff + model.given_log_reflectance[model.samples.material])
     return strength
 
 
@@ -174,7 +174,7 @@ def fall_off_share(model: LightModel, unknowns: LightUnknowns, used: BoolArray) 
     weight = np.where(used, level**2, 0.0)
     loose = [model.samples.material == material for material in model.loose_materials]
     others = np.column_stack([geometry.log_cos_psi, *loose])
-    known = model.known_log_reflectance[model.samples.material]
+    known = model.given_log_reflectance[model.samples.material]
     _, light = regress(others, unknowns.gamma * np.log(level) - known, weight, model.group)
     _, lamp = regress(others, geometry.falloff, weight, model.group)
     information = float(weight @ lamp**2) + np.finfo(float).tiny
@@ -202,11 +202,11 @@ def judge_light(model: LightModel, unknowns: LightUnknowns, used: BoolArray, sig
     return doubts
 
 
-def held(model: LightModel, evidence: dict[str, Strength]) -> LightModel:
+def hold_unknowns(model: LightModel, evidence: dict[str, Strength]) -> LightModel:
     """Hold what is roughly known at its value (to `HELD` of its sd) where the samples cannot tell it.
 
     Left to the fit, such an unknown would follow the error of interpolating the BRDF between few
-    nodes, and would seem to be known. `widened` gives the uncertainty back.
+    nodes, and would seem to be known. `widen` gives the uncertainty back.
     """
     gamma, reflectance = model.gamma, model.reflectance
     if not isinstance(gamma, float):
@@ -217,7 +217,7 @@ def held(model: LightModel, evidence: dict[str, Strength]) -> LightModel:
     return replace(model, gamma=gamma, reflectance=reflectance)
 
 
-def widened(covariance: FloatArray, model: LightModel, stiff: LightModel) -> FloatArray:
+def widen(covariance: FloatArray, model: LightModel, stiff: LightModel) -> FloatArray:
     """Add to a covariance, (p, p), what the unknowns that were held may vary, and others with them."""
     result = covariance.copy()
     priors = [("gamma", model.gamma, stiff.gamma, 1.0)]

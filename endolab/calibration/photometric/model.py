@@ -133,7 +133,7 @@ class LightModel:
         return [i for i, known in enumerate(self.reflectance, start=1) if not isinstance(known, float)]
 
     @property
-    def known_log_reflectance(self) -> FloatArray:
+    def given_log_reflectance(self) -> FloatArray:
         """Logarithms of the materials' reflectances, (materials,), as far as known; 0 where free."""
         known = (r[0] if isinstance(r, tuple) else r for r in self.reflectance)
         return np.log([1.0, *(1.0 if value is None else value for value in known)])

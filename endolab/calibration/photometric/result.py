@@ -76,7 +76,7 @@ class PhotometricFit:
             gain = np.where(self.frames[place] == samples.frame, self.gains[place], np.nan)
         return self._shape(samples) * gain ** (1 / self.photometry.gamma)
 
-    def held_out(
+    def score_held_out(
         self, samples: Samples, edges: Sequence[float] = tuple(np.deg2rad(np.arange(0.0, 91.0, 10.0)))
     ) -> HeldOut:
         """Score the calibration on frames that it has not seen, in bins of α, rad.

@@ -21,7 +21,7 @@ from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.photometry import Photometry
 from endolab.numerics.arrays import BoolArray, FloatArray
-from endolab.numerics.checks import number, whole
+from endolab.numerics.checks import check_int, number
 from endolab.numerics.memory import RENDERING, check_memory
 
 WHITE = 0.7  # stored value that the automatic gain gives to the bright part of the sheet
@@ -243,7 +243,7 @@ def render_sheet(
     gain = photometry.gain
     if gain is None:
         gain = float(automatic_gain(target, [tuple(poses)], camera, photometry)[0])
-    rng = np.random.default_rng([whole("seed", seed), 1])
+    rng = np.random.default_rng([check_int("seed", seed), 1])
     rays = rays_of(camera, 1)
     shape = camera.height, camera.width
     linear, paper = np.zeros(shape, np.float32), np.zeros(shape, np.float32)

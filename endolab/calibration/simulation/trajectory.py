@@ -11,7 +11,7 @@ from endolab.calibration.geometric.pose import Pose
 from endolab.calibration.targets import Target
 from endolab.model.cameras import Camera
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray
-from endolab.numerics.checks import number, whole
+from endolab.numerics.checks import check_int, number
 
 TILT = np.deg2rad(55)
 REACH = np.deg2rad(40)
@@ -45,7 +45,7 @@ class Movement:
 MOVEMENT = Movement()
 
 
-def folded(target: Target, pose: Pose, fold: float) -> tuple[Pose, ...]:
+def fold_pose(target: Target, pose: Pose, fold: float) -> tuple[Pose, ...]:
     """Fold a flat sheet's pose: each panel turns away from the camera by half of `fold`, rad, at least 0.
 
     One pose a panel; the ridge is towards the camera and stays in place.
@@ -106,13 +106,13 @@ def trajectory(
     seed: int = 0,
 ) -> list[tuple[Pose, ...]]:
     """Move a sheet by hand in front of a camera: for each of `count` frames the poses, one a panel."""
-    whole("count", count, 1)
+    check_int("count", count, 1)
     tilt, reach, fold, seen = movement.tilt, movement.reach, movement.fold, movement.seen
     if fold and target.fold_x is None:
         raise ValueError("fold needs a target that has a fold; this one is flat")
     if seen is None:
         seen = 1.0 if target.kind in WHOLE else 0.25
-    wander = _wander(count, 6, np.random.default_rng([whole("seed", seed), 0]))
+    wander = _wander(count, 6, np.random.default_rng([check_int("seed", seed), 0]))
     lean, aside = tilt * _disc(wander[:, :2]), reach * _disc(wander[:, 2:4])
     depth = np.exp(np.interp(wander[:, 4], [-1, 1], np.log(movement.distance)))
     axis = np.column_stack([-lean[:, 1], lean[:, 0], np.zeros(count)])
@@ -127,7 +127,7 @@ def trajectory(
         z = depth[which] * (movement.distance[1] / depth[which]) ** np.clip(pull - 1, 0, 1)
         away = np.column_stack([side * np.tan(angle) / np.where(angle > 0, angle, 1), np.ones(len(which))])
         flat = zip(turns[which].as_matrix(), away * z[:, None], strict=True)
-        return [folded(target, Pose(turn, centre - turn @ middle), fold) for turn, centre in flat]
+        return [fold_pose(target, Pose(turn, centre - turn @ middle), fold) for turn, centre in flat]
 
     def settle(pull: FloatArray) -> FloatArray:
         """Pull the frames that show too little, step by step."""

@@ -47,7 +47,7 @@ class Trial:
     @property
     def cut_length(self) -> float:
         """How long its cuts are, in heights of the picture."""
-        return length_of(self.surface.problem.discontinuities, self.surface.mask)
+        return length_of(self.surface.problem.cuts, self.surface.mask)
 
 
 @dataclass(frozen=True)
@@ -150,9 +150,9 @@ def cut_at_contours(
 ) -> Problem:
     """Cut the surface at the picture's lines that are steeper than this, if there are any."""
     if lines is None:
-        lines = find_contours(problem.log_facing, problem.mask)
+        lines = find_contours(problem.log_d0, problem.mask)
     cuts = lines > min_steepness
-    return replace(problem, discontinuities=cuts if cuts.any() else None)
+    return replace(problem, cuts=cuts if cuts.any() else None)
 
 
 def enlarge_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
@@ -175,7 +175,7 @@ def enlarge_cuts(cuts: BoolArray, shape: tuple[int, ...]) -> BoolArray:
 
 def min_steepness_of(result: Result) -> float | None:
     """Return how steep the lines are at which a surface is cut; the steepest, if cuts were given."""
-    if result.problem.discontinuities is None:
+    if result.problem.cuts is None:
         return None
     report = result.provenance.contours
     known = None if report is None else report.min_steepness
@@ -191,7 +191,7 @@ def solve_cut(
     `always`.
     """
     problem = cut_at_contours(uncut.problem, choice.min_steepness[0])
-    if problem.discontinuities is None:
+    if problem.cuts is None:
         return uncut
     solver = gauss_newton(problem, start=uncut.log_distance, max_iterations=choice.max_iterations)
     steps = with_provenance(solver, uncut.provenance)
@@ -211,19 +211,19 @@ def choose_contours(
     problem = task.problem
     if task.provenance.contours is not None:
         return task
-    if problem.discontinuities is not None:
+    if problem.cuts is not None:
         return with_contours(task, problem, ContourOutcome.GIVEN)
     if contours is False:
         return with_contours(task, problem, ContourOutcome.NOT_ASKED)
     if before is not None:
         steepness = min_steepness_of(before)
         cut = problem if steepness is None else cut_at_contours(problem, steepness)
-        outcome = ContourOutcome.NONE_CLEAR if cut.discontinuities is None else ContourOutcome.AS_BEFORE
+        outcome = ContourOutcome.NONE_CLEAR if cut.cuts is None else ContourOutcome.AS_BEFORE
         return with_contours(task, cut, outcome, steepness)
     steps = with_provenance(gauss_newton(task.small), task.provenance)
     uncut = yield from name_stage(steps, SMOOTH)
     surface = yield from solve_cut(uncut, always=bool(contours))
-    if surface.problem.discontinuities is None:
+    if surface.problem.cuts is None:
         return with_contours(task, problem, ContourOutcome.NONE_CLEAR)
     steepness = CHOICE.min_steepness[0]
     cut = cut_at_contours(problem, steepness)
@@ -235,7 +235,7 @@ def with_contours(
     task: Task, problem: Problem, outcome: ContourOutcome, min_steepness: float | None = None
 ) -> Task:
     """Return a task whose problem is cut, with the report on it."""
-    cuts = problem.discontinuities
+    cuts = problem.cuts
     steps = 0 if cuts is None else int(cuts.sum())
     report = ContourReport(outcome, steps, min_steepness)
     provenance: Provenance = replace(task.provenance, contours=report)

@@ -20,7 +20,7 @@ import numpy as np
 
 from endolab.numerics.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from endolab.numerics.compiled import kernel
-from endolab.numerics.derivatives import fineness
+from endolab.numerics.derivatives import px_per_reference
 from endolab.numerics.side_by_side import side_by_side
 
 BLUR = 1.5  # of log d₀, in 1/320 of the longer side
@@ -112,17 +112,17 @@ def _largest(values: Any, region: Any, count: int) -> Any:
     return out
 
 
-def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
-    """Find lines that may be occluding contours, given log d₀ (`Problem.log_facing`) where it is known.
+def find_contours(log_d0: FloatArray, mask: BoolArray) -> FloatArray:
+    """Find lines that may be occluding contours, given log d₀ (`Problem.log_d0`) where it is known.
 
     Returns how steep they are, (2, H, W): for each step from a pixel to its right and its lower
     neighbour that crosses a line, the median slope of log d₀ along the part of it between the same two
     regions, per 1/320 of the longer side; 0 for all other steps. ``steepness > 0.1`` are cuts as `Problem`
     has them.
     """
-    unit = fineness(mask.shape)
+    unit = px_per_reference(mask.shape)
     blur, steepness = max(BLUR * unit, 0.3), np.zeros((2, *mask.shape))
-    maps = (np.where(mask, log_facing, 0.0), mask.astype(np.float64))
+    maps = (np.where(mask, log_d0, 0.0), mask.astype(np.float64))
     light, share = side_by_side(lambda a: cv2.GaussianBlur(a, (0, 0), blur), maps, mask.size)
     smooth = light / np.maximum(share, 1e-6)
     slope = np.asarray(np.hypot(*np.gradient(smooth)) * unit) if min(mask.shape) > 1 else np.zeros(mask.shape)
@@ -147,7 +147,7 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     steep[np.abs(across) < ACROSS * along] = 0.0
     within = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
     at_rim = _largest(within, region, count) <= RIM * unit
-    steep[at_rim[both].any(axis=0) | _joins_a_limb(both, region, count, log_facing, LIMB * unit)] = 0.0
+    steep[at_rim[both].any(axis=0) | _joins_a_limb(both, region, count, log_d0, LIMB * unit)] = 0.0
     for by_axis, where, those in zip(
         steepness, places, np.split(steep[line], [places[0][0].size]), strict=True
     ):
@@ -155,7 +155,7 @@ def find_contours(log_facing: FloatArray, mask: BoolArray) -> FloatArray:
     return steepness
 
 
-def _joins_a_limb(both: Any, region: Any, count: int, log_facing: FloatArray, thin: float) -> BoolArray:
+def _joins_a_limb(both: Any, region: Any, count: int, log_d0: FloatArray, thin: float) -> BoolArray:
     """Which pairs of regions are a thin strip and its lightest neighbour, or one that is nearly as light."""
     around = np.pad(region, 1, constant_values=-1)
     sides = (around[1:-1, 2:], around[1:-1, :-2], around[2:, 1:-1], around[:-2, 1:-1])
@@ -163,7 +163,7 @@ def _joins_a_limb(both: Any, region: Any, count: int, log_facing: FloatArray, th
     depth = cv2.distanceTransform(inside, cv2.DIST_L2, 5)[1:-1, 1:-1]
     is_thin = 2 * _largest(depth, region, count) + 1 < thin
     known = region >= 0
-    far = _medians(log_facing[known], region[known], count)
+    far = _medians(log_d0[known], region[known], count)
     lightest = far.copy()
     for end, far_end in (both, both[::-1]):
         np.minimum.at(lightest, end, far[far_end])

@@ -32,7 +32,7 @@ from endolab.depth.provenance import LightOutcome
 from endolab.model.endoscope import Calibration
 from endolab.numerics.arrays import BoolArray, FloatArray
 from endolab.preprocessing.frame import QUIET
-from endolab.reconstruction.light.walls import MOST_INDIRECT, Walls, bounced_and_slope
+from endolab.reconstruction.light.walls import MOST_INDIRECT, Walls, bounced_light_and_slope
 
 TISSUE = (0.7, 0.35, 0.28)  # red, green and blue albedo of mucosa, before anything is known
 ALBEDOS = (0.02, 0.95)  # least and greatest
@@ -190,7 +190,7 @@ class Patches:
         ratios = []
         slopes = []
         for index in (low, low + 1):
-            bounced, slope = bounced_and_slope(self.orders[index], albedo)
+            bounced, slope = bounced_light_and_slope(self.orders[index], albedo)
             direct = self.direct[index][:, None]
             ratio = bounced / direct
             ratios.append(np.minimum(ratio, MOST_INDIRECT))
@@ -230,10 +230,10 @@ def refine_per_pixel(colours: Sequence[Problem], indirect_ratio: FloatArray, lig
     picture = np.stack([colour.image[exact] for colour in colours], axis=-1)
     lit = colours[1].photometry.gamma * np.log(np.maximum(picture, QUIET))
     wall = lit - np.log1p(ratio) - np.log(light.albedo)
-    tint = wall @ _whitened_tint().T
+    tint = wall @ _tint_whitening().T
     sigma = max(1.48 * float(np.median(np.abs(tint))), FIT.least_spread)
     tint = FIT.outlier * np.tanh(tint / (FIT.outlier * sigma))
-    slope = (ratio / (1 + ratio)) @ _whitened_tint().T / sigma
+    slope = (ratio / (1 + ratio)) @ _tint_whitening().T / sigma
     width = FIT.width_per_pixel * ratio[:, 0] / (1 + ratio[:, 0])
     s = (tint * slope).sum(axis=1) / ((slope**2).sum(axis=1) + 1 / width**2)
     corrected = indirect_ratio.copy()
@@ -241,7 +241,7 @@ def refine_per_pixel(colours: Sequence[Problem], indirect_ratio: FloatArray, lig
     return corrected
 
 
-def _whitened_tint() -> FloatArray:
+def _tint_whitening() -> FloatArray:
     """Return two sums of the colours' logarithms, (2, 3).
 
     They are independent, of unit variance by texture, and know nothing of E.
@@ -273,7 +273,7 @@ class ColourResiduals:
     def __init__(self, patches: Patches, prior: AlbedoPrior, sigma: float) -> None:
         self._patches = patches
         self._prior = prior
-        self._tint = _whitened_tint().T / sigma
+        self._tint = _tint_whitening().T / sigma
         self._weight = float(np.sqrt(min(FIT.pieces / len(patches.light), 1.0)))
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
@@ -337,7 +337,7 @@ def fit_light(patches: Patches, prior: AlbedoPrior) -> Light:
 
     low = np.array([0.0, 0.0, 0.0, *np.log(3 * [ALBEDOS[0]])])
     high = np.array([FIT.largest_factor, 1.0, FIT.largest_film, *np.log(3 * [ALBEDOS[1]])])
-    tint = _whitened_tint()
+    tint = _tint_whitening()
     x = np.array([FIT.factor[0], FIT.lamp[0], FIT.film[1], *np.log(prior.albedo)])
     sigma = 1.0
     for _ in range(FIT.rounds):

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import scipy
 
-from endolab.metrics.depth_errors import depth_discontinuities, resampled_truth
+from endolab.metrics.depth_errors import depth_cuts, resample_truth
 from endolab.model.brdf import Lambertian
 from endolab.model.cameras import Camera
 from endolab.model.photometry import CHANNELS, Photometry
@@ -31,7 +31,7 @@ from endolab.numerics.arrays import FloatArray
 from endolab.preprocessing.frame import BRIGHT, Frame, check_size
 from endolab.preprocessing.highlights import find_highlights
 from endolab.reconstruction.light.colours import ALBEDOS, LEAST_PATCHES, TISSUE
-from endolab.reconstruction.light.walls import Walls, bounced_and_slope
+from endolab.reconstruction.light.walls import Walls, bounced_light_and_slope
 
 WIDTH = 225  # px, of what is fitted
 WIDEST = 60.0  # degrees from the axis: beyond, few cameras are known well enough
@@ -92,8 +92,8 @@ def measure_light(
     if not frames or len(frames) != len(distances):
         raise ValueError(f"frames and distances must be as many, got {len(frames)} and {len(distances)}")
     seen = [_Patches.of(*pair, camera, lamp) for pair in zip(frames, distances, strict=True)]
-    fitted = _fitted(seen, lamp)
-    parts = [_fitted(seen, lamp, fitted, part) for part in range(2 * SECTORS)]
+    fitted = _fit(seen, lamp)
+    parts = [_fit(seen, lamp, fitted, part) for part in range(2 * SECTORS)]
     apart = np.array(parts)[:, :5] - np.mean(parts, axis=0)[:5]
     covariance = (len(parts) - 1) / len(parts) * apart.T @ apart + np.diag(np.square(MODEL))
     usual, width = np.array([GAMMA[0], *np.log(TISSUE)]), np.array([GAMMA[1], TINT, TINT, TINT])
@@ -106,7 +106,7 @@ def measure_light(
     light = Photometry(
         round(max(float(k), 0.0), 2), round(float(gamma), 2), brdf=Lambertian((red, green, blue))
     )
-    left = np.concatenate([np.ravel(part) for part in _left(fitted, seen, lamp)])
+    left = np.concatenate([np.ravel(part) for part in _residuals(fitted, seen, lamp)])
     names = tuple(frame.name for frame in frames)
     return MeasuredLight(
         light, {n: float(e) for n, e in errors.items()}, float(np.median(np.abs(left))), names
@@ -135,12 +135,12 @@ class _Patches:
         height = max(1, round(frame.height * WIDTH / frame.width))
         small, clipped = frame.resize(WIDTH, height, GAMMA[0]), frame.image.max(axis=-1) >= BRIGHT
         clipped = cv2.resize(clipped.astype(float), (WIDTH, height), interpolation=cv2.INTER_AREA) > 0
-        known, field = resampled_truth(distance, (height, WIDTH)), camera.resize(WIDTH, height).field
+        known, field = resample_truth(distance, (height, WIDTH)), camera.resize(WIDTH, height).field
         mask = np.isfinite(known) & field.valid & small.mask
         if mask.sum() < LEAST_PATCHES:
             raise ValueError(TOO_LITTLE.format(frame.name))
         v = np.log(np.where(mask, known, 1.0))
-        walls = Walls.of(v, mask, field, 0.0, depth_discontinuities(np.where(mask, known, np.nan)))
+        walls = Walls.of(v, mask, field, 0.0, depth_cuts(np.where(mask, known, np.nan)))
         mirrored = find_highlights(small.image, mask, GAMMA[0])
         usable = mask & ~clipped & ~mirrored & (walls.direct > 0)
         usable &= np.nan_to_num(field.cos_alpha, nan=-1.0) > np.cos(np.deg2rad(WIDEST))
@@ -165,12 +165,12 @@ class _Patches:
         low = min(int(place), len(EXPONENTS) - 2)
         shares = (low, 1 - place + low), (low + 1, place - low)
         direct = sum(share * self.direct[i] for i, share in shares)
-        bounced = sum(share * bounced_and_slope(self.orders[i], albedo)[0] for i, share in shares)
+        bounced = sum(share * bounced_light_and_slope(self.orders[i], albedo)[0] for i, share in shares)
         whole = np.log(np.exp(direct)[:, None] + bounced)
         return np.asarray(whole + ((1 - lamp) * k * self.aside)[:, None])
 
 
-def _left(x: FloatArray, seen: Sequence[_Patches], lamp: float) -> list[FloatArray]:
+def _residuals(x: FloatArray, seen: Sequence[_Patches], lamp: float) -> list[FloatArray]:
     """What the model leaves of each frame, (P, 3), grey levels.
 
     x holds k, γ, the logarithms of three albedos, and three of the brightness for each frame.
@@ -182,9 +182,7 @@ def _left(x: FloatArray, seen: Sequence[_Patches], lamp: float) -> list[FloatArr
     return [255 * np.exp(light / x[1]) - patches.grey for light, patches in zip(made, seen, strict=True)]
 
 
-def _fitted(
-    seen: Sequence[_Patches], lamp: float, start: FloatArray | None = None, but: int = -1
-) -> FloatArray:
+def _fit(seen: Sequence[_Patches], lamp: float, start: FloatArray | None = None, but: int = -1) -> FloatArray:
     """Fit the model to frames, `but` for one part of the scene."""
     if start is None:
         albedo = np.array(TISSUE)
@@ -198,7 +196,9 @@ def _fitted(
         start = np.concatenate([[1.5, GAMMA[0]], np.log(albedo), *levels])
 
     def residual(x: FloatArray) -> FloatArray:
-        left = [r[patches.part != but].ravel() for r, patches in zip(_left(x, seen, lamp), seen, strict=True)]
+        left = [
+            r[patches.part != but].ravel() for r, patches in zip(_residuals(x, seen, lamp), seen, strict=True)
+        ]
         return np.concatenate(left) / USUAL
 
     low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)

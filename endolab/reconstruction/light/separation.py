@@ -129,7 +129,7 @@ def remove_indirect_light(
     known = None if before is None else _as_before(channels, before, contours)
     if known is not None:
         return known
-    if channels.middle.problem.discontinuities is not None:
+    if channels.middle.problem.cuts is not None:
         contours = False  # they are known
     try:
         if before is None:
@@ -159,7 +159,7 @@ def _as_before(channels: Channels, before: Result, contours: bool | None) -> Tas
     """
     new = channels.middle
     old = before.provenance
-    cuts = before.problem.discontinuities
+    cuts = before.problem.cuts
     is_same = (
         before.status is Status.CONVERGED
         and old.preparation == new.report
@@ -167,7 +167,7 @@ def _as_before(channels: Channels, before: Result, contours: bool | None) -> Tas
         and old.light.outcome is not LightOutcome.NO_COLOUR
         and old.contours is not None
         and old.contours.outcome is not ContourOutcome.GIVEN
-        and new.problem.discontinuities is None
+        and new.problem.cuts is None
         and contours in (None, cuts is not None)
     )
     if not is_same:
@@ -177,7 +177,7 @@ def _as_before(channels: Channels, before: Result, contours: bool | None) -> Tas
         image=before.problem.image,
         mask=before.problem.mask,
         evidence=before.problem.evidence,
-        discontinuities=cuts,
+        cuts=cuts,
     )
     problem = in_units(problem)
     provenance = Provenance(preparation=new.report, light=old.light, contours=old.contours)
@@ -261,12 +261,12 @@ def _try_contours(
         return _LitTrial(facts, ratio, light)
 
     trials = [judge(surface, None)]
-    lines = find_contours(surface.problem.log_facing, surface.problem.mask)
+    lines = find_contours(surface.problem.log_d0, surface.problem.mask)
     number = len(ROUNDS.uncut)
     for min_steepness in CHOICE.steepnesses(trials[0].facts):
         last = trials[-1].facts.surface
         problem = cut_at_contours(last.problem, min_steepness, lines)
-        if problem.discontinuities is None:
+        if problem.cuts is None:
             continue
         number += 1
         solver = gauss_newton(problem, start=last.log_distance, max_iterations=ROUNDS.cut)
@@ -298,7 +298,7 @@ def separate_from(
     cuts = None
     if min_steepness is not None:
         cuts = _find_cuts(colours, searched, min_steepness)
-    problem = replace(colours[1], discontinuities=cuts)
+    problem = replace(colours[1], cuts=cuts)
     provenance = Provenance(preparation=channels[1].report)
     surface = Iterate(problem, 0, log_distance, {}, provenance=provenance)
     ratio, light = estimate_indirect(colours, surface, prior, per_pixel=True)
@@ -318,7 +318,7 @@ def estimate_indirect(
     k = green.photometry.k
     v = surface.log_distance
     mask = np.any([colour.mask for colour in colours], axis=0) & np.isfinite(v)
-    walls = Walls.of(v, mask, green.field, k, surface.problem.discontinuities)
+    walls = Walls.of(v, mask, green.field, k, surface.problem.cuts)
     light = fit_light(Patches.of(colours, walls), prior)
     ratio = light.indirect_ratio(walls, k)
     return (refine_per_pixel(colours, ratio, light) if per_pixel else ratio), light
@@ -334,10 +334,10 @@ def solve_direct(
 ) -> Generator[Iterate, None, Iterate]:
     """Solve again from a surface, without its indirect light: `count` steps at most, as round `number`."""
     problem = merge(colours, indirect_ratio, light.albedo)
-    if surface.problem.discontinuities is not None:
-        problem = replace(problem, discontinuities=surface.problem.discontinuities)
+    if surface.problem.cuts is not None:
+        problem = replace(problem, cuts=surface.problem.cuts)
     v = surface.log_distance
-    start = np.where(np.isfinite(v), v, problem.log_facing)
+    start = np.where(np.isfinite(v), v, problem.log_d0)
     solver = gauss_newton(problem, start=start, max_iterations=count)
     return (yield from name_stage(with_provenance(solver, surface.provenance), BOUNCED, number))
 
@@ -358,7 +358,7 @@ def _find_cuts(
     """
     ratio = resample_maps(searched.indirect_ratio, colours[1].mask.shape)
     picture = merge(colours, ratio, searched.albedo)
-    return cut_at_contours(picture, searched.share * min_steepness).discontinuities
+    return cut_at_contours(picture, searched.share * min_steepness).cuts
 
 
 def _in_full(channels: Channels, separation: Separation, given: bool) -> Task:
@@ -368,15 +368,15 @@ def _in_full(channels: Channels, separation: Separation, given: bool) -> Task:
     light = separation.light
     problem = merge(colours, resample_maps(separation.indirect_ratio, shape), light.albedo)
     report = separation.contours
-    cuts = separation.surface.problem.discontinuities
+    cuts = separation.surface.problem.cuts
     if cuts is not None:
         if report.outcome is ContourOutcome.BY_ENERGY or cuts.shape[1:] == shape:  # it chose these very lines
             cuts = enlarge_cuts(cuts, shape)
         else:  # the colours chose how steep they must be
             searched = report.searched or SearchedPicture(separation.indirect_ratio, light.albedo)
             cuts = _find_cuts(colours, searched, report.min_steepness or CHOICE.min_steepness[0])
-        problem = replace(problem, discontinuities=cuts)
-    cuts = problem.discontinuities
+        problem = replace(problem, cuts=cuts)
+    cuts = problem.cuts
     if cuts is not None and report.outcome is ContourOutcome.NOT_ASKED:
         report = ContourReport(ContourOutcome.GIVEN)
     steps = 0 if cuts is None else int(cuts.sum())

@@ -40,7 +40,7 @@ from endolab.model.endoscope import Calibration
 from endolab.model.photometry import CHANNELS, Photometry
 from endolab.numerics.arrays import FloatArray, frozen
 from endolab.numerics.checks import excerpt, number, real_array
-from endolab.numerics.iteration import Status, checked_observers, closing, drive
+from endolab.numerics.iteration import Status, check_observers, closing, drive
 from endolab.preprocessing.frame import Frame
 from endolab.reconstruction.channels import Channel, make_channels
 from endolab.reconstruction.light.colours import NoColour, known_albedo
@@ -149,16 +149,16 @@ def estimate_light(
     known = None if albedo is None else tuple(np.ravel(real_array("albedo", albedo)).tolist())
     wall = Lambertian() if known is None else Lambertian(known if len(known) > 1 else known[0])  # type: ignore[arg-type]
     usual = Photometry(number("otherwise", otherwise, 0.0), number("gamma", gamma), None, wall)
-    endoscope, watching = Calibration(camera, usual), checked_observers(observers)
+    endoscope, watching = Calibration(camera, usual), check_observers(observers)
     scans: list[_Scan] = []
     refused: dict[str, str] = {}
 
-    def scanned_all() -> Generator[Iterate, None, Status]:
+    def scan_all() -> Generator[Iterate, None, Status]:
         for done, frame in enumerate(frames, 1):
             if not isinstance(frame, Frame):
                 raise ValueError(f"frames must be several of Frame, got {excerpt(frame)}")
             try:
-                scans.append((yield from _scanned(frame, endoscope)))
+                scans.append((yield from _scan(frame, endoscope)))
             except ValueError as error:
                 refused[frame.name] = str(error)
             if progress is not None:
@@ -166,7 +166,7 @@ def estimate_light(
         return Status.CONVERGED
 
     with closing(watching):
-        status = drive(scanned_all(), watching, lambda *_: None)
+        status = drive(scan_all(), watching, lambda *_: None)
     if not scans:
         why = "it was stopped" if status is Status.STOPPED else "there is none"
         raise ValueError(f"no frame tells of the light: {next(iter(refused.values()), why)}")
@@ -187,16 +187,16 @@ class _Scan:
     coloured: bool  # whether indirect light was removed
 
 
-def _scanned(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _Scan]:
+def _scan(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, _Scan]:
     """Solve a frame under every k; the iterates are yielded."""
     coloured = frame.image.ndim == 3
     if coloured:
         try:
-            surfaces = yield from _coloured(frame, calibration)
+            surfaces = yield from _surfaces_of_colours(frame, calibration)
         except NoColour:
             coloured = False
     if not coloured:
-        surfaces = yield from _grey(frame, calibration)
+        surfaces = yield from _surfaces_of_grey(frame, calibration)
     costs = np.array([_cost(surface) for surface in surfaces])
     mask, v = surfaces[FIRST].mask, surfaces[FIRST].log_distance
     fall = np.log(surfaces[FIRST].problem.field.cos_alpha[mask])
@@ -211,7 +211,7 @@ def _scanned(frame: Frame, calibration: Calibration) -> Generator[Iterate, None,
 Chain = Generator[Iterate, None, Iterate]
 
 
-def _coloured(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, list[Iterate]]:
+def _surfaces_of_colours(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, indirect light removed each time."""
     settings = Settings(width=min(WIDTH, frame.width), smooth=SMOOTH, highlights="ignore")
     colours = make_channels(frame, calibration, settings, CHANNELS)
@@ -222,28 +222,30 @@ def _coloured(frame: Frame, calibration: Calibration) -> Generator[Iterate, None
         if before is None:
             separation = yield from separate(lit, albedo, False)
         else:
-            separation = yield from separate_from(lit, albedo, _moved(before, k))
+            separation = yield from separate_from(lit, albedo, _move_sides(before, k))
         return separation.surface
 
-    return (yield from _chained(solve))
+    return (yield from _solve_for_all_k(solve))
 
 
-def _grey(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, list[Iterate]]:
+def _surfaces_of_grey(frame: Frame, calibration: Calibration) -> Generator[Iterate, None, list[Iterate]]:
     """The surface under every k, all light being taken for direct."""
     settings = Settings(width=min(WIDTH, frame.width), smooth=SMOOTH)
     (channel,) = make_channels(frame, calibration, settings, [None])
     provenance = Provenance(preparation=channel.report)
 
     def solve(k: float, before: Iterate | None) -> Chain:
-        start = None if before is None else _moved(before, k)
+        start = None if before is None else _move_sides(before, k)
         number = int(np.argmin(np.abs(EXPONENTS - k))) + 1
         solver = gauss_newton(_under(channel, k).problem, start=start)
         return (yield from name_stage(with_provenance(solver, provenance), LIGHT, number))
 
-    return (yield from _chained(solve))
+    return (yield from _solve_for_all_k(solve))
 
 
-def _chained(solve: Callable[[float, Iterate | None], Chain]) -> Generator[Iterate, None, list[Iterate]]:
+def _solve_for_all_k(
+    solve: Callable[[float, Iterate | None], Chain],
+) -> Generator[Iterate, None, list[Iterate]]:
     """Solve for every k, from FIRST outwards, each from its neighbour's surface."""
     first = yield from solve(float(EXPONENTS[FIRST]), None)
     up, down = [first], [first]
@@ -259,7 +261,7 @@ def _under(channel: Channel, k: float) -> Channel:
     return replace(channel, problem=replace(problem, photometry=replace(problem.photometry, k=k)))
 
 
-def _moved(surface: Iterate, k: float) -> FloatArray:
+def _move_sides(surface: Iterate, k: float) -> FloatArray:
     """Log-distance of a surface of the same slants that makes the same picture under another k."""
     problem = surface.problem
     cosine = np.where(problem.mask, problem.field.cos_alpha, 1.0)

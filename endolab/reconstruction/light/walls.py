@@ -33,7 +33,7 @@ from endolab.model.cameras import RayField
 from endolab.model.surface import normals_from_gradient, slant
 from endolab.numerics.arrays import BoolArray, FloatArray, IntArray, Span
 from endolab.numerics.derivatives import gradient
-from endolab.numerics.resampling import resized
+from endolab.numerics.resampling import resample
 from endolab.numerics.threads import on_cores
 
 PATCHES = 500  # of the picture; twice as many change ι by a hundredth
@@ -140,15 +140,15 @@ class Walls:
         mask: BoolArray,
         field: RayField,
         k: float,
-        discontinuities: BoolArray | None = None,
+        cuts: BoolArray | None = None,
     ) -> Walls:
         """Cut a depth map, v = log d in any unit, (H, W), into patches.
 
-        k is the exponent of the lamp's spread; `discontinuities` (2, H, W) are steps over which the
+        k is the exponent of the lamp's spread; `cuts` (2, H, W) are steps over which the
         surface is torn, see `Problem`.
         """
         v = np.where(mask, log_distance, 0.0)
-        f_u, f_v = gradient(v, mask, discontinuities)
+        f_u, f_v = gradient(v, mask, cuts)
         guu, guv, gvv = np.moveaxis(field.inverse_metric, -1, 0)
         solid = np.where(mask, 1 / np.sqrt(np.where(mask, guu * gvv - guv**2, 1.0)), 0.0)
         cosine = np.where(mask, 1 / np.sqrt(1 + slant(f_u, f_v, field)), 1.0)
@@ -171,7 +171,7 @@ class Walls:
         nearest[seen] = np.linalg.norm(points, axis=-1)
         lit = flux / covered
 
-        rim, ring_points, ring_normals, ring_area = _drawn_back(points)
+        rim, ring_points, ring_normals, ring_area = _draw_back(points)
         points = np.concatenate([points, ring_points])
         normals = np.concatenate([normals / np.linalg.norm(normals, axis=-1, keepdims=True), ring_normals])
         lit = np.concatenate([lit, _lamp(ring_points, ring_normals, k)])
@@ -218,7 +218,7 @@ class Walls:
     def bounced(self, albedo: ArrayLike) -> FloatArray:
         """S of every patch, (N,), for walls of one albedo; (N, n) for n albedos."""
         rho = np.asarray(albedo, dtype=np.float64)
-        return bounced_and_slope(self.orders, rho.ravel())[0].reshape(len(self.lit), *rho.shape)
+        return bounced_light_and_slope(self.orders, rho.ravel())[0].reshape(len(self.lit), *rho.shape)
 
     def indirect_ratio(self, albedo: ArrayLike) -> FloatArray:
         """ι of pixels, (H, W), or (H, W, n) for n albedos: bounced over direct light; 0 off the mask."""
@@ -234,12 +234,12 @@ class Walls:
             spread = spread.reshape(shape) / np.maximum(share, 1e-6)[..., None]
             coarse, known = np.where(reached[..., None], spread, 0.0), reached.astype(np.float64)
         lit = self.direct > 0
-        share = resized(coarse, self.direct.shape) / np.where(lit, self.direct, 1.0)[..., None]
+        share = resample(coarse, self.direct.shape) / np.where(lit, self.direct, 1.0)[..., None]
         ratio = np.where(lit[..., None], np.minimum(share, MOST_INDIRECT), 0.0)
         return ratio if np.ndim(albedo) else ratio[..., 0]
 
 
-def bounced_and_slope(orders: FloatArray, albedo: FloatArray) -> tuple[FloatArray, FloatArray]:
+def bounced_light_and_slope(orders: FloatArray, albedo: FloatArray) -> tuple[FloatArray, FloatArray]:
     """S of patches, (N, n), given their `Walls.orders` and the walls' albedos (n,).
 
     And its derivative by the albedo's logarithm.
@@ -269,7 +269,7 @@ def _lamp(points: FloatArray, normals: FloatArray, k: float) -> FloatArray:
     return np.where(cos_alpha > 0, cos_alpha**k, 0.0) * cos_theta / distance**2
 
 
-def _drawn_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
+def _draw_back(points: FloatArray) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
     """Draw the rim of the patches back along the axis, past the camera.
 
     Returns of each new patch the one from which it was drawn, (M,), its centre and normal, (M, 3), and its

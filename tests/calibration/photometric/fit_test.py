@@ -238,18 +238,18 @@ def test_a_light_beside_the_camera_is_found():
 
 def test_held_out_frames_are_predicted(flat_fit):
     other, _ = video(count=100, seed=77)
-    score = flat_fit.held_out(other)
+    score = flat_fit.score_held_out(other)
     assert score.error.shape == score.standard_error.shape == score.count.shape == (9,)
     assert 0.9 * len(other) < score.count.sum() < len(other)
     assert abs(score.sigma - 3.01) < 0.1
     assert np.all(np.abs(score.error[1:6]) < 0.01)
     # A wrong fall-off shows: k is 0.2 too large, so μ′ is cos^-0.2 α too small.
     wrong = replace(flat_fit, photometry=replace(flat_fit.photometry, k=flat_fit.k + 0.2))
-    tilted = wrong.held_out(other, np.deg2rad([0, 15, 50, 60]))
+    tilted = wrong.score_held_out(other, np.deg2rad([0, 15, 50, 60]))
     step = np.log1p(tilted.error[2]) - np.log1p(tilted.error[0])
     assert 0.04 < step < -0.2 * np.log(np.cos(np.deg2rad(60)))
     with pytest.raises(ValueError, match="at least one sample"):
-        flat_fit.held_out(other[:0])
+        flat_fit.score_held_out(other[:0])
 
 
 def test_a_frame_without_usable_samples_has_a_gain_of_no_weight(flat, flat_fit):

@@ -40,7 +40,7 @@ def test_what_is_torn_is_nearer_the_truth(name, most):
     problem, truth = direct(name)
     smooth = solved(problem)
     torn = finish(solve_cut(smooth, ContourChoice(price=0.03)))
-    assert torn.problem.discontinuities is not None
+    assert torn.problem.cuts is not None
     assert error(torn, truth) < min(most, error(smooth, truth) - 1.5)
     assert torn.energy < smooth.energy
 
@@ -50,7 +50,7 @@ def test_a_wall_without_folds_is_left_whole(scene):
     problem, _ = problem_of(scene, 160, noise=1, bits=8)
     smooth = solved(problem)
     assert finish(solve_cut(smooth)) is smooth
-    assert cut_at_contours(problem).discontinuities is None
+    assert cut_at_contours(problem).cuts is None
 
 
 def test_a_tube_loses_nothing():
@@ -65,14 +65,14 @@ def test_what_was_torn_before_is_torn_again_without_asking():
     problem, _ = direct("matt")
     task = Task(problem, problem, Provenance())
     first = finish(choose_contours(task, True))
-    assert first.problem.discontinuities is not None
+    assert first.problem.cuts is not None
     assert first.start.shape == problem.mask.shape
     before = el.run(gauss_newton(first.problem, start=first.start))
     with pytest.raises(StopIteration) as end:
         next(choose_contours(task, None, before))  # nothing is solved
     again = end.value.value
     assert again.provenance.contours.outcome is ContourOutcome.AS_BEFORE
-    np.testing.assert_array_equal(again.problem.discontinuities, first.problem.discontinuities)
+    np.testing.assert_array_equal(again.problem.cuts, first.problem.cuts)
 
 
 def test_with_a_channel_of_its_own_and_without_contours():
@@ -83,7 +83,7 @@ def test_with_a_channel_of_its_own_and_without_contours():
         known = el.Calibration(seen.camera, seen.photometry)
         result = el.reconstruct(el.Frame(seen.image, seen.mask), known, contours=True)
         assert (result.provenance.contours.steps > 0) is expected
-        assert (result.problem.discontinuities is not None) is expected
+        assert (result.problem.cuts is not None) is expected
 
 
 def test_lines_that_the_energy_chose_are_those_that_are_torn(data):

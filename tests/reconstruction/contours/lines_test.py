@@ -10,8 +10,8 @@ from skimage.segmentation import watershed
 
 import endolab as el
 from endolab import datasets
-from endolab.metrics.depth_errors import depth_discontinuities
-from endolab.numerics.derivatives import links, shifted
+from endolab.metrics.depth_errors import depth_cuts
+from endolab.numerics.derivatives import links, shift
 from endolab.reconstruction.channels import make_problem
 from endolab.reconstruction.contours.choice import CHOICE
 from endolab.reconstruction.contours.lines import SHALLOW, basins, find_contours
@@ -36,8 +36,8 @@ def within(lines, others, pixels):
 def test_folds_are_found_where_the_distance_jumps(width):
     """Precision and recall, of steep lines: measured 0.80 and 0.61 at 240 px, 0.63 and 0.76 at 480."""
     rendered, problem = seen("colon", width)
-    edges = (find_contours(problem.log_facing, problem.mask) > CHOICE.min_steepness[0]).any(axis=0)
-    true, near = depth_discontinuities(rendered.distance).any(axis=0), round(2 * width / 320)
+    edges = (find_contours(problem.log_d0, problem.mask) > CHOICE.min_steepness[0]).any(axis=0)
+    true, near = depth_cuts(rendered.distance).any(axis=0), round(2 * width / 320)
     assert within(edges, true, near) > 0.6
     assert within(true, edges, near) > 0.55
 
@@ -45,7 +45,7 @@ def test_folds_are_found_where_the_distance_jumps(width):
 @pytest.mark.parametrize("scene", ["plane", "curved"])
 def test_smooth_walls_have_none(scene):
     problem = seen(scene, noise=1, texture=0.1)[1]
-    assert not (find_contours(problem.log_facing, problem.mask) > CHOICE.min_steepness[0]).any()
+    assert not (find_contours(problem.log_d0, problem.mask) > CHOICE.min_steepness[0]).any()
 
 
 def test_a_tube_is_not_torn_along_its_wall():
@@ -61,16 +61,14 @@ def test_a_step_is_one_closed_line_one_step_thin():
     rows, columns = np.indices((120, 160))
     inside = np.hypot(rows - 60, columns - 75) < 30
     steepness = find_contours(np.where(inside, 1.0, 0.5) + 0.001 * columns, np.ones(inside.shape, bool))
-    discontinuities = steepness > CHOICE.min_steepness[0]
-    apart = np.stack([inside ^ shifted(inside, 1, axis, False) for axis in (1, 0)])
+    cuts = steepness > CHOICE.min_steepness[0]
+    apart = np.stack([inside ^ shift(inside, 1, axis, False) for axis in (1, 0)])
     apart &= links(np.ones(inside.shape, bool))
-    assert (discontinuities & ~apart).sum() + (
-        apart & ~discontinuities
-    ).sum() < 0.1 * apart.sum()  # at corners
+    assert (cuts & ~apart).sum() + (apart & ~cuts).sum() < 0.1 * apart.sum()  # at corners
     # Grown to a grid of twice the size, with a wall at each cut: the disc is closed off from all else.
     fine = np.ones((240, 320), bool)
     fine[1::2, 1::2] = False
-    fine[::2, 1::2], fine[1::2, ::2] = ~discontinuities[0], ~discontinuities[1]
+    fine[::2, 1::2], fine[1::2, ::2] = ~cuts[0], ~cuts[1]
     region = ndimage.label(fine)[0][::2, ::2]
     assert np.abs((region == region[60, 75]) ^ inside).sum() < 30
     assert region[60, 75] == region[60, 60] != region[0, 0]
@@ -89,13 +87,13 @@ def test_basins_are_those_of_scikit_image():
 
 def test_a_limb_is_torn_on_its_far_side():
     """Near wall, its dark rim, far wall: from left to right, and from right to left."""
-    log_facing = np.full((120, 320), 0.5)
-    log_facing[:, 100:] = 1.0
-    log_facing[:, 96:100] = 1.6
+    log_d0 = np.full((120, 320), 0.5)
+    log_d0[:, 100:] = 1.0
+    log_d0[:, 96:100] = 1.6
     for flip in (False, True):
-        picture = log_facing[:, ::-1].copy() if flip else log_facing
-        discontinuities = find_contours(picture, np.ones(picture.shape, bool)) > 0.05
-        torn = np.flatnonzero(discontinuities[0].mean(axis=0) > 0.5)
+        picture = log_d0[:, ::-1].copy() if flip else log_d0
+        cuts = find_contours(picture, np.ones(picture.shape, bool)) > 0.05
+        torn = np.flatnonzero(cuts[0].mean(axis=0) > 0.5)
         assert torn.size == 1
         at = 319 - torn[0] - 1 if flip else torn[0]
         assert abs(at - 99) <= 1  # between the rim and the far wall, not at 95
@@ -105,8 +103,8 @@ def test_what_is_outside_the_mask_does_not_matter():
     problem = seen("colon", 240)[1]
     mask = problem.mask.copy()
     mask[:40] = False
-    spoilt = np.where(mask, problem.log_facing, np.nan)
-    steepness = find_contours(problem.log_facing, mask)
+    spoilt = np.where(mask, problem.log_d0, np.nan)
+    steepness = find_contours(problem.log_d0, mask)
     assert_array_equal(find_contours(spoilt, mask), steepness)
     assert not steepness[:, :40].any()
 
@@ -119,8 +117,8 @@ def test_tiny_pictures_and_empty_masks(shape):
 
 def test_a_mirrored_picture_has_the_same_lines():
     _, problem = seen("colon")
-    lines = find_contours(problem.log_facing, problem.mask)
-    across, down = find_contours(problem.log_facing[:, ::-1], problem.mask[:, ::-1])
+    lines = find_contours(problem.log_d0, problem.mask)
+    across, down = find_contours(problem.log_d0[:, ::-1], problem.mask[:, ::-1])
     # of each pixel the step to its right, which was the step from its left
     across = np.append(across[:, -2::-1], np.zeros((len(across), 1)), axis=1)
     assert_allclose(np.stack([across, down[:, ::-1]]), lines, atol=1e-9)

@@ -54,7 +54,7 @@ def test_scenes_of_the_model_tell_k(k):
 def test_a_traced_frame_tells_k_though_its_light_bounced():
     sample = el.load_traced("wet-2")
     found = estimate_light([sample.frame], sample.calibration.camera)
-    truth = sample.calibration.photometry.simplified()
+    truth = sample.calibration.photometry.simplify()
     assert abs(found.k - truth.k) < 0.6
     assert found.outcome in ("found", "roughly")
 

@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from endolab import datasets
-from endolab.numerics.threads import limited_threads
+from endolab.numerics.threads import limit_threads
 from endolab.reconstruction.light import walls as walls_module
-from endolab.reconstruction.light.walls import Walls, _exchange, bounced_and_slope
+from endolab.reconstruction.light.walls import Walls, _exchange, bounced_light_and_slope
 from endolab.synthetic.scenes import Colon, Tube
 
 
@@ -98,7 +98,7 @@ def test_what_blocks_is_found_as_by_walking_every_chord(colon, all_cores):
     assert 0.1 < (expected > 0).sum() / (open_ > 0).sum() < 0.9
     found = _exchange(x, n, area, cells, nearest)
     assert_allclose(found, expected, rtol=1e-9, atol=1e-18)
-    with limited_threads(1):
+    with limit_threads(1):
         assert np.array_equal(_exchange(x, n, area, cells, nearest), found)
 
 
@@ -153,7 +153,7 @@ def test_the_slope_by_the_albedo_is_that_of_differences(colon, albedo):
     v, field = colon
     walls, step = Walls.of(v, np.isfinite(v), field, 2.5), 1e-5
     more, less = (walls.bounced([albedo * np.exp(one)]) for one in (step, -step))
-    slope = bounced_and_slope(walls.orders, np.array([albedo]))[1]
+    slope = bounced_light_and_slope(walls.orders, np.array([albedo]))[1]
     assert_allclose(slope, (more - less) / (2 * step), rtol=1e-6)
 
 
